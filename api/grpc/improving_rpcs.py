@@ -54,9 +54,7 @@ class ImprovingServicer(MessageServicer):
                 )
             )
 
-    async def ListDetections(
-        self, request: pb.ListDetectionsRequest, context: Context
-    ) -> pb.ListDetectionsResponse:
+    async def ListDetections(self, request: pb.ListDetectionsRequest, context: Context) -> pb.ListDetectionsResponse:
         """The things of a scene as a robot needs them, in pages."""
         async with guarded(context, "ListDetections"):
             return await self._threads.answer(

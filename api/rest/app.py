@@ -22,8 +22,8 @@ from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.assistant import Assistant
-from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.detection_routes import detection_routes
+from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.export_routes import export_routes
 from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.job_watching_routes import job_watching_routes

@@ -102,8 +102,8 @@ class ThingCalls:
         return read(Goal, self._transport.call("GET", f"{scene_path(scene_id)}/goal", params=params))
 
     def detections(self, scene_id: str, *, version: str = "") -> Iterator[Detection]:
-        """Every thing of a scene as a robot needs it, by id: pose and covariance, names, what carries it, who saw it. Frame
-        and unit say the pages of `detection_page`."""
+        """Every thing of a scene as a robot needs it, by id: pose and covariance, names, what carries it, who saw it.
+        Frame and unit say the pages of `detection_page`."""
         return self._pages(DetectionList, f"{scene_path(scene_id)}/detections", {"version": version})
 
     def detection_page(self, scene_id: str, *, version: str = "", page_token: str = "") -> DetectionList:

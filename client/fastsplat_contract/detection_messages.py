@@ -43,14 +43,15 @@ class Detection(Response):
     source: Annotated[NameSource | None, Field(description="who named it; absent without a name")]
     probability: Annotated[float | None, Field(description="that the label is right, 0..1; absent without a name")]
     alternatives: Annotated[
-        Many[NameSuggestion], Field(description="other names that it may have, which nobody has settled, likeliest first")
+        Many[NameSuggestion],
+        Field(description="other names that it may have, which nobody has settled, likeliest first"),
     ]
     kind: ThingKind
     box: Annotated[
         Box | None,
         Field(
-            description="its pose and size in `frame_id`; of its axes the x axis is the longer one across, and which of "
-            "its ends is the front is not known; absent if all its Gaussians are too faint to be seen"
+            description="its pose and size in `frame_id`; of its axes the x axis is the longer one across, and which "
+            "of its ends is the front is not known; absent if all its Gaussians are too faint to be seen"
         ),
     ]
     position_covariance: Annotated[
@@ -98,7 +99,9 @@ class Detection(Response):
     ]
     first_seen: Annotated[
         datetime | None,
-        Field(description="when the first photo of `views` was taken; absent where no photo says when and in which zone"),
+        Field(
+            description="when the first photo of `views` was taken; absent where no photo says when and in which zone"
+        ),
     ]
     last_seen: Annotated[datetime | None, Field(description="when the last one was taken; absent as `first_seen`")]
 

@@ -54,8 +54,6 @@ class PhotoInfo:
     exposure_ev: float | None = None
     taken_at: float | None = None
 
-    @property| None = None
-
     @property
     def upright_size(self) -> tuple[int, int]:
         """(width, height) once the orientation is applied."""

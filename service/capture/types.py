@@ -74,9 +74,6 @@ class View:
     depth: SensorDepth | None = None
     exposure_ev: float | None = None
     taken_at: float | None = None
-| None = None
-    depth: SensorDepth | None = None
-    exposure_ev: float | None = None
 
 
 @dataclass(frozen=True)

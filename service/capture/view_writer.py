@@ -50,12 +50,11 @@ class SourceImage:
     undistortion: Undistortion
     world_from_camera: NDArray[np.float64]
     lossless: bool = False
-    label_ids: NDArray[np.uint16] |    depth: tuple[NDArray[np.float32], Camera] | None = None
-    exposure_ev: float | None = None
-    taken_at: float | None = None
+    label_ids: NDArray[np.uint16] | None = None
     mask: NDArray[np.bool_] | None = None
     depth: tuple[NDArray[np.float32], Camera] | None = None
     exposure_ev: float | None = None
+    taken_at: float | None = None
 
 
 @dataclass(frozen=True)

@@ -136,8 +136,8 @@ def _described(
     numbers: Sequence[int],
     settings: DiscoverySettings,
 ) -> Things:
-    """Things that still have Gaussians enough, the largest first, and their membership by id; `numbers` are those of the
-    views that were looked at."""
+    """Things that still have Gaussians enough, the largest first, and their membership by id; `numbers` are those of
+    the views that were looked at."""
     count = len(selection.things)
     owners = posterior(membership, count + 1).classes
     weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]

@@ -288,9 +288,7 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
     for number, thing in enumerate(originals):
         new_ids[thing.id] = first + number
     # No photo shows a copy.
-    copies = tuple(
-        replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals
-    )
+    copies = tuple(replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals)
     labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
     entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     return Things(

@@ -121,8 +121,8 @@ class Thing:
         surface: see `SurfaceKind`.
         suggestions: names that nobody has settled, with their probabilities, the most probable first.
         parent: of a part, the id of the thing that it is a part of; 0 for a thing.
-        proposed_in: numbers of the scene's cameras, from 0, in which it was proposed when it was discovered; empty where
-            that was not noted, as for what somebody added.
+        proposed_in: numbers of the scene's cameras, from 0, in which it was proposed when it was discovered; empty
+            where that was not noted, as for what somebody added.
         missed_in: numbers of the cameras that saw most of it then, and in which it was not proposed.
         appearance: its descriptor, float16 of length 1 (see `service.perception.appearance`); empty for a thing that no
             photo shows well, or that was made by an edit.

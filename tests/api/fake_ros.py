@@ -13,6 +13,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+
 from fastsplat_ros2.bag import types_with_vision
 
 _FIND = Path(__file__).parents[2] / "examples/ros2/fastsplat_interfaces/srv/Find.srv"

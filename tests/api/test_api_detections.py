@@ -24,7 +24,7 @@ def upright_id(service: SceneService, api_settings: Settings) -> str:
 def test_every_face_says_the_same(faces: Faces, service: SceneService, client: Client, upright_id: str) -> None:
     truth = service.detections.all(upright_id)
     assert_same(client.detection_page(upright_id), truth)
-    assert tuple(client.detections(upright_id)) == truth.detections
+    assert_same(tuple(client.detections(upright_id)), truth.detections)
     message = faces.rpc.ListDetections(pb.ListDetectionsRequest(scene_id=upright_id))
     assert_same(from_proto(DetectionList, message), truth)
     listed = service.answers.list_things(upright_id).things

@@ -12,10 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from fastsplat_ros2 import messages
-from fastsplat_ros2.bag import BagMessages, main, types_with_vision, write_bag
-from fastsplat_ros2.snapshot import Snapshot, read_snapshot
-from fastsplat_ros2.topics import TOPICS
 from rosbags.highlevel import AnyReader
 
 from fastsplat.service.application.service import SceneService
@@ -25,6 +21,10 @@ from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import NameSuggestion
+from fastsplat_ros2 import messages
+from fastsplat_ros2.bag import BagMessages, main, types_with_vision, write_bag
+from fastsplat_ros2.snapshot import Snapshot, read_snapshot
+from fastsplat_ros2.topics import TOPICS
 from tests.api.served import Faces
 from tests.api.upright_scene import add_upright_scene
 

@@ -52,7 +52,9 @@ def test_the_time_of_the_last_fix_stands_in() -> None:
     assert taken_at_of_exif({}, {_GPS.GPSTimeStamp: (12.0, 30.0, 15.0)}) is None
 
 
-_ANYTHING = st.none() | st.text(max_size=20) | st.binary(max_size=20) | st.floats() | st.tuples(st.floats(), st.floats())
+_ANYTHING = (
+    st.none() | st.text(max_size=20) | st.binary(max_size=20) | st.floats() | st.tuples(st.floats(), st.floats())
+)
 
 
 @given(_ANYTHING, _ANYTHING, _ANYTHING, _ANYTHING, _ANYTHING | st.tuples(st.floats(), st.floats(), st.floats()))

@@ -42,8 +42,7 @@ def _scene(shells: Sequence[BoxShell] = _ALL, cameras: Sequence[PosedCamera] | N
     scene = scene_of(shells, orbit(8, 2.0, 1.6) if cameras is None else cameras)
     rows = np.repeat(np.arange(len(shells)) + 1, [shell.count for shell in shells])
     table = tuple(
-        Thing(n, shell.label, "detected", 0.9, 0.75, suggestions=(("other", 0.1),))
-        for n, shell in enumerate(shells, 1)
+        Thing(n, shell.label, "detected", 0.9, 0.75, suggestions=(("other", 0.1),)) for n, shell in enumerate(shells, 1)
     )
     members = evidence_of(np.arange(len(rows)), rows, np.full(len(rows), 4096 * 50), len(rows))
     return replace(scene, things=Things(table, members), **changes)
@@ -204,7 +203,9 @@ def test_who_proposed_a_thing_and_who_missed_it_is_named(made: Made) -> None:
     assert (_of(index, "book").proposed_in, _of(index, "book").missed_in) == (("0.jpg", "2.jpg"), ("5.jpg",))
     assert (_of(index, "die").proposed_in, _of(index, "die").missed_in) == ((), ())
     # No photo shows a copy.
-    copy = apply_edit(index, Edit("duplicate", label="book", transform=Pose(Vector3(0, 0, 1), quaternion_of(np.eye(3)))))
+    lifted = np.eye(4)
+    lifted[2, 3] = 1.0
+    copy = apply_edit(index, Edit("duplicate", label="book", transform=lifted))
     assert copy.things is not None
     assert [thing.proposed_in for thing in copy.things.table if thing.name == "book"] == [(0, 2), ()]
 

@@ -235,8 +235,8 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
     place = client.goal(shown.id, thing, robot_radius, version=shown.version)
     x, y, _ = position = point(place.pose.position)
     sentence = (
-        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing} is in sight, "
-        f"{place.distance:.2f} m away; whether the robot can get there is not known."
+        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing} is in "
+        f"sight, {place.distance:.2f} m away; whether the robot can get there is not known."
     )
     return StandingPlace(
         shown.id,

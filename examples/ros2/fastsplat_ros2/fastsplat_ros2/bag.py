@@ -60,7 +60,7 @@ class BagMessages:
     def __init__(self, store: Typestore) -> None:
         self._store = store
 
-    def message(self, name: str, **fields: Any) -> Any:
+    def message(self, name: str, /, **fields: Any) -> Any:
         """A message of a type that the store knows."""
         return self._store.types[name](**fields)
 

@@ -34,7 +34,7 @@ _PLY_TYPES = {"float": "<f4", "uchar": "u1", "ushort": "<u2"}
 class MessageMaker(Protocol):
     """Makes messages and their arrays, as one library of ROS has them."""
 
-    def message(self, name: str, **fields: Any) -> Any:
+    def message(self, name: str, /, **fields: Any) -> Any:
         """A message, e.g. of "geometry_msgs/msg/Point", with all of its fields."""
         ...
 
@@ -89,15 +89,16 @@ def point_cloud(make: MessageMaker, ply: bytes, frame_id: str, stamp_ns: int) ->
         points[name] = rows[name]
     red, green, blue = (rows[name].astype(np.uint32) for name in ("red", "green", "blue"))
     points["rgb"] = red << 16 | green << 8 | blue  # packed, as PCL and RViz read it
+    assert _POINT.fields is not None
     fields = [
         make.message(
             "sensor_msgs/msg/PointField",
             name=name,
-            offset=int((_POINT.fields or {})[name][1]),
+            offset=offset,
             datatype=_UINT16 if name in ("label", "thing") else _FLOAT32,
             count=1,
         )
-        for name in _POINT.names or ()
+        for name, (_, offset, *_) in _POINT.fields.items()
     ]
     return make.message(
         "sensor_msgs/msg/PointCloud2",
@@ -125,13 +126,13 @@ def occupancy_grid(make: MessageMaker, archive: bytes, frame_id: str, stamp_ns: 
     with zipfile.ZipFile(io.BytesIO(archive)) as files:
         facts = yaml.safe_load(files.read("map.yaml"))
         pixels = pgm_pixels(files.read(facts["image"]))
-    share = (pixels if facts["negate"] else 255 - pixels.astype(np.float64)) / 255
+    share = (pixels.astype(np.float64) if facts["negate"] else 255 - pixels.astype(np.float64)) / 255
     cells = np.full(pixels.shape, -1, np.int8)
     cells[share > facts["occupied_thresh"]] = 100
     cells[share < facts["free_thresh"]] = 0
-    x, y, yaw = facts["origin"]
+    x, y, yaw = (float(value) for value in facts["origin"])
     origin = Pose(Vector3(x, y, 0.0), Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
-    height, width = cells.shape
+    height, width = pixels.shape
     return make.message(
         "nav_msgs/msg/OccupancyGrid",
         header=_header(make, frame_id, stamp_ns),
@@ -196,9 +197,9 @@ def whole(pages: Iterable[DetectionList]) -> DetectionList:
 def ply_rows(content: bytes) -> NDArray[Any]:
     """The vertices of a binary little-endian PLY of numbers, with its properties as fields."""
     head, _, body = content.partition(b"end_header\n")
-    count = int((re.search(rb"^element vertex (\d+)$", head, re.MULTILINE) or [0, 0])[1])
+    (count,) = re.findall(rb"^element vertex (\d+)$", head, re.MULTILINE)
     properties = re.findall(r"^property (\w+) (\w+)$", head.decode("ascii"), re.MULTILINE)
-    return np.frombuffer(body, np.dtype([(name, _PLY_TYPES[kind]) for kind, name in properties]), count)
+    return np.frombuffer(body, np.dtype([(name, _PLY_TYPES[kind]) for kind, name in properties]), int(count))
 
 
 def pgm_pixels(content: bytes) -> NDArray[np.uint8]:

@@ -25,7 +25,7 @@ from fastsplat_ros2.topics import TOPICS, published
 class RosMessages:
     """`MessageMaker` of rclpy."""
 
-    def message(self, name: str, **fields: Any) -> Any:
+    def message(self, name: str, /, **fields: Any) -> Any:
         """A message of an installed package."""
         return get_message(name)(**fields)
 

@@ -1,9 +1,10 @@
 """`ros2 launch fastsplat_ros2 scene.launch.py scene:=SCENE`; the key comes from FASTSPLAT_KEY."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from launch import LaunchDescription
 
 _ARGUMENTS = {
     "scene": ("", "id of the scene"),
