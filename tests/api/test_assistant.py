@@ -117,7 +117,7 @@ def test_a_goal_is_that_of_rest_and_refused_as_there(
     )
     assert said["frame"] == "the scene's own world frame"
     refused = _refusal(_call(faces, "goal", thing=1, scene=scene_id))  # its z is not up
-    assert refused.startswith("INVALID_ARGUMENT") and "z axis" in refused
+    assert "INVALID_INPUT: up is" in refused and "z axis" in refused
 
 
 def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:

@@ -65,8 +65,9 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     result = CliRunner().invoke(app, ["things", "detections", scene_id])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout) == to_plain(truth)
-    monkeypatch.setenv("FASTSPLAT_STORE__DEFAULT_PAGE_SIZE", "1")
+    monkeypatch.setenv("FASTSPLAT_STORE__MAX_PAGE_SIZE", "1")
     load_settings.cache_clear()
+    assert load_settings().store.max_page_size == 1
     paged = CliRunner().invoke(app, ["things", "detections", scene_id])
     assert json.loads(paged.stdout) == to_plain(truth)
 
