@@ -215,3 +215,14 @@ def test_a_scene_that_stores_no_things_says_nothing_of_views_that_agree(made: Ma
     assert index.things.stored is False
     for each in _listed(index).detections:
         assert each.consensus is None and "membership" not in each.covariance_terms
+
+
+def test_what_hangs_on_a_wall_is_carried_by_it_and_a_wall_by_nothing(made: Made) -> None:
+    wall = BoxShell("wall", (0.0, 1.0, 0.8), (2.0, 0.02, 1.6), count=6_000)
+    picture = BoxShell("picture", (0.3, 0.97, 1.1), (0.4, 0.03, 0.3), count=2_000)
+    scene = _scene((_TABLE, _BOOK, wall, picture))
+    assert scene.things is not None
+    table = tuple(replace(thing, surface="wall") if thing.name == "wall" else thing for thing in scene.things.table)
+    index = made(replace(scene, things=replace(scene.things, table=table)))
+    carried = {each.label: each.support and (each.support.label, each.support.relation) for each in _listed(index)[0]}
+    assert carried == {"table": None, "book": ("table", "on"), "wall": None, "picture": ("wall", "on")}
