@@ -101,6 +101,18 @@ def goal(
 
 
 @things_app.command()
+def detections(scene: Scene, version: Version = "", project: Project = DEFAULT_PROJECT) -> None:
+    """Print every thing as a robot needs it, as JSON: pose with covariance, names, what carries it, who saw it."""
+    with local_service(project) as service:
+        whole = service.detections.all(scene, version)
+        made = list(whole.detections)
+        while whole.next_page_token:
+            whole = service.detections.all(scene, whole.version, page_token=whole.next_page_token)
+            made += whole.detections
+    typer.echo(json.dumps(to_plain(whole._replace(detections=tuple(made))), indent=2, ensure_ascii=False))
+
+
+@things_app.command()
 def pick(
     scene: Scene,
     view: Annotated[str, typer.Option(help="Name of one of the scene's cameras.")] = "",

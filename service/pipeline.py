@@ -35,6 +35,7 @@ from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
+from fastsplat.service.scene.types import TAKEN_AT
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
@@ -261,7 +262,8 @@ def assemble_scene(
         capture: its cameras and scale become the scene's.
         settings: of all rooms; `settings.training` is what was trained with, and is recorded.
         quality: figures and facts, ready for JSON, see `scene_quality`; the scene's also has `searched_for`, the names
-            that were looked for, and `searched_names`, how many they are, if that is known.
+            that were looked for, and `searched_names`, how many they are, if that is known; and `taken_at`, when the
+            photos were taken, by name, seconds since 1970, of those that say it.
         progress: hears of the stage "export".
 
     Raises:
@@ -280,12 +282,23 @@ def assemble_scene(
         cameras=tuple(view.posed for view in capture.views),
         scale=capture.scale,
         training=settings.training.model_dump(mode="json") if capture.splat is None else {},
-        quality={**quality, **_searched(labelling)},
+        quality={**quality, **_searched(labelling), **_photo_times(capture, settings)},
         label_templates=templates,
         evidence=trained.evidence,
         label_mode=trained.label_mode if things is None or labelling.exact else "things",
         things=things,
     )
+
+
+def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
+    """When the photos were taken, by name, of those that say it; of none where no photo is to stay, or people are
+    withheld."""
+    report = capture.report
+    private = report.withheld is not None and report.withheld.privacy is not None
+    if settings.photos.keep == "off" or private:
+        return {}
+    times = {view.posed.name: view.taken_at for view in capture.views if view.taken_at is not None}
+    return {TAKEN_AT: times} if times else {}
 
 
 def _searched(labelling: Labelling) -> dict[str, Any]:

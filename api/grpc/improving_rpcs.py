@@ -1,5 +1,5 @@
 """The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; and
-where a robot stands."""
+where a robot stands, and what it needs to know of things."""
 
 from __future__ import annotations
 
@@ -50,6 +50,18 @@ class ImprovingServicer(MessageServicer):
                     pb.Goal,
                     self._service.exports.goal(
                         request.scene_id, request.thing_id, request.robot_radius, request.version
+                    ),
+                )
+            )
+
+    async def ListDetections(self, request: pb.ListDetectionsRequest, context: Context) -> pb.ListDetectionsResponse:
+        """The things of a scene as a robot needs them, in pages."""
+        async with guarded(context, "ListDetections"):
+            return await self._threads.answer(
+                lambda: as_message(
+                    pb.ListDetectionsResponse,
+                    self._service.detections.all(
+                        request.scene_id, request.version, request.page_size, request.page_token
                     ),
                 )
             )

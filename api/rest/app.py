@@ -22,6 +22,7 @@ from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.assistant import Assistant
+from fastsplat.api.rest.detection_routes import detection_routes
 from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.export_routes import export_routes
 from fastsplat.api.rest.health import health_routes
@@ -143,6 +144,7 @@ def create_app(
     app.include_router(job_watching_routes(service, threads), tags=["operations"])
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(photo_routes(service, threads), tags=["queries"])
+    app.include_router(detection_routes(service, threads), tags=["queries"])
     app.include_router(export_routes(service, threads), tags=["queries"])
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(known_name_routes(service, threads), tags=["known names"])

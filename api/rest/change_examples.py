@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.scenes import AlignIn, Box, Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.train_more_messages import TrainMoreIn
 
@@ -49,6 +52,35 @@ NEXT_PHOTOS = NextPhotoList(
 )
 
 GOAL = Goal(Pose(Vector3(1.025, 0.475, 0.01), Quaternion(0.0, 0.0, 1.0, 0.0)), 3.141592653589793, 0.42, 0.31, 1, "1")
+
+DETECTIONS = DetectionList(
+    (
+        Detection(
+            thing_id=1,
+            label="mug",
+            source="detected",
+            probability=0.93,
+            alternatives=(NameSuggestion("cup", 0.05),),
+            kind="thing",
+            box=Box(Pose(Vector3(0.4, 0.1, 0.78), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.12, 0.08, 0.1)),
+            position_covariance=(4e-6, 0.0, 0.0, 0.0, 4e-6, 0.0, 0.0, 0.0, 9e-6),
+            rotation_covariance=(3e-5, 0.0, 0.0, 0.0, 3e-5, 0.0, 0.0, 0.0, 0.004),
+            covariance_terms=("edges", "membership", "scale"),
+            support=Support(2, "table", "on", 3.2),
+            views=("front.png", "left.png"),
+            proposed_in=("front.png",),
+            missed_in=("left.png",),
+            consensus=0.5,
+            first_seen=datetime(2026, 1, 2, 15, 4, 5, tzinfo=UTC),
+            last_seen=datetime(2026, 1, 2, 15, 6, 0, tzinfo=UTC),
+        ),
+    ),
+    "",
+    "1",
+    "map",
+    True,
+    Vector3(0.0, 0.0, 1.0),
+)
 
 CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
     "MeasureIn": {

@@ -12,7 +12,7 @@ import numpy as np
 
 from fastsplat.api.errors import refusal_of
 from fastsplat.api.rest.admin_examples import ADMIN_BODIES, admin_answers
-from fastsplat.api.rest.change_examples import CHANGE_BODIES, GOAL, MEASUREMENT, NEXT_PHOTOS, SCALE
+from fastsplat.api.rest.change_examples import CHANGE_BODIES, DETECTIONS, GOAL, MEASUREMENT, NEXT_PHOTOS, SCALE
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
@@ -199,6 +199,7 @@ ANSWERS: Mapping[str, Any] = {
         MEASUREMENT,
         NEXT_PHOTOS,
         GOAL,
+        DETECTIONS,
         _VERSION,
         VersionList((_VERSION,)),
         *admin_answers(IDS, PAGE_TOKEN),

@@ -20,6 +20,7 @@ from fastsplat_client.stream import PoseAnswer, StandingQuestion
 from fastsplat_client.transport import Retry
 from fastsplat_contract.assessments import Assessment, Finding
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.errors import (
     CancelledError,
     ConflictError,
@@ -73,6 +74,8 @@ __all__ = [
     "Color",
     "ConflictError",
     "DeadlineExceededError",
+    "Detection",
+    "DetectionList",
     "DictionaryEntry",
     "Edit",
     "FastSplatError",
@@ -123,6 +126,7 @@ __all__ = [
     "ServerInfo",
     "StageProgress",
     "StandingQuestion",
+    "Support",
     "TrainMoreResult",
     "UnauthenticatedError",
     "UnreachableError",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fastsplat_client.errors import read
 from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
@@ -99,6 +100,16 @@ class ThingCalls:
         """
         params = {"thing_id": thing_id, "robot_radius": robot_radius, "version": version}
         return read(Goal, self._transport.call("GET", f"{scene_path(scene_id)}/goal", params=params))
+
+    def detections(self, scene_id: str, *, version: str = "") -> Iterator[Detection]:
+        """Every thing of a scene as a robot needs it, by id: pose and covariance, names, what carries it, who saw it.
+        Frame and unit say the pages of `detection_page`."""
+        return self._pages(DetectionList, f"{scene_path(scene_id)}/detections", {"version": version})
+
+    def detection_page(self, scene_id: str, *, version: str = "", page_token: str = "") -> DetectionList:
+        """One page of `detections`, with their frame, their unit and what is up."""
+        params = {"version": version, "page_token": page_token}
+        return self._get(DetectionList, f"{scene_path(scene_id)}/detections", params)
 
     def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
         """Make a new version whose units are meters by these lengths, these sizes of things, and those of before, see

@@ -24,6 +24,7 @@ from foxglove.mcap import MCAPWriteOptions
 from PIL import Image
 
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.scene.alignment import frame_id
 from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.point_ply import point_rows
 from fastsplat.service.scene.scaling import capture_scaling
@@ -106,11 +107,6 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
         )
         _log_frames(scene, recording, root, context)
     return buffer.getvalue()
-
-
-def frame_id(scene: Scene) -> str:
-    """The root of the frames: the map's name, `map` for one without a name, `scene` without a map."""
-    return "scene" if scene.alignment is None else scene.alignment.frame or "map"
 
 
 def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> list[int]:

@@ -15,6 +15,7 @@ from sqlalchemy import Connection
 from fastsplat.service.application.admin import Admin
 from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.detection_lists import Detections
 from fastsplat.service.application.further_training import FurtherTraining
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
@@ -86,6 +87,8 @@ class SceneService:
         """Questions, pictures and files of finished scenes."""
         self.exports = Exports(self._store, self._scenes, self._memory)
         """Finished scenes as files for other programs."""
+        self.detections = Detections(self._store, settings, self._scenes)
+        """Things of finished scenes as robots need them."""
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
@@ -119,6 +122,7 @@ class SceneService:
         other._scenes = self._scenes.over(other._store)
         other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
         other.exports = self.exports.over(other._store, other._scenes)
+        other.detections = Detections(other._store, self._settings, other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
         other.known_names = KnownNames(other._store, self._settings)

@@ -290,6 +290,7 @@ class _Build:
             label_ids=None if ids is None or table is None else table.translate(ids),
             mask=both_masks(image.mask, self.held.usable(image.file)),
             exposure_ev=None if image.photo is None else image.photo.exposure_ev,
+            taken_at=None if image.photo is None else image.photo.taken_at,
         )
         self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
         yield from views_of(source, lens)
@@ -324,6 +325,7 @@ class _Build:
                 mask=mask,
                 depth=depth,
                 exposure_ev=photo.exposure_ev,
+                taken_at=photo.taken_at,
             )
 
     def _label_ids(
@@ -366,8 +368,7 @@ class _Build:
     def _run_sfm(
         self, task: Literal["reconstruct"] | PosedTask, request: dict[str, Any], listen: Listener
     ) -> SfmAnswer:
-        folder = self._task_folder(task)
-        result = run_sandboxed(task, request, folder, self.settings, listen)
+        result = run_sandboxed(task, request, folder := self._task_folder(task), self.settings, listen)
         with np.load(folder / "points.npz") as arrays:
             return result, arrays["points"], arrays["colors"]
 

@@ -118,6 +118,7 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
             "unit": view.depth.unit,
         },
         "exposure_ev": view.exposure_ev,
+        "taken_at": view.taken_at,
     }
 
 
@@ -131,6 +132,7 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
         None if valid is None else folder / valid,
         None if depth is None else SensorDepth(folder / depth["map"], Camera(**depth["camera"]), depth["unit"]),
         stored.get("exposure_ev"),
+        stored.get("taken_at"),
     )
 
 

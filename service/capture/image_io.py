@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image, UnidentifiedImageError
 
+from fastsplat.service.capture.photo_times import taken_at_of_exif
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
@@ -41,6 +42,7 @@ class PhotoInfo:
         focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
         exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
             bias that the photographer set is in these three already.)
+        taken_at: when it was taken, seconds since 1970; None where the photo does not say it with its time zone.
     """
 
     path: str
@@ -50,6 +52,7 @@ class PhotoInfo:
     lens: str
     focal_35mm: float
     exposure_ev: float | None = None
+    taken_at: float | None = None
 
     @property
     def upright_size(self) -> tuple[int, int]:
@@ -222,16 +225,16 @@ def _info(image: Image.Image, name: str) -> PhotoInfo:
         detail = exif.get_ifd(ExifTags.IFD.Exif)
         orientation = exif.get(ExifTags.Base.Orientation, 1)
         focal = float(detail.get(ExifTags.Base.FocalLengthIn35mmFilm, 0) or 0)
-        exposure_ev = _exposure_ev(detail)
+        exposure_ev, taken_at = _exposure_ev(detail), taken_at_of_exif(detail, exif.get_ifd(ExifTags.IFD.GPSInfo))
         maker = [str(exif.get(tag, "")).strip("\0 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
     except Exception:  # a mangled EXIF block says nothing about the pixels, and Pillow raises a dozen types for it
-        orientation, focal, maker, exposure_ev = 1, 0.0, ["", ""], None
+        orientation, focal, maker, exposure_ev, taken_at = 1, 0.0, ["", ""], None, None
     if orientation not in range(1, 9):
         orientation = 1
     if not 5.0 <= focal <= 2_000.0:
         focal = 0.0
     lens = "/".join([*maker, f"{focal:g}"])
-    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal, exposure_ev)
+    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal, exposure_ev, taken_at)
 
 
 def _exposure_ev(detail: Mapping[int, Any]) -> float | None:

@@ -65,6 +65,7 @@ class View:
         depth: what a depth sensor measured, if there was one.
         exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None
             where it does not say.
+        taken_at: when the photo was taken, seconds since 1970; None where it does not say it with its time zone.
     """
 
     posed: PosedCamera
@@ -72,6 +73,7 @@ class View:
     valid_path: Path | None = None
     depth: SensorDepth | None = None
     exposure_ev: float | None = None
+    taken_at: float | None = None
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class SourceImage:
         label_ids: uint16 [H, W] of the dictionary, or None; what the mask leaves out is stored as undetected.
         mask: bool [H, W], false where pixels are to be ignored, or None.
         depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
-        exposure_ev: see `View`.
+        exposure_ev, taken_at: see `View`.
     """
 
     name: str
@@ -54,6 +54,7 @@ class SourceImage:
     mask: NDArray[np.bool_] | None = None
     depth: tuple[NDArray[np.float32], Camera] | None = None
     exposure_ev: float | None = None
+    taken_at: float | None = None
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
         measured = _valid_depth(*source.depth, valid, undistortion.camera)
     if source.depth is not None and measured is not None and measured.any():
         depth = save_depth(measured, source.depth[1], folder / DEPTHS / f"{index:05d}.png")
-    return View(posed, image_path, valid_path, depth, source.exposure_ev), label_path
+    return View(posed, image_path, valid_path, depth, source.exposure_ev, source.taken_at), label_path
 
 
 def _valid_depth(

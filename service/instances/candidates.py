@@ -39,6 +39,8 @@ class Candidate:
         weight: pixels that its Gaussians fill in a view, mean over all views.
         consensus: share of the views that see most of it that propose it, 0..1.
         views: number of views that propose it.
+        proposed_in: numbers of these views, ascending.
+        missed_in: numbers of the other views that see most of it.
         quality: mean quality of the proposals, 0..1.
         proposals: their numbers.
     """
@@ -52,6 +54,8 @@ class Candidate:
     views: int
     quality: float
     proposals: tuple[int, ...]
+    proposed_in: tuple[int, ...] = ()
+    missed_in: tuple[int, ...] = ()
 
 
 def find_candidates(
@@ -122,6 +126,8 @@ def _candidate(
         views=len(views),
         quality=float(quality[group].mean()),
         proposals=tuple(group.tolist()),
+        proposed_in=tuple(views.tolist()),
+        missed_in=tuple(np.setdiff1d(voters, views).tolist()),
     )
 
 

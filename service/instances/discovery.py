@@ -71,6 +71,7 @@ def discover_things(
         Things whose membership says for each Gaussian the pixels of each thing that it is seen through.
     """
     used = [(view, own) for view, own in zip(views, masks, strict=True) if own is not None]
+    numbers = [number for number, own in enumerate(masks) if own is not None]
     splats = splats_of(gaussians, device=device_of(backend))
     masked: list[MaskedView] = []
     lifted: list[LiftedRegions] = []
@@ -79,7 +80,7 @@ def discover_things(
         lifted.append(_lifted(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
     things = (
-        _things(gaussians, views, masked, lifted, [own.quality for _, own in used], settings, backend)
+        _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], settings, backend)
         if used
         else Things((), no_evidence(len(gaussians)))
     )
@@ -104,6 +105,7 @@ def _lifted(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions
 def _things(
     gaussians: Gaussians,
     views: Sequence[View],
+    numbers: Sequence[int],
     masked: Sequence[MaskedView],
     lifted: Sequence[LiftedRegions],
     quality: Sequence[NDArray[np.float32]],
@@ -122,7 +124,7 @@ def _things(
     membership = refined_membership(
         selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
     )
-    return _described(selection, membership, gaussians, overlaps.size, views, settings)
+    return _described(selection, membership, gaussians, overlaps.size, views, numbers, settings)
 
 
 def _described(
@@ -131,9 +133,11 @@ def _described(
     gaussians: Gaussians,
     size: NDArray[np.float32],
     views: Sequence[View],
+    numbers: Sequence[int],
     settings: DiscoverySettings,
 ) -> Things:
-    """Things that still have Gaussians enough, the largest first, and their membership by id."""
+    """Things that still have Gaussians enough, the largest first, and their membership by id; `numbers` are those of
+    the views that were looked at."""
     count = len(selection.things)
     owners = posterior(membership, count + 1).classes
     weights = np.bincount(owners, size.astype(np.float64), minlength=count + 1)[1:]
@@ -143,7 +147,13 @@ def _described(
     cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views])
     kinds = surface_kinds(surfaces, centers, cameras, vertical_axis([view.posed for view in views]))
     table = tuple(
-        Thing(id=place, consensus=min(1.0, selection.things[n].consensus), surface=kinds.get(n, ""))
+        Thing(
+            id=place,
+            consensus=min(1.0, selection.things[n].consensus),
+            surface=kinds.get(n, ""),
+            proposed_in=tuple(numbers[view] for view in selection.things[n].proposed_in),
+            missed_in=tuple(numbers[view] for view in selection.things[n].missed_in),
+        )
         for place, n in enumerate(order, start=1)
     )
     ids = np.zeros(count + 1, np.int64)

@@ -287,7 +287,8 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
     new_ids = np.zeros(max((thing.id for thing in before.table), default=0) + 1, np.uint16)
     for number, thing in enumerate(originals):
         new_ids[thing.id] = first + number
-    copies = tuple(replace(thing, id=int(new_ids[thing.id])) for thing in originals)
+    # No photo shows a copy.
+    copies = tuple(replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals)
     labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
     entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     return Things(

@@ -64,7 +64,7 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
             center_distance = _length(index, *_apart(*located))
     elif located[0].is_thing:
         box = _box(index, located[0].thing_id)
-        deviations = _side_deviations(index, located[0], box)
+        deviations = side_deviations(index, located[0].thing_id, box)
         sides = tuple(_length(index, side, deviation) for side, deviation in zip(box.size, deviations, strict=True))
     return Measurement(
         places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.thing_id) for one in located),
@@ -124,7 +124,6 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
         box = _box(index, known.thing)
     except (InvalidInputError, NotFoundError) as error:
         raise error.within(f"known_sizes[{number}]") from error
-    thing = Located(np.array(box.center.position), np.zeros((3, 3)), known.thing, is_thing=True)
     if known.side == "height" and vertical_axis(index.scene.cameras) is None:
         raise InvalidInputError(
             "the scene does not tell what is up",
@@ -133,7 +132,7 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
         )
     side = 2 if known.side == "height" else int(np.argmax(box.size))
     value = box.size[side]
-    deviation = float(np.hypot(_side_deviations(index, thing, box)[side], 2 * BOX_TRIM * value))
+    deviation = float(np.hypot(side_deviations(index, known.thing, box)[side], 2 * BOX_TRIM * value))
     if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
         raise InvalidInputError(
             f"the size of thing {known.thing} is too unsure to scale by",
@@ -150,9 +149,8 @@ def _located(index: SceneIndex, place: Place) -> Located:
     index.things.check_all((place.thing,))
     box = _box(index, place.thing)
     center = np.array(box.center.position, dtype=np.float64)
-    thing = Located(center, np.zeros((3, 3)), place.thing, is_thing=True)
     axes = rigid(box.center.orientation, box.center.position)[:3, :3]
-    halves = np.array(_side_deviations(index, thing, box)) / 2
+    halves = np.array(side_deviations(index, place.thing, box)) / 2
     return Located(center, axes @ np.diag(halves**2) @ axes.T, place.thing, is_thing=True)
 
 
@@ -177,10 +175,10 @@ def _rows(index: SceneIndex, thing_id: int) -> Rows:
     return np.asarray(rows[away <= _APART * np.median(away)])
 
 
-def _side_deviations(index: SceneIndex, thing: Located, box: Box) -> tuple[float, float, float]:
+def side_deviations(index: SceneIndex, thing_id: int, box: Box) -> tuple[float, float, float]:
     """Standard deviations of a box's sides: of the outer 5 % of a thing's Gaussians at either end the median deviation
     along the side, both ends together."""
-    rows = _rows(index, thing.thing_id)
+    rows = _rows(index, thing_id)
     pose = rigid(box.center.orientation, box.center.position)
     offsets = index.scene.gaussians.means[rows].astype(np.float64) - pose[:3, 3]
     axes, deviations = axes_of(index, rows)

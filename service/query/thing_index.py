@@ -42,6 +42,7 @@ _OF_MEMBERSHIP = (
     "_part_boxes",
     "_solid",
     "drawn_maps",
+    "views_of_things",
     "measures",
 )
 """What depends on the Gaussians and on which thing they belong to, and on no name."""
@@ -214,6 +215,11 @@ class SceneThings:
     @cached_property
     def drawn_maps(self) -> dict[tuple[Camera, bytes, bool], ThingMap]:
         """Maps that `thing_views` has drawn; shared by versions that differ in names alone."""
+        return {}
+
+    @cached_property
+    def views_of_things(self) -> dict[int, tuple[str, ...]]:
+        """Cameras that see each thing, by its id, that `thing_detections` has looked for; shared as `drawn_maps`."""
         return {}
 
     def draw(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:

@@ -52,6 +52,11 @@ def frame_of(scene: Scene) -> Similarity:
     return frame_similarity(None if scene.scaling is None else scene.scaling.meters_per_unit, scene.alignment)
 
 
+def frame_id(scene: Scene) -> str:
+    """The name of the world frame of this version: the map's, `map` for one without a name, `scene` without a map."""
+    return "scene" if scene.alignment is None else scene.alignment.frame or "map"
+
+
 def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:
     """An alignment as plain values."""
     if alignment is None:

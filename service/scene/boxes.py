@@ -39,7 +39,7 @@ def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:
     inner = np.ones(len(points), dtype=np.bool_)
     for axis in (*spread, third):
         along = offsets @ axis
-        low, high = _quantiles(along, weights)
+        low, high = trimmed_ends(along, weights)
         inner &= (along >= low) & (along <= high)
     kept = offsets[inner] if inner.any() else offsets
     flat = np.stack([kept @ first, kept @ second], axis=1)
@@ -65,7 +65,8 @@ def _rectangle(flat: F64) -> tuple[tuple[float, float], tuple[float, float], flo
     return (x * scale, y * scale), (width * scale, depth * scale), float(degrees)
 
 
-def _quantiles(values: F64, weights: F64) -> tuple[float, float]:
+def trimmed_ends(values: F64, weights: F64) -> tuple[float, float]:
+    """The least and the largest of values [K], K ≥ 1, without 1.5 % by weight at either end."""
     order = values.argsort(kind="stable")
     reached = weights[order].cumsum()
     low, high = np.searchsorted(reached, [BOX_TRIM * reached[-1], (1 - BOX_TRIM) * reached[-1]])

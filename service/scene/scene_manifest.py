@@ -21,11 +21,11 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 8
+SCHEMA = 9
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
-no alignment."""
+no alignment. 8 did not note in which views things were proposed."""
 
 _READABLE = range(1, SCHEMA + 1)
 

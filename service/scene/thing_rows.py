@@ -13,6 +13,8 @@ from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
 
+_Cameras = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(strict=False)]
+
 
 def _is_base64(text: str) -> str:
     base64.b64decode(text, validate=True)
@@ -41,6 +43,8 @@ class ThingRow(StrictRow):
     parent: Annotated[int, Field(ge=0, le=65535)] = 0
     appearance: _Base64 = ""
     picture: _Base64 = ""
+    proposed_in: _Cameras = ()
+    missed_in: _Cameras = ()
 
     @model_validator(mode="after")
     def _names_have_a_source(self) -> ThingRow:
@@ -84,11 +88,14 @@ class ThingsRow(StrictRow):
 
 
 def thing_row(thing: Thing) -> dict[str, Any]:
-    """A thing as JSON; bytes as base64, left out where there are none."""
+    """A thing as JSON; bytes as base64. They, and numbers of cameras, are left out where there are none."""
     row = asdict(thing)
     for name in ("appearance", "picture"):
         if coded := base64.b64encode(row.pop(name)).decode():
             row[name] = coded
+    for name in ("proposed_in", "missed_in"):
+        if not row[name]:
+            del row[name]
     return row
 
 

@@ -121,6 +121,9 @@ class Thing:
         surface: see `SurfaceKind`.
         suggestions: names that nobody has settled, with their probabilities, the most probable first.
         parent: of a part, the id of the thing that it is a part of; 0 for a thing.
+        proposed_in: numbers of the scene's cameras, from 0, in which it was proposed when it was discovered; empty
+            where that was not noted, as for what somebody added.
+        missed_in: numbers of the cameras that saw most of it then, and in which it was not proposed.
         appearance: its descriptor, float16 of length 1 (see `service.perception.appearance`); empty for a thing that no
             photo shows well, or that was made by an edit.
         picture: a small JPEG of it, empty where `appearance` is.
@@ -136,6 +139,8 @@ class Thing:
     parent: int = 0
     appearance: bytes = field(default=b"", repr=False)
     picture: bytes = field(default=b"", repr=False)
+    proposed_in: tuple[int, ...] = ()
+    missed_in: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
@@ -224,6 +229,10 @@ Semantics = CodeSemantics | Evidence | ThingSemantics
 LabelMode = Literal["codes", "evidence", "things"]
 """What says which label a Gaussian has: its code under the affine map W, what the label maps showed of it, or the name
 of the thing that it belongs to."""
+
+
+TAKEN_AT = "taken_at"
+"""In a scene's quality: when its photos were taken, by the names of their cameras, seconds since 1970."""
 
 
 @dataclass(frozen=True)

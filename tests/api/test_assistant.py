@@ -19,18 +19,21 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolResult, ImageContent, TextContent
 from PIL import Image
 
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
 from fastsplat_client.assistant.look_from import look_at
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal
 from tests.api.test_access_matrix import _Place, place
+from tests.api.upright_scene import add_upright_scene
 
 __all__ = ["place"]
 
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
-    "relations",
+    *("relations", "goal"),
     *("name_thing", "photograph_next", "scene_status"),
 }
 
@@ -100,6 +103,21 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
     labels = [match.label for match in answer.matches if match.relevant]
     assert [said["label"], *said["alternatives"]] == (labels or [""])
     assert said["unnamed_things"] == answer.searched.unnamed_things
+
+
+def test_a_goal_is_that_of_rest_and_refused_as_there(
+    faces: Faces, service: SceneService, api_settings: Settings, scene_id: str
+) -> None:
+    upright = add_upright_scene(service, api_settings)
+    said = _said(_call(faces, "goal", thing=1, robot_radius=0.15, scene=upright))
+    truth = service.exports.goal(upright, 1, 0.15)
+    assert np.allclose(said["position"], truth.pose.position, atol=1e-4) and said["thing"] == 1
+    assert [said[name] for name in ("yaw", "distance", "clearance")] == pytest.approx(
+        [truth.yaw, truth.distance, truth.clearance], abs=1e-4
+    )
+    assert said["frame"] == "the scene's own world frame"
+    refused = _refusal(_call(faces, "goal", thing=1, scene=scene_id))  # its z is not up
+    assert "INVALID_INPUT: up is" in refused and "z axis" in refused
 
 
 def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:

@@ -70,6 +70,7 @@ _TWINS = {
     "POST /v1/scenes/{scene_id}:trainMore": "TrainMore",
     "GET /v1/scenes/{scene_id}/next-photos": "ListNextPhotos",
     "GET /v1/scenes/{scene_id}/goal": "GetGoal",
+    "GET /v1/scenes/{scene_id}/detections": "ListDetections",
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",

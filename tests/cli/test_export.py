@@ -59,6 +59,19 @@ def test_a_map_is_written_and_a_goal_printed(service: SceneService, tmp_path: Pa
     assert json.loads(result.stdout) == to_plain(service.exports.goal(scene_id, 1, 0.15))
 
 
+def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene_id = add_upright_scene(service, load_settings())
+    truth = service.detections.all(scene_id)
+    result = CliRunner().invoke(app, ["things", "detections", scene_id])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout) == to_plain(truth)
+    monkeypatch.setenv("FASTSPLAT_STORE__MAX_PAGE_SIZE", "1")
+    load_settings.cache_clear()
+    assert load_settings().store.max_page_size == 1
+    paged = CliRunner().invoke(app, ["things", "detections", scene_id])
+    assert json.loads(paged.stdout) == to_plain(truth)
+
+
 def test_a_file_of_no_format_is_refused(service: SceneService, tmp_path: Path) -> None:
     scene_id = add_scene(service, load_settings())
     result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / "a.obj")])

@@ -56,6 +56,7 @@ _NOT_IN_PYTHON = {
     "ListBestViewsRequest",
     "ListNextPhotosRequest",
     "GetGoalRequest",
+    "ListDetectionsRequest",
     "ListPhotosRequest",
     "GetOperationRequest",
     "FinishOperationRequest",

@@ -251,3 +251,23 @@ def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Pat
     without = discover_things(room.gaussians, views[1:], masks[1:], SETTINGS)
     margin = discover_things(room.gaussians, views, masks, SETTINGS)
     assert len(margin.things.table) == len(without.things.table) == 4
+
+
+def test_a_thing_says_in_which_views_it_was_proposed_and_missed(room: Room, masks: Masks, discovery: Discovery) -> None:
+    views = range(len(room.capture.views))
+    for thing in discovery.things.table:
+        assert set(thing.proposed_in) <= set(views) and len(thing.proposed_in) >= 2
+        assert not set(thing.proposed_in) & set(thing.missed_in)
+        assert (thing.consensus == 1.0) == (not thing.missed_in)
+    # Numbers are those of the capture's views, also where some of these have no say.
+    few = discover_things(room.gaussians, room.capture.views, (None, *masks[1:]), SETTINGS)
+    seen = {number for thing in few.things.table for number in (*thing.proposed_in, *thing.missed_in)}
+    assert seen and min(seen) >= 1 and max(seen) == max(views)
+    third = masks[3]
+    assert third is not None
+    blind = (*masks[:3], replace(third, bits=third.bits[:0], quality=third.quality[:0]), *masks[4:])
+    best = max(discovery.things.table, key=lambda thing: len(thing.proposed_in))
+    assert 3 in best.proposed_in
+    after = discover_things(room.gaussians, room.capture.views, blind, SETTINGS)
+    assert any(3 in thing.missed_in for thing in after.things.table)
+    assert not any(3 in thing.proposed_in for thing in after.things.table)

@@ -44,7 +44,14 @@ def _things(count: int) -> Things:
     )
     table = (
         Thing(2, "Tasse ☕", "person", 1.0, 0.9, appearance=bytes(range(250)), picture=b"\xff\xd8"),
-        Thing(5, consensus=0.7, surface="wall", suggestions=(("bottle", 0.4), ("vase", 0.3))),
+        Thing(
+            5,
+            consensus=0.7,
+            surface="wall",
+            suggestions=(("bottle", 0.4), ("vase", 0.3)),
+            proposed_in=(0, 3),
+            missed_in=(1,),
+        ),
         Thing(9, "mug", "detected", 0.8, 0.6),
     )
     return Things(table, membership)

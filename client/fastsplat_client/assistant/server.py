@@ -116,6 +116,17 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         """How far two things are from each other, or how large one is, with 95 % intervals."""
         return answered(context, lambda client: tools.measure(client, first, second, scene))
 
+    @server.tool(annotations=_READS)
+    def goal(
+        context: Context[Any, Any],
+        thing: Annotated[int, Field(ge=1, le=65535, description="id of the thing to see, as other tools return it")],
+        robot_radius: Annotated[float, Field(gt=0, le=5, description="of the robot, meters")] = 0.2,
+        scene: _Scene = "",
+    ) -> tool_results.StandingPlace:
+        """Where a robot stands to see a thing: the nearest free place on the floor, and which way to look. Refused for
+        scenes without meters or a known vertical, and where no such place was seen."""
+        return answered(context, lambda client: tools.goal(client, thing, robot_radius, scene))
+
     @server.tool(annotations=_READS, structured_output=False)
     def look_from(
         context: Context[Any, Any],

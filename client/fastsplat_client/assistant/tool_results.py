@@ -210,6 +210,26 @@ class Measured:
 
 
 @dataclass(frozen=True)
+class StandingPlace:
+    """Where a robot stands to see a thing: on the floor, meters, `frame` names the coordinates.
+
+    Attributes:
+        yaw: which way it looks, radians about the vertical, 0 along x.
+        distance: from the place to the thing's box.
+        clearance: at least so far it is to whatever is not free.
+    """
+
+    scene: str
+    thing: int
+    frame: str
+    position: Point
+    yaw: float
+    distance: float
+    clearance: float
+    sentence: str
+
+
+@dataclass(frozen=True)
 class Named:
     """A name that was given: `version` is the scene's new version, which can be undone."""
 

@@ -3,6 +3,7 @@ project has one."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
@@ -23,6 +24,7 @@ from fastsplat_client.assistant.tool_results import (
     Related,
     SceneDescription,
     SceneInList,
+    StandingPlace,
     ThingBrief,
     Things,
     Unit,
@@ -225,6 +227,27 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     else:
         sentence = f"The box of thing {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
     return Measured(shown.id, unit, distance, _interval(measured.center_distance), sides, sentence)
+
+
+def goal(client: Client, thing: int, robot_radius: float, scene: str) -> StandingPlace:
+    """Where a robot stands to see a thing."""
+    shown = client.scene(resolve_scene(client, scene).id)
+    place = client.goal(shown.id, thing, robot_radius, version=shown.version)
+    x, y, _ = position = point(place.pose.position)
+    sentence = (
+        f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing} is in "
+        f"sight, {place.distance:.2f} m away; whether the robot can get there is not known."
+    )
+    return StandingPlace(
+        shown.id,
+        thing,
+        _frame(shown),
+        position,
+        round(place.yaw, 4),
+        round(place.distance, 4),
+        round(place.clearance, 4),
+        sentence,
+    )
 
 
 def name_thing(client: Client, thing: int, name: str, aliases: list[str], scene: str) -> Named:

@@ -900,6 +900,56 @@ NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
 """surfaces that it would see were seen from few directions"""
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
+class _SupportRelation:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _SupportRelationEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_SupportRelation.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    SUPPORT_RELATION_UNSPECIFIED: _SupportRelation.ValueType  # 0
+    SUPPORT_RELATION_ON: _SupportRelation.ValueType  # 1
+    """it rests or hangs on it"""
+    SUPPORT_RELATION_IN: _SupportRelation.ValueType  # 2
+    """it is in it"""
+
+class SupportRelation(_SupportRelation, metaclass=_SupportRelationEnumTypeWrapper): ...
+
+SUPPORT_RELATION_UNSPECIFIED: SupportRelation.ValueType  # 0
+SUPPORT_RELATION_ON: SupportRelation.ValueType  # 1
+"""it rests or hangs on it"""
+SUPPORT_RELATION_IN: SupportRelation.ValueType  # 2
+"""it is in it"""
+Global___SupportRelation: _TypeAlias = SupportRelation  # noqa: Y015
+
+class _CovarianceTerm:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _CovarianceTermEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_CovarianceTerm.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    COVARIANCE_TERM_UNSPECIFIED: _CovarianceTerm.ValueType  # 0
+    COVARIANCE_TERM_EDGES: _CovarianceTerm.ValueType  # 1
+    """how sharp the thing's ends are"""
+    COVARIANCE_TERM_MEMBERSHIP: _CovarianceTerm.ValueType  # 2
+    """which of its Gaussians may not be its own"""
+    COVARIANCE_TERM_SCALE: _CovarianceTerm.ValueType  # 3
+    """how long a unit is"""
+    COVARIANCE_TERM_ALIGNMENT: _CovarianceTerm.ValueType  # 4
+    """how well the pairs of points fit that put the scene into a map"""
+
+class CovarianceTerm(_CovarianceTerm, metaclass=_CovarianceTermEnumTypeWrapper): ...
+
+COVARIANCE_TERM_UNSPECIFIED: CovarianceTerm.ValueType  # 0
+COVARIANCE_TERM_EDGES: CovarianceTerm.ValueType  # 1
+"""how sharp the thing's ends are"""
+COVARIANCE_TERM_MEMBERSHIP: CovarianceTerm.ValueType  # 2
+"""which of its Gaussians may not be its own"""
+COVARIANCE_TERM_SCALE: CovarianceTerm.ValueType  # 3
+"""how long a unit is"""
+COVARIANCE_TERM_ALIGNMENT: CovarianceTerm.ValueType  # 4
+"""how well the pairs of points fit that put the scene into a map"""
+Global___CovarianceTerm: _TypeAlias = CovarianceTerm  # noqa: Y015
+
 class _NotPlaced:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -5755,6 +5805,242 @@ class Goal(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Goal: _TypeAlias = Goal  # noqa: Y015
+
+@_typing.final
+class ListDetectionsRequest(_message.Message):
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListDetectionsRequest: _TypeAlias = ListDetectionsRequest  # noqa: Y015
+
+@_typing.final
+class ListDetectionsResponse(_message.Message):
+    """One page of a scene's things as a robot needs them, by id."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    DETECTIONS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    FRAME_ID_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    UP_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    frame_id: _builtins.str
+    """the frame of all positions: the map's that the scene was put into (map if that has no name), or scene"""
+    meters: _builtins.bool
+    """whether lengths are meters; else only ratios of lengths mean anything"""
+    @_builtins.property
+    def detections(self) -> _containers.RepeatedCompositeFieldContainer[Global___Detection]: ...
+    @_builtins.property
+    def up(self) -> Global___Vector3:
+        """the unit vector up in `frame_id`; absent where nothing tells, and then boxes lie along the principal axes of things"""
+
+    def __init__(
+        self,
+        *,
+        detections: _abc.Iterable[Global___Detection] | None = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+        frame_id: _builtins.str = ...,
+        meters: _builtins.bool = ...,
+        up: Global___Vector3 | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["up", b"up"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["detections", b"detections", "frame_id", b"frame_id", "meters", b"meters", "next_page_token", b"next_page_token", "up", b"up", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListDetectionsResponse: _TypeAlias = ListDetectionsResponse  # noqa: Y015
+
+@_typing.final
+class Support(_message.Message):
+    """What carries a thing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_ID_FIELD_NUMBER: _builtins.int
+    LABEL_FIELD_NUMBER: _builtins.int
+    RELATION_FIELD_NUMBER: _builtins.int
+    CLEARNESS_FIELD_NUMBER: _builtins.int
+    thing_id: _builtins.int
+    label: _builtins.str
+    """its name; empty for a thing without one"""
+    relation: Global___SupportRelation.ValueType
+    """on: it rests or hangs on it; in: it is in it"""
+    clearness: _builtins.float
+    """how clear that is: from 1 on it holds, see Witness"""
+    def __init__(
+        self,
+        *,
+        thing_id: _builtins.int = ...,
+        label: _builtins.str = ...,
+        relation: Global___SupportRelation.ValueType = ...,
+        clearness: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearness", b"clearness", "label", b"label", "relation", b"relation", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Support: _TypeAlias = Support  # noqa: Y015
+
+@_typing.final
+class Detection(_message.Message):
+    """One thing of a scene as a robot needs it, as in vision_msgs/Detection3D. What is not known is absent or empty."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_ID_FIELD_NUMBER: _builtins.int
+    LABEL_FIELD_NUMBER: _builtins.int
+    SOURCE_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    ALTERNATIVES_FIELD_NUMBER: _builtins.int
+    KIND_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    POSITION_COVARIANCE_FIELD_NUMBER: _builtins.int
+    ROTATION_COVARIANCE_FIELD_NUMBER: _builtins.int
+    COVARIANCE_TERMS_FIELD_NUMBER: _builtins.int
+    SUPPORT_FIELD_NUMBER: _builtins.int
+    VIEWS_FIELD_NUMBER: _builtins.int
+    PROPOSED_IN_FIELD_NUMBER: _builtins.int
+    MISSED_IN_FIELD_NUMBER: _builtins.int
+    CONSENSUS_FIELD_NUMBER: _builtins.int
+    FIRST_SEEN_FIELD_NUMBER: _builtins.int
+    LAST_SEEN_FIELD_NUMBER: _builtins.int
+    thing_id: _builtins.int
+    """from 1; the same in all versions of the scene that have the thing"""
+    label: _builtins.str
+    """its name; empty for a thing without one"""
+    source: Global___NameSource.ValueType
+    """who named it; absent without a name"""
+    probability: _builtins.float
+    """that the label is right, 0..1; absent without a name"""
+    kind: Global___ThingKind.ValueType
+    consensus: _builtins.float
+    """share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody added; absent for a scene
+    that stores no things
+    """
+    @_builtins.property
+    def alternatives(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
+        """other names that it may have, which nobody has settled, likeliest first"""
+
+    @_builtins.property
+    def box(self) -> Global___Box:
+        """its pose and size in `frame_id`; of its axes the x axis is the longer one across, and which of its ends is the front
+        is not known; absent if all its Gaussians are too faint to be seen
+        """
+
+    @_builtins.property
+    def position_covariance(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """3 by 3, row by row, of the box's middle, in `frame_id`; units squared; empty without a box"""
+
+    @_builtins.property
+    def rotation_covariance(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """3 by 3, row by row, of small rotations of the box about the axes of `frame_id`, radians squared; empty where its
+        heading cannot be said, as of round things, or nothing tells what is up
+        """
+
+    @_builtins.property
+    def covariance_terms(self) -> _containers.RepeatedScalarFieldContainer[Global___CovarianceTerm.ValueType]:
+        """what is in `position_covariance`; what is not named was not known"""
+
+    @_builtins.property
+    def support(self) -> Global___Support:
+        """what carries it; absent where that is not clear, or nothing tells what is up"""
+
+    @_builtins.property
+    def views(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the scene's cameras that see it, the one that shows most of it first"""
+
+    @_builtins.property
+    def proposed_in(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the cameras in which it was proposed as a thing when it was discovered; empty where the scene does not keep
+        that
+        """
+
+    @_builtins.property
+    def missed_in(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what speaks against it: names of the cameras that saw most of it then, and in which it was not proposed; empty for
+        none, and where the scene does not keep that
+        """
+
+    @_builtins.property
+    def first_seen(self) -> _timestamp_pb2.Timestamp:
+        """when the first photo of `views` was taken; absent where no photo says when and in which zone"""
+
+    @_builtins.property
+    def last_seen(self) -> _timestamp_pb2.Timestamp:
+        """when the last one was taken; absent as `first_seen`"""
+
+    def __init__(
+        self,
+        *,
+        thing_id: _builtins.int = ...,
+        label: _builtins.str = ...,
+        source: Global___NameSource.ValueType | None = ...,
+        probability: _builtins.float | None = ...,
+        alternatives: _abc.Iterable[Global___NameSuggestion] | None = ...,
+        kind: Global___ThingKind.ValueType = ...,
+        box: Global___Box | None = ...,
+        position_covariance: _abc.Iterable[_builtins.float] | None = ...,
+        rotation_covariance: _abc.Iterable[_builtins.float] | None = ...,
+        covariance_terms: _abc.Iterable[Global___CovarianceTerm.ValueType] | None = ...,
+        support: Global___Support | None = ...,
+        views: _abc.Iterable[_builtins.str] | None = ...,
+        proposed_in: _abc.Iterable[_builtins.str] | None = ...,
+        missed_in: _abc.Iterable[_builtins.str] | None = ...,
+        consensus: _builtins.float | None = ...,
+        first_seen: _timestamp_pb2.Timestamp | None = ...,
+        last_seen: _timestamp_pb2.Timestamp | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_consensus", b"_consensus", "_probability", b"_probability", "_source", b"_source", "box", b"box", "consensus", b"consensus", "first_seen", b"first_seen", "last_seen", b"last_seen", "probability", b"probability", "source", b"source", "support", b"support"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_consensus", b"_consensus", "_probability", b"_probability", "_source", b"_source", "alternatives", b"alternatives", "box", b"box", "consensus", b"consensus", "covariance_terms", b"covariance_terms", "first_seen", b"first_seen", "kind", b"kind", "label", b"label", "last_seen", b"last_seen", "missed_in", b"missed_in", "position_covariance", b"position_covariance", "probability", b"probability", "proposed_in", b"proposed_in", "rotation_covariance", b"rotation_covariance", "source", b"source", "support", b"support", "thing_id", b"thing_id", "views", b"views"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__consensus: _TypeAlias = _typing.Literal["consensus"]  # noqa: Y015
+    _WhichOneofArgType__consensus: _TypeAlias = _typing.Literal["_consensus", b"_consensus"]  # noqa: Y015
+    _WhichOneofReturnType__probability: _TypeAlias = _typing.Literal["probability"]  # noqa: Y015
+    _WhichOneofArgType__probability: _TypeAlias = _typing.Literal["_probability", b"_probability"]  # noqa: Y015
+    _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
+    _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__consensus) -> _WhichOneofReturnType__consensus | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__probability) -> _WhichOneofReturnType__probability | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__source) -> _WhichOneofReturnType__source | None: ...
+
+Global___Detection: _TypeAlias = Detection  # noqa: Y015
 
 @_typing.final
 class ListBestViewsRequest(_message.Message):

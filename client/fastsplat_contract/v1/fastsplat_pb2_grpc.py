@@ -235,6 +235,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Goal.FromString,
                 _registered_method=True)
+        self.ListDetections = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListDetections',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.FromString,
+                _registered_method=True)
         self.ListBestViews = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListBestViews',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
@@ -572,6 +577,14 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListDetections(self, request, context):
+        """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
+        carries them, and by which views they are known.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListBestViews(self, request, context):
         """Which of the scene's cameras show some things, or the answer to a text, best.
         """
@@ -844,6 +857,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.GetGoal,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Goal.SerializeToString,
+            ),
+            'ListDetections': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListDetections,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.SerializeToString,
             ),
             'ListBestViews': grpc.unary_unary_rpc_method_handler(
                     servicer.ListBestViews,
@@ -1976,6 +1994,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/GetGoal',
             fastsplat_dot_v1_dot_fastsplat__pb2.GetGoalRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Goal.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListDetections(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListDetections',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.FromString,
             options,
             channel_credentials,
             insecure,

@@ -132,6 +132,10 @@ class SceneServiceStub:
     """Where to stand for the next photos of a scene."""
     GetGoal: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]
     """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+    ListDetections: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListDetectionsRequest, _fastsplat_pb2.ListDetectionsResponse]
+    """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
+    carries them, and by which views they are known.
+    """
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
@@ -244,6 +248,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Where to stand for the next photos of a scene."""
     GetGoal: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]  # type: ignore[assignment]
     """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+    ListDetections: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListDetectionsRequest, _fastsplat_pb2.ListDetectionsResponse]  # type: ignore[assignment]
+    """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
+    carries them, and by which views they are known.
+    """
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
@@ -593,6 +601,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Goal, _abc.Awaitable[_fastsplat_pb2.Goal]]:
         """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+
+    @_abc_1.abstractmethod
+    def ListDetections(
+        self,
+        request: _fastsplat_pb2.ListDetectionsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListDetectionsResponse, _abc.Awaitable[_fastsplat_pb2.ListDetectionsResponse]]:
+        """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
+        carries them, and by which views they are known.
+        """
 
     @_abc_1.abstractmethod
     def ListBestViews(
