@@ -1,10 +1,10 @@
 """Fit the model that weighs what lexicon and text encoder say of a question and a label: `service/query/meaning.json`.
 
-It learns from the dictionaries of `scenes.txt` and `lists.txt`. Every choice (units of the hidden layer, ridge) and
-every probability comes from predictions for dictionaries that the model of that fold has not seen: five folds of whole
-dictionaries. Of each question that has an answer there is a second one without it, at a lower weight: the same words to
-a dictionary from which the answers were taken, so that the form of a question ("something to ...") says nothing of
-whether the thing is there.
+It learns from the dictionaries of `scenes.txt`, `lists.txt` and `compounds.txt`. Every choice (units of the hidden
+layer, ridge) and every probability comes from predictions for dictionaries that the model of that fold has not seen:
+five folds of whole dictionaries. Of each question that has an answer there is a second one without it, at a lower
+weight: the same words to a dictionary from which the answers were taken, so that the form of a question ("something to
+...") says nothing of whether the thing is there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmarks.absence.questions import FITTED, read_cases
+from benchmarks.absence.questions import COMPOUNDS, FITTED, read_cases
 from benchmarks.calibration.lists import read_scenes
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import Lexicon
@@ -141,7 +141,11 @@ def questions(lexicon: Lexicon, cache: TextCache) -> list[Asked]:
     whole = [
         (scene.name, scene.labels, "scenes", q.query, q.answers, q.also) for scene in read_scenes() for q in scene.asked
     ]
-    whole += [(case.scene, case.labels, case.list, case.question, case.answers, ()) for case in read_cases(FITTED)]
+    whole += [
+        (case.scene, case.labels, case.list, case.question, case.answers, ())
+        for path in (FITTED, COMPOUNDS)
+        for case in read_cases(path)
+    ]
     asked: list[Asked] = []
     for number, ((_, labels), rows) in enumerate(groupby(whole, key=lambda row: row[:2])):
         dictionary = dictionary_of(labels)
