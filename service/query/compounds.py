@@ -25,7 +25,6 @@ _MATERIALS = frozenset(
     "marzipan gingerbread sugar balloon robot robotic mechanical electronic".split()
 )
 """What nothing that lives is made of."""
-_LIVING = frozenset({"animal", "plant", "person"})
 _RAREST = 1.5
 """What the place of a label's sense may count (see `Meaning`) for a longer name to be a kind of it: a "piano key" is
 one of a key's rare senses."""
@@ -76,12 +75,17 @@ def compounds(
         if meaning.words > count:
             kinds = any(sense.id in wider for sense, rare in own.ranked if rare <= _RAREST)
             kept[row], other[row] = kinds, not kinds
-        elif not FEIGNING.isdisjoint(free) or (
-            own.ranked and own.ranked[0][0].lexical_class in _LIVING and not _MATERIALS.isdisjoint(free)
-        ):
-            feigned[row] = True
         else:
-            kept[row] = True
+            feigned[row] = not FEIGNING.isdisjoint(free) or (_lives(own) and not _MATERIALS.isdisjoint(free))
+            kept[row] = not feigned[row]
         if kept[row]:
             before[row] = " ".join(free)
     return Compounds(kept, feigned, other, before)
+
+
+def _lives(label: Meaning) -> bool:
+    """Whether a label is an animal, a plant or a person, as far as its most frequent senses tell: a mug is a fool in
+    one of them, and a plant a factory."""
+    classes = [sense.lexical_class for sense, _ in label.ranked[:3]]
+    person = classes[:1] == ["person"] and "artifact" not in classes
+    return person or not {"animal", "plant", "tops"}.isdisjoint(classes[:2])
