@@ -42,6 +42,8 @@ _ITERATIONS = 100
 _CANDIDATES = ((16, 2e-3),)
 """Hidden units and ridge. 16 and 24 units and ridges of 0.001, 0.002 and 0.004 differ by less than dictionaries do."""
 _LIMIT = 5.0
+_ABSENT_SHARE = 0.88
+"""Of the absent questions, the share that must be said to be absent: who is shown something else is misled."""
 
 
 @dataclass(frozen=True)
@@ -265,7 +267,8 @@ def _likelihood(asked: Sequence[Asked], logits: Sequence[F64]) -> float:
 
 def _probabilities(asked: Sequence[Asked], logits: Sequence[F64]) -> dict[str, Any]:
     """Platt's scaling of the leading label and of the presence, and the presence from which on a label is shown: where
-    the shares of present questions answered rightly and of absent ones said to be absent are largest together."""
+    the shares of present questions answered rightly and of absent ones said to be absent are largest together, among
+    those at which `_ABSENT_SHARE` of the absent ones are."""
     present = np.array([each.right.any() for each in asked])
     first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
     entry = _platt(np.array([z.max() for z in logits]), first)
@@ -282,7 +285,8 @@ def _probabilities(asked: Sequence[Asked], logits: Sequence[F64]) -> dict[str, A
     gain = [
         (presence[present] >= t)[first[present]].sum() / present.sum() + (presence[~present] < t).mean() for t in steps
     ]
-    return {"entry": entry, "present": here, "related": float(steps[int(np.argmax(gain))])}
+    enough = [(presence[~present] < t).mean() >= _ABSENT_SHARE for t in steps]
+    return {"entry": entry, "present": here, "related": float(steps[int(np.argmax(np.where(enough, gain, -1.0)))])}
 
 
 def _platt(scores: F64, truth: NDArray[np.bool_]) -> Logistic:

@@ -40,7 +40,7 @@ def test_the_proof_finds_every_kind_of_double() -> None:
     assert not list(doubles([named("x", labels, "near", "pan flute of gold", gone)]))
 
 
-@pytest.mark.parametrize("line", ["kind: a thing -> spoon", "other: a thing"])
+@pytest.mark.parametrize("line", ["kind: a thing -> spoon", "another: a thing"])
 def test_a_bad_line_is_named(line: str, tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_text(f"[room] cup\n{line}\n")
     with pytest.raises(ValueError, match="line 2"):
