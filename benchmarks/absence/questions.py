@@ -12,8 +12,12 @@ from fastsplat.service.common.dictionary import label_key
 FILE = Path(__file__).with_name("questions.txt")
 FITTED = FILE.parents[1] / "calibration" / "lists.txt"
 """Cases of the same six lists that may fit the answers."""
+COMPOUNDS = FITTED.with_name("compounds.txt")
+"""Cases that may fit them, too, of four lists more."""
 PRESENT = ("synonym", "kind", "use")
 ABSENT = ("far", "household", "near")
+_PRESENT_TOO = ("compound",)
+_ABSENT_TOO = ("feigned", "other", "sibling")
 
 
 @dataclass(frozen=True)
@@ -43,15 +47,15 @@ def read_cases(path: Path = FILE) -> list[Case]:
             labels = names_of(rest)
             continue
         kind, _, rest = line.partition(":")
-        if kind in PRESENT:
+        if kind in PRESENT + _PRESENT_TOO:
             question, _, answers = rest.partition("->")
             new = [Case(scene, labels, kind, question.strip(), names_of(answers))]
             if not new[0].answers or not set(new[0].answers) <= set(labels):
                 raise ValueError(f"line {number}: {answers.strip()!r} is no label of {scene}")
-        elif kind in ABSENT:
+        elif kind in ABSENT + _ABSENT_TOO:
             new = [Case(scene, labels, kind, question, ()) for question in names_of(rest)]
         else:
-            raise ValueError(f"line {number}: {kind!r} is none of {PRESENT + ABSENT}")
+            raise ValueError(f"line {number}: {kind!r} is none of {PRESENT + _PRESENT_TOO + ABSENT + _ABSENT_TOO}")
         cases += new
     return cases
 
@@ -60,7 +64,7 @@ def calibrating_keys() -> set[str]:
     """Keys of every question that thresholds or weights are fitted to."""
     keys = {label_key(pair.query) for pair in read_pairs()}
     keys |= {label_key(asked.query) for scene in read_scenes() for asked in scene.asked}
-    return keys | {label_key(case.question) for case in read_cases(FITTED)}
+    return keys | {label_key(case.question) for path in (FITTED, COMPOUNDS) for case in read_cases(path)}
 
 
 def doubles(cases: list[Case]) -> Iterator[str]:

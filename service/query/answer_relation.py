@@ -30,6 +30,10 @@ def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Co
     if comparison is None:
         return "related", None
     relations = comparison.relations
+    if comparison.compounds.kept[row]:
+        return "kind_of", "question"
+    if comparison.compounds.feigned[row] or comparison.compounds.other[row]:
+        return "related", None
     if not comparison.meaning.whole:  # only the head is known: what is added to it makes a kind of it
         below = relations.same[row] > 0 or relations.narrower[row] > 0
         return ("kind_of", "question") if below else ("related", None)

@@ -5,35 +5,40 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.query.compounds import Compounds, compounds
+from fastsplat.service.query.definition_words import DefinitionWords, verbs_of
 from fastsplat.service.query.embeddings import TextCache, TextCaches
 from fastsplat.service.query.name_matching import NameMatch
-from fastsplat.service.query.noun_phrases import parse_noun_phrase
+from fastsplat.service.query.noun_phrases import parse_noun_phrase, split_modifiers
 from fastsplat.service.query.relevancy import F32, F64
+from fastsplat.service.query.word_senses import (
+    SOLID,
+    Meaning,
+    above_definitions,
+    definitions,
+    head_meaning,
+    label_meaning,
+    purposes,
+    ranked,
+    shortened,
+)
 
 if TYPE_CHECKING:
-    from fastsplat.service.perception.lexicon import Lexicon, Sense
+    from fastsplat.service.perception.lexicon import Lexicon
 
 Rows = NDArray[np.intp]
 _Key = TypeVar("_Key", bound=Hashable)
 
-_SENSES = 10
-"""Senses of a text that are looked at, the most frequent first."""
-_LABEL_DEFINITIONS = 4
 _QUESTION_DEFINITIONS = 2
-_RARENESS = 0.5
-"""What a place further down in the order of senses counts, in steps of kind: "stool" is a toilet in its third sense."""
-_LABEL_WORDS, _LABEL_CLAUSES = 26, 3
 _QUESTION_WORDS, _QUESTION_CLAUSES = 14, 1
-"""Of a definition, as far as it is embedded: what a thing is for often stands in its second clause, but every word of
-the question's costs time with the question."""
-_SOLID = frozenset({"artifact", "food", "animal", "plant", "body", "object", "substance", "person", "tops"})
-"""Lexical classes of what can lie in a scene."""
+"""Of a question's definition, as far as it is embedded: every word of it costs time with the question."""
 _CLASSES = ("artifact", "food", "animal", "plant", "person", "act")
 _SPECIFIC_DEPTH = 5
 """Steps below the top from which a common hypernym says anything: above are entity, object, whole, artifact."""
@@ -43,6 +48,10 @@ _DETERMINERS = frozenset(
 )
 _PER_KEY = 512
 """Bytes of a sense or a word by which labels are looked up: two arrays, mostly of one number, and their place."""
+_WORD_SENSES = 3
+"""Senses of a label whose definitions' words count."""
+_NO_PURPOSE = "thing"
+"""Embedded where no definition says what a label is for; masked."""
 _UNKNOWN = 0.6
 """Share of a neighboring cosine that stands in for one with a definition that the lexicon lacks."""
 
@@ -55,26 +64,9 @@ BASE = (
     *("verb_phrase", "verb_first", "words"),
     *(f"is_{name}" for name in _CLASSES),
     "is_other",
+    *("compound", "feigned", "other_name", "purpose", "shared_words", "done", "done_with"),
 )
 """The columns of `Comparison`; `LabelMeanings.compare` says what they are."""
-
-
-@dataclass(frozen=True)
-class Meaning:
-    """The senses of a text.
-
-    Attributes:
-        ranked: senses of things that can lie in a scene, the most frequent first; each with what its place counts.
-        whole: whether the lexicon has the whole text; else they are the senses of its head.
-    """
-
-    ranked: tuple[tuple[Sense, float], ...]
-    whole: bool
-
-    @property
-    def senses(self) -> tuple[Sense, ...]:
-        """Without what their places count."""
-        return tuple(sense for sense, _ in self.ranked)
 
 
 @dataclass(frozen=True)
@@ -107,11 +99,13 @@ class Comparison:
         columns: float64 [N, F], by `BASE`.
         meaning: the senses of the question.
         relations: those of the labels to it.
+        compounds: the labels that it names after other words.
     """
 
     columns: F64
     meaning: Meaning
     relations: Relations
+    compounds: Compounds
 
 
 class LabelMeanings:
@@ -131,15 +125,27 @@ class LabelMeanings:
     def __init__(self, dictionary: Dictionary, lexicon: Lexicon, caches: TextCaches) -> None:
         self._lexicon, self._cache = lexicon, caches.texts
         self._names = names = _names(dictionary)
-        meanings = [_label_meaning(each, lexicon) for each in names]
+        meanings = [label_meaning(each, lexicon) for each in names]
         self._count = len(names)
         self._known = np.array([bool(meaning.senses) for meaning in meanings], dtype=np.bool_)
         self._whole = np.array([meaning.whole for meaning in meanings], dtype=np.float64)
         self._classes = np.array(
-            [[float(any(s.lexical_class == name for s in m.senses)) for name in sorted(_SOLID)] for m in meanings]
-        ).reshape(self._count, len(_SOLID))
+            [[float(any(s.lexical_class == name for s in m.senses)) for name in sorted(SOLID)] for m in meanings]
+        ).reshape(self._count, len(SOLID))
+        self._meanings = meanings
         self._definitions, self._starts = self._embed_definitions(
             [each[0] for each in names], meanings, caches.definitions
+        )
+        self._purposes, self._purpose_starts, self._has_purpose = self._embed_purposes(meanings, caches.definitions)
+        self._definition_words = DefinitionWords(
+            [
+                [*(s.definition for s in m.senses[:_WORD_SENSES]), *above_definitions(m.senses, lexicon)]
+                for m in meanings
+            ],
+            [
+                [*each, *(word for s in m.senses[:1] for word in s.words)]
+                for each, m in zip(names, meanings, strict=True)
+            ],
         )
         self._by_sense = _inverted((row, s.id, rare) for row, m in enumerate(meanings) for s, rare in m.ranked)
         above = [
@@ -163,19 +169,27 @@ class LabelMeanings:
         """The definitions of all labels [M, E], those of a label side by side, and where each label's begin. A label
         without a sense has its name there, which is masked by `_known`."""
         texts = [
-            _definitions(label, meaning.senses, self._lexicon) or [label]
+            definitions(label, meaning.senses, self._lexicon) or [label]
             for label, meaning in zip(labels, meanings, strict=True)
         ]
         starts = np.cumsum([0, *(len(each) for each in texts)])[:-1].astype(np.intp)
         flat = [text for each in texts for text in each]
         return cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32), starts
 
+    def _embed_purposes(self, meanings: Sequence[Meaning], cache: TextCache) -> tuple[F32, Rows, NDArray[np.bool_]]:
+        """What the labels are for, as `_embed_definitions`; and the labels [N] whose definitions say it."""
+        texts = [purposes(meaning.senses, self._lexicon) for meaning in meanings]
+        starts = np.cumsum([0, *(len(each) or 1 for each in texts)])[:-1].astype(np.intp)
+        flat = [text for each in texts for text in each or [_NO_PURPOSE]]
+        known = np.array([bool(each) for each in texts], dtype=np.bool_)
+        return cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32), starts, known
+
     @property
     def nbytes(self) -> int:
         """What it weighs, estimated."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
         keys += len(self._last) + len(self._words)
-        return self._definitions.nbytes + _PER_KEY * keys
+        return self._definitions.nbytes + self._purposes.nbytes + _PER_KEY * keys
 
     def is_of(self, dictionary: Dictionary) -> bool:
         """Whether these are the labels and aliases of a dictionary, in order."""
@@ -184,11 +198,11 @@ class LabelMeanings:
     def meaning(self, text: str) -> Meaning:
         """The senses of a question: of the whole phrase, or of its head."""
         phrase = parse_noun_phrase(text)
-        if whole := _ranked(self._lexicon.senses(phrase.text)):
-            return Meaning(whole, True)
+        if whole := ranked(self._lexicon.senses(phrase.text)):
+            return Meaning(whole, True, len(phrase.text.split()))
         if self._is_verb_phrase(phrase.text) or len(phrase.heads) != 1:
             return Meaning((), False)
-        return Meaning(_head_senses(phrase.heads[0], self._lexicon), False)
+        return head_meaning(phrase.heads[0], self._lexicon)
 
     def compare(self, text: str, match: NameMatch, similarity: F64, labels: F32) -> Comparison:
         """What stands in the columns `BASE`, and the relations behind it.
@@ -209,15 +223,16 @@ class LabelMeanings:
         question = self._cache.embed([phrase])[0]
         glosses = (
             self._cache.embed(
-                [_shortened(sense.definition, _QUESTION_WORDS, _QUESTION_CLAUSES) for sense in own], ("{}",)
+                [shortened(sense.definition, _QUESTION_WORDS, _QUESTION_CLAUSES) for sense in own], ("{}",)
             )
             if own
             else None
         )
         count, columns = self._count, np.zeros((len(BASE), self._count))
         relations = self.relations(meaning)
+        named_last = self._compounds(text, match, meaning, relations)
         if not count:
-            return Comparison(columns.T, meaning, relations)
+            return Comparison(columns.T, meaning, relations, named_last)
         place = {name: number for number, name in enumerate(BASE)}
         definition = self._by_label(self._definitions @ question)
         columns[place["similarity"]] = similarity
@@ -235,7 +250,7 @@ class LabelMeanings:
         if meaning.whole:
             columns[place["part"]], columns[place["whole"]] = relations.part, relations.whole
         classes = {sense.lexical_class for sense in meaning.senses}
-        shared = self._classes @ np.array([float(name in classes) for name in sorted(_SOLID)])
+        shared = self._classes @ np.array([float(name in classes) for name in sorted(SOLID)])
         columns[place["class_shared"]] = np.where(self._known & bool(classes), shared > 0, 0.5)
         columns[place["in_lexicon"]] = meaning.whole
         columns[place["has_sense"]] = bool(meaning.senses)
@@ -249,7 +264,16 @@ class LabelMeanings:
         for name in _CLASSES:
             columns[place[f"is_{name}"]] = name in classes
         columns[place["is_other"]] = bool(classes) and not classes & set(_CLASSES)
-        return Comparison(columns.T, meaning, relations)
+        columns[place["compound"]] = named_last.kept
+        columns[place["feigned"]] = named_last.feigned
+        columns[place["other_name"]] = named_last.other
+        purpose = np.maximum.reduceat(self._purposes @ question, self._purpose_starts)
+        columns[place["purpose"]] = np.where(self._has_purpose, purpose, _UNKNOWN * similarity)
+        verbs, glosses_of_verbs = verbs_of(self._verbs_in(words), self._lexicon)
+        columns[place["shared_words"]] = self._definition_words.shared(phrase)
+        columns[place["done"]] = self._definition_words.done(verbs)
+        columns[place["done_with"]] = self._definition_words.mentioned(glosses_of_verbs)
+        return Comparison(columns.T, meaning, relations, named_last)
 
     def relations(self, meaning: Meaning) -> Relations:
         """The lexicon's relations between a question of this meaning and the labels."""
@@ -279,6 +303,26 @@ class LabelMeanings:
         words = phrase.lower().split()
         return len(words) > 1 and not _DETERMINERS.isdisjoint(words[1:]) and self._lexicon.is_verb(words[0])
 
+    def _verbs_in(self, words: Sequence[str]) -> list[str]:
+        """What a question may say that is done: its first word where it is no name, and what follows "to"."""
+        first = words[:1] if self._is_verb_phrase(" ".join(words)) else []
+        return [*first, *(word for before, word in pairwise(words) if before == "to")]
+
+    def _compounds(self, text: str, match: NameMatch, meaning: Meaning, relations: Relations) -> Compounds:
+        """The labels that the question names last, or of which it says another name, with other words before."""
+        phrase = parse_noun_phrase(text)
+        _, head = split_modifiers(phrase.heads[0]) if len(phrase.heads) == 1 else (None, "")
+        words = head.split(" ")
+        bases: dict[int, int] = {}
+        if not self._is_verb_phrase(phrase.text) and _DETERMINERS.isdisjoint(words):
+            if not meaning.whole and 0 < meaning.words < len(words):
+                same = np.flatnonzero((relations.same == 1.0) & (self._whole > 0))
+                bases = dict.fromkeys(same.tolist(), meaning.words)
+            bases |= {label_id - 1: count for label_id, count in match.bases.items()}
+        first = meaning.ranked[0][0] if meaning.ranked else None
+        wider = {} if first is None else self._lexicon.wider(first.id)
+        return compounds(words, bases, meaning, self._meanings, wider)
+
     def _compare_words(self, phrase: str, match: NameMatch, columns: F64, place: Mapping[str, int]) -> None:
         words = label_key(phrase).split(" ")
         last, modifier, shared = np.zeros((3, self._count))
@@ -296,45 +340,6 @@ class LabelMeanings:
 
 def _names(dictionary: Dictionary) -> list[tuple[str, ...]]:
     return [(entry.label, *entry.aliases) for entry in dictionary.entries]
-
-
-def _label_meaning(names: Sequence[str], lexicon: Lexicon) -> Meaning:
-    """The senses of a label and its aliases."""
-    ranks: dict[Sense, float] = {}
-    whole = False
-    for name in names:
-        own = _ranked(lexicon.senses(name))
-        whole = whole or bool(own)
-        for sense, rare in own or _head_senses(name, lexicon):
-            ranks[sense] = min(rare, ranks.get(sense, rare))
-    return Meaning(tuple(ranks.items()), whole)
-
-
-def _head_senses(phrase: str, lexicon: Lexicon) -> tuple[tuple[Sense, float], ...]:
-    """The senses of the longest end of a phrase that the lexicon has: "tower" of "light tower"."""
-    words = phrase.lower().replace("-", " ").split()
-    for start in range(len(words)):
-        if senses := lexicon.senses(" ".join(words[start:])):
-            return _ranked(senses)
-    return ()
-
-
-def _ranked(senses: Sequence[Sense]) -> tuple[tuple[Sense, float], ...]:
-    """Those of things that can lie in a scene; the most frequent sense where there is none."""
-    solid = [sense for sense in senses if sense.lexical_class in _SOLID][:_SENSES] or senses[:1]
-    return tuple((sense, _RARENESS * place) for place, sense in enumerate(solid))
-
-
-def _definitions(label: str, senses: Sequence[Sense], lexicon: Lexicon) -> list[str]:
-    """Those of a label's senses, each after its name, and that of what it is a kind of in its first sense."""
-    texts = [sense.definition for sense in senses[:_LABEL_DEFINITIONS]]
-    for above in (lexicon.sense(sense_id) for sense in senses[:1] for sense_id in sense.wider[:1]):
-        texts.append(f"{above.words[0]}, {above.definition}")
-    return [f"{label}: {_shortened(text, _LABEL_WORDS, _LABEL_CLAUSES)}" for text in texts]
-
-
-def _shortened(definition: str, words: int, clauses: int) -> str:
-    return " ".join("; ".join(definition.split("; ")[:clauses]).split()[:words])
 
 
 def _raise(values: F64, rows: tuple[Rows, F64] | None, of_steps: Callable[[F64], F64]) -> None:

@@ -117,6 +117,11 @@ def expanded(base: F64) -> F64:
         column["last_word"] * known,
         definition * column["verb_phrase"],
         similarity * column["verb_phrase"],
+        similarity * column["compound"],
+        definition * column["compound"],
+        column["kinship"] * known * (1.0 - related),
+        column["purpose"] * column["verb_phrase"],
+        column["shared_words"] * column["verb_phrase"],
     ]
     return np.vstack([base.T, *leads, *products]).T
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,27 +11,24 @@ from scipy.spatial import cKDTree
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
-from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.boxes import BOX_TRIM, vertical_axis
+from fastsplat.service.query.thing_extents import ThingExtents, thing_extents
+from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
 from fastsplat_contract.places import KnownSize, Place
 from fastsplat_contract.poses import rigid, vector3
-from fastsplat_contract.scenes import Box
 
 if TYPE_CHECKING:
     from fastsplat.service.query.edits import Edit
 
 F64 = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 _MAX_LENGTHS = 100
-_END = 0.05
-_NEIGHBORS = 4
-_APART = 6.0
+_UNSURE_ENDS = 0.03
+"""Of a thing's length, what its ends are unsure of where it gives the scene its scale."""
 
 
 def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
@@ -50,22 +47,29 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
         raise InvalidInputError(
             f"{len(places)} places", field="places", hint="Send one place to locate or one thing, or two places."
         )
-    located = []
+    located: list[Located] = []
+    extents: dict[int, ThingExtents] = {}
     for number, place in enumerate(places):
         try:
-            located.append(_located(index, place))
+            if place.thing is None:
+                located.append(locate(index, place))
+                continue
+            check_place(place, ("thing",))
+            index.things.check_all((place.thing,))
+            extents[place.thing] = _extents(index, place.thing)
+            located.append(_middle(place.thing, extents[place.thing]))
         except (InvalidInputError, NotFoundError) as error:
             raise error.within(f"places[{number}]") from error
     distance = center_distance = box = None
     sides: tuple[Length, ...] = ()
     if len(located) == 2:
-        distance = _length(index, *_nearest(index, *located))
+        distance = _length(index, *_nearest(index, located[0], located[1], extents))
         if any(one.is_thing for one in located):
             center_distance = _length(index, *_apart(*located))
     elif located[0].is_thing:
-        box = _box(index, located[0].thing_id)
-        deviations = side_deviations(index, located[0].thing_id, box)
-        sides = tuple(_length(index, side, deviation) for side, deviation in zip(box.size, deviations, strict=True))
+        measured = extents[located[0].thing_id]
+        box = measured.box
+        sides = tuple(_length(index, *side) for side in zip(box.size, measured.deviations, strict=True))
     return Measurement(
         places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.thing_id) for one in located),
         distance=distance,
@@ -117,11 +121,11 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
 
 
 def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
-    """A thing's measured side as a known length. Its box leaves out 1.5 % of the thing's weight at either end, which
-    for an even rod is 3 % of its length: that much more is unsure than where its ends are."""
+    """A thing's measured side as a known length. A scale lasts, and where a trained thing ends is nowhere surer than a
+    few per cent of its length: that much is added."""
     try:
         index.things.check_all((known.thing,))
-        box = _box(index, known.thing)
+        thing = _extents(index, known.thing)
     except (InvalidInputError, NotFoundError) as error:
         raise error.within(f"known_sizes[{number}]") from error
     if known.side == "height" and vertical_axis(index.scene.cameras) is None:
@@ -130,9 +134,9 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
             field=f"known_sizes[{number}].side",
             hint="Send the longest side, or a length between two places.",
         )
-    side = 2 if known.side == "height" else int(np.argmax(box.size))
-    value = box.size[side]
-    deviation = float(np.hypot(side_deviations(index, known.thing, box)[side], 2 * BOX_TRIM * value))
+    side = 2 if known.side == "height" else int(np.argmax(thing.box.size))
+    value = thing.box.size[side]
+    deviation = float(np.hypot(thing.deviations[side], _UNSURE_ENDS * value))
     if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
         raise InvalidInputError(
             f"the size of thing {known.thing} is too unsure to scale by",
@@ -142,64 +146,32 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
     return ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95)
 
 
-def _located(index: SceneIndex, place: Place) -> Located:
-    if place.thing is None:
-        return locate(index, place)
-    check_place(place, ("thing",))
-    index.things.check_all((place.thing,))
-    box = _box(index, place.thing)
-    center = np.array(box.center.position, dtype=np.float64)
-    axes = rigid(box.center.orientation, box.center.position)[:3, :3]
-    halves = np.array(side_deviations(index, place.thing, box)) / 2
-    return Located(center, axes @ np.diag(halves**2) @ axes.T, place.thing, is_thing=True)
-
-
-def _box(index: SceneIndex, thing_id: int) -> Box:
-    box = index.things.get(thing_id).box
-    if box is None:
+def _extents(index: SceneIndex, thing_id: int) -> ThingExtents:
+    extents = thing_extents(index, thing_id)
+    if extents is None or index.things.get(thing_id).box is None:
         raise NotFoundError(
             f"thing {thing_id} is too faint to be seen", field="thing", hint="Measure a thing that has a box."
         )
-    return box
+    return extents
 
 
-def _rows(index: SceneIndex, thing_id: int) -> Rows:
-    """The solid Gaussians of a thing or a part, without those that lie far from all others of it."""
-    things = index.things
-    rows = np.flatnonzero((things.owner == thing_id) | (things.part_owner == thing_id))
-    rows = np.intersect1d(rows, solid_rows(index.scene.gaussians))
-    if len(rows) <= _NEIGHBORS:
-        return rows
-    means = index.scene.gaussians.means[rows]
-    away = cKDTree(means).query(means, k=[_NEIGHBORS + 1])[0][:, 0]
-    return np.asarray(rows[away <= _APART * np.median(away)])
+def _middle(thing_id: int, extents: ThingExtents) -> Located:
+    """A thing as a place: the middle of its box, as sure as half of each side."""
+    pose = rigid(extents.box.center.orientation, extents.box.center.position)
+    axes, halves = pose[:3, :3], np.array(extents.deviations) / 2
+    return Located(pose[:3, 3], axes @ np.diag(halves**2) @ axes.T, thing_id, is_thing=True)
 
 
-def side_deviations(index: SceneIndex, thing_id: int, box: Box) -> tuple[float, float, float]:
-    """Standard deviations of a box's sides: of the outer 5 % of a thing's Gaussians at either end the median deviation
-    along the side, both ends together."""
-    rows = _rows(index, thing_id)
-    pose = rigid(box.center.orientation, box.center.position)
-    offsets = index.scene.gaussians.means[rows].astype(np.float64) - pose[:3, 3]
-    axes, deviations = axes_of(index, rows)
-    sides = []
-    for side in range(3):
-        along = offsets @ pose[:3, side]
-        spread = np.sqrt(((np.einsum("kji,j->ki", axes, pose[:3, side]) * deviations) ** 2).sum(axis=1))
-        low, high = np.quantile(along, [_END, 1 - _END])
-        ends = [float(np.median(spread[outer])) for outer in (along <= low, along >= high)]
-        sides.append(float(np.hypot(ends[0], ends[1])))
-    return sides[0], sides[1], sides[2]
-
-
-def _nearest(index: SceneIndex, one: Located, other: Located) -> tuple[float, float]:
+def _nearest(
+    index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ThingExtents]
+) -> tuple[float, float]:
     """Distance and deviation between two places; of a thing from its surface, the Gaussian nearest to the other."""
     if not one.is_thing and not other.is_thing:
         return _apart(one, other)
     if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
         return 0.0, 0.0
     means = index.scene.gaussians.means.astype(np.float64)
-    sets = [_rows(index, place.thing_id) if place.is_thing else None for place in (one, other)]
+    sets = [extents[place.thing_id].rows if place.is_thing else None for place in (one, other)]
     points = [one.point[None] if sets[0] is None else means[sets[0]]]
     points.append(other.point[None] if sets[1] is None else means[sets[1]])
     distances, near = cKDTree(points[1]).query(points[0])

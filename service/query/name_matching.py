@@ -26,6 +26,8 @@ class NameMatch:
             asked for.
         negated: label ids that the question denies: lid in "kettle without a lid".
         unchecked: words of the question that no entry answers for: "red", "with a hat"; "" without.
+        bases: by label id, how many of the last words of what is asked for are the entry's name, where other words
+            stand before it: 1 for the entry chair in "wicker chair". Whether that is a chair, no name says.
     """
 
     exact: tuple[int, ...] = ()
@@ -34,6 +36,7 @@ class NameMatch:
     mentions: dict[int, str] = field(default_factory=dict)
     negated: tuple[int, ...] = ()
     unchecked: str = ""
+    bases: dict[int, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ class NameIndex:
             mentions=self._mentions(phrase, {*heads, *hyponyms}),
             negated=tuple(sorted(negated)),
             unchecked=phrase.tail if heads else "",
+            bases=self._bases(phrase),
         )
 
     def _exact(self, group: str) -> tuple[tuple[int, ...], str]:
@@ -108,6 +112,22 @@ class NameIndex:
         missing = modifiers - frozenset[str]().union(*(entry.modifiers for entry in nearest))
         unchecked = " ".join(word for word in label_key(group).split(" ") if word in missing) if nearest else ""
         return tuple(sorted({entry.label_id for entry in nearest})), unchecked
+
+    def _bases(self, phrase: NounPhrase) -> dict[int, int]:
+        """The entries whose names what is asked for ends in, the longest such end, and how many words that has."""
+        if len(phrase.heads) != 1:
+            return {}
+        modifiers, head = split_modifiers(phrase.heads[0])
+        words = head.split(" ")
+        for start in range(1, len(words)):
+            named = [
+                entry.label_id
+                for entry in self._by_head.get(" ".join(words[start:]), [])
+                if entry.modifiers <= modifiers or modifiers <= entry.modifiers
+            ]
+            if named:
+                return dict.fromkeys(named, len(words) - start)
+        return {}
 
     def _named(self, groups: tuple[str, ...]) -> Iterator[int]:
         """Label ids of the entries that these noun groups name, and of kinds of them."""

@@ -223,7 +223,11 @@ class Ranker:
             relation_subject=subject,
             method=method,
         )
-        return replace(answer, explanation=explain(answer, match.unchecked, may_be, suggested))
+        unchecked = match.unchecked
+        if comparison is not None and judged.verdict == "related":
+            before = comparison.compounds.before.get(int(order[0]), "")
+            unchecked = " ".join(words for words in (before, unchecked) if words)
+        return replace(answer, explanation=explain(answer, unchecked, may_be, suggested))
 
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None

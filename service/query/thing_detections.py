@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.vertical import level_deviation
 from fastsplat.service.query.carriers import carrier_of
-from fastsplat.service.query.measuring import side_deviations
 from fastsplat.service.query.objects import masses
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.thing_extents import side_deviations
 from fastsplat.service.query.thing_measures import ThingShape
 from fastsplat.service.query.visibility import view_scores
 from fastsplat.service.scene.alignment import frame_id
@@ -74,8 +74,8 @@ def _detection(
     rotation: tuple[float, ...] = ()
     terms: tuple[CovarianceTerm, ...] = ()
     shape = index.things.measures.shape(thing.id)
-    if thing.box is not None:
-        deviations = side_deviations(index, thing.id, thing.box)
+    deviations = None if thing.box is None else side_deviations(index, thing.id, thing.box)
+    if thing.box is not None and deviations is not None:
         covariance, terms = position_covariance(index, thing.id, thing.box, deviations)
         position = tuple(covariance.ravel().tolist())
         turns = None if shape is None else rotation_covariance(index, shape, thing.box, deviations)

@@ -17,6 +17,7 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.perception.lexicon import Lexicon, find_lexicon
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.query.compounds import Compounds
 from fastsplat.service.query.embeddings import TextCache, text_caches
 from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import FILE, MeaningModel, expanded, model_for
@@ -249,6 +250,63 @@ def test_the_relation_is_said_in_field_and_sentence(
     assert (answer.relation, answer.relation_subject, answer.method) == (relation, subject, "lexicon")
     assert answer.verdict == ("exact" if relation == "same" else "related")
     assert answer.explanation.startswith(sentence)
+
+
+@pytest.mark.parametrize(
+    ("question", "kept", "feigned", "other", "before"),
+    [
+        ("wicker chair", "chair", "", "", "wicker"),
+        ("where are the wicker chairs?", "chair", "", "", "wicker"),
+        ("big wicker chair with a cushion", "chair", "", "", "wicker"),
+        ("rocking chair", "chair", "", "", "rocking"),
+        ("velvet sofa", "couch", "", "", "velvet"),
+        ("toy car", "", "car", "", ""),
+        ("porcelain cat", "", "cat", "", ""),
+        ("frying pan handle", "", "", "", ""),
+        ("push the chair into the car", "", "", "", ""),
+        ("chair", "", "", "", ""),
+    ],
+)
+def test_words_before_a_name_leave_it_what_it_is_or_do_not(
+    meanings: Callable[..., LabelMeanings],
+    calibrated_encoder: DrawnEncoder,
+    question: str,
+    kept: str,
+    feigned: str,
+    other: str,
+    before: str,
+) -> None:
+    found = _compounds(meanings(LABELS), calibrated_encoder, LABELS, question)
+    for mask, label in ((found.kept, kept), (found.feigned, feigned), (found.other, other)):
+        assert [each for each, there in zip(LABELS, mask, strict=True) if there] == ([label] if label else [])
+    assert list(found.before.values()) == ([before] if before else [])
+
+
+def test_the_lexicon_knows_names_that_end_in_a_name(
+    meanings: Callable[..., LabelMeanings], calibrated_encoder: DrawnEncoder
+) -> None:
+    labels = ("clock", "dog", "table", "wall")
+    for question, kept, other in (("wall clock", 0, None), ("prairie dog", None, 1), ("water table", None, 2)):
+        found = _compounds(meanings(labels), calibrated_encoder, labels, question)
+        assert np.flatnonzero(found.kept).tolist() == ([] if kept is None else [kept])
+        assert np.flatnonzero(found.other).tolist() == ([] if other is None else [other])
+
+
+def test_a_name_with_a_word_before_it_is_answered_and_the_word_not_checked(
+    ask: Callable[[Sequence[str], str], Answer],
+) -> None:
+    answer = ask(LABELS, "wicker chair")
+    assert (answer.verdict, answer.matches[0].label) == ("related", "chair")
+    assert (answer.relation, answer.relation_subject) == ("kind_of", "question")
+    assert answer.explanation.endswith('; "wicker" was not checked.')
+    assert ask(("wall", "cat"), "wall clock").verdict == "absent"
+    assert ask(LABELS, "toy car").relation != "kind_of"
+
+
+def _compounds(made: LabelMeanings, encoder: DrawnEncoder, labels: Sequence[str], question: str) -> Compounds:
+    names, cache = NameIndex(dictionary_of(labels)), TextCache(encoder, QuerySettings().templates, 99)
+    similarity = np.zeros(len(labels))
+    return made.compare(question, names.match(question), similarity, cache.embed(labels)).compounds
 
 
 @pytest.mark.parametrize("text", ["submarine", "toilet", "piano", "violin", "hammer throw champion", "banana republic"])

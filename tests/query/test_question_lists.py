@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.absence.questions import ABSENT, FITTED, PRESENT, doubles, read_cases
+from benchmarks.absence.questions import ABSENT, COMPOUNDS, FITTED, PRESENT, calibrating_keys, doubles, read_cases
+from fastsplat.service.common.dictionary import label_key
 
 
 def test_no_question_stands_in_two_lists() -> None:
@@ -16,6 +17,15 @@ def test_no_question_stands_in_two_lists() -> None:
     assert len(cases) >= 600 and len({case.scene for case in cases}) >= 12
     counts = Counter((case.scene, case.list) for case in cases)
     assert all(counts[scene, kind] >= 5 for scene in {case.scene for case in cases} for kind in PRESENT + ABSENT)
+
+
+def test_compounds_calibrate_and_end_in_a_name() -> None:
+    cases = read_cases(COMPOUNDS)
+    assert {label_key(case.question) for case in cases} <= calibrating_keys()
+    for case in cases:
+        if case.list == "compound":
+            assert label_key(case.question).split(" ")[-1] == label_key(case.answers[0]).split(" ")[-1], case.question
+    assert not {case.list for case in read_cases()} & {"compound", "feigned", "other", "sibling"}
 
 
 def test_the_proof_finds_every_kind_of_double() -> None:
@@ -30,7 +40,7 @@ def test_the_proof_finds_every_kind_of_double() -> None:
     assert not list(doubles([named("x", labels, "near", "pan flute of gold", gone)]))
 
 
-@pytest.mark.parametrize("line", ["kind: a thing -> spoon", "other: a thing"])
+@pytest.mark.parametrize("line", ["kind: a thing -> spoon", "another: a thing"])
 def test_a_bad_line_is_named(line: str, tmp_path: Path) -> None:
     (tmp_path / "list.txt").write_text(f"[room] cup\n{line}\n")
     with pytest.raises(ValueError, match="line 2"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fastsplat.service.perception.lexicon.wordnet import Lexicon, Sense
+from fastsplat.service.perception.lexicon.wordnet import Lexicon, Sense, Verb
 from fastsplat.service.perception.models.model_manifest import find_model
 
 
@@ -34,4 +34,4 @@ def find_lexicon(name: str, models: Path) -> Lexicon | None:
     return open_lexicon(name, models) if (models / inside).is_dir() else None
 
 
-__all__ = ["Lexicon", "Sense", "find_lexicon", "open_lexicon"]
+__all__ = ["Lexicon", "Sense", "Verb", "find_lexicon", "open_lexicon"]

@@ -54,8 +54,23 @@ class Sense:
     parts: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class Verb:
+    """One meaning of a verb.
+
+    Attributes:
+        words: lower case; all that mean this.
+        definition: without examples.
+        wider: ids of the meanings that this is a way of.
+    """
+
+    words: tuple[str, ...]
+    definition: str
+    wider: tuple[int, ...]
+
+
 class Lexicon:
-    """The nouns of WordNet, and whether a word is a verb. Threads may share it.
+    """The nouns and verbs of WordNet. Threads may share it.
 
     Args:
         folder: has the `FILES`.
@@ -73,6 +88,8 @@ class Lexicon:
         self.senses = lru_cache(50_000)(self._senses)
         self.sense = lru_cache(50_000)(self._sense)
         self.wider = lru_cache(20_000)(self._wider)
+        self.verbs = lru_cache(5_000)(self._verbs)
+        self.verb = lru_cache(20_000)(self._verb)
 
     def close(self) -> None:
         """Give the files back; nothing can be asked any more."""
@@ -91,16 +108,29 @@ class Lexicon:
             ModelUnavailableError: the files contradict each other.
         """
         for lemma in _singulars(" ".join(noun.lower().split())):
-            line = self._line("index.noun", lemma)
-            if line is not None:
-                fields = line.split()
-                try:
-                    count, pointers = int(fields[2]), int(fields[3])
-                    offsets = [int(offset) for offset in fields[6 + pointers : 6 + pointers + count]]
-                except (IndexError, ValueError) as error:
-                    raise self._damaged("index.noun") from error
+            if offsets := self._offsets("index.noun", lemma):
                 return tuple(self.sense(offset) for offset in offsets)
         return ()
+
+    def _verbs(self, word: str) -> tuple[Verb, ...]:
+        """The meanings of a verb as it stands, the most frequent first; none if the lexicon lacks it.
+
+        Raises:
+            ModelUnavailableError: the files contradict each other.
+        """
+        return tuple(self.verb(offset) for offset in self._offsets("index.verb", word))
+
+    def _offsets(self, file: str, lemma: str) -> list[int]:
+        """The places of a word's meanings in the file of data; none if the index lacks the word."""
+        line = self._line(file, lemma)
+        if line is None:
+            return []
+        fields = line.split()
+        try:
+            count, pointers = int(fields[2]), int(fields[3])
+            return [int(offset) for offset in fields[6 + pointers : 6 + pointers + count]]
+        except (IndexError, ValueError) as error:
+            raise self._damaged(file) from error
 
     def _sense(self, sense_id: int) -> Sense:
         """The sense of an id.
@@ -108,27 +138,48 @@ class Lexicon:
         Raises:
             ModelUnavailableError: there is none at that place.
         """
-        data = self._files["data.noun"]
-        end = data.find(b"\n", sense_id)
-        fields, bar, gloss = data[sense_id : end if end >= 0 else len(data)].decode("utf-8", "replace").partition(" | ")
+        lexical_class, words, pointers, definition = self._entry("data.noun", sense_id)
+        nouns = [(symbol, offset) for symbol, offset, kind in pointers if kind == "n"]
+        return Sense(
+            id=sense_id,
+            lexical_class=_LEXICAL_CLASSES.get(lexical_class, ""),
+            words=words,
+            definition=definition,
+            wider=tuple(offset for symbol, offset in nouns if symbol in ("@", "@i")),
+            parts=tuple(offset for symbol, offset in nouns if symbol in ("%p", "%s")),
+        )
+
+    def _verb(self, verb_id: int) -> Verb:
+        """The meaning of a verb of an id.
+
+        Raises:
+            ModelUnavailableError: there is none at that place.
+        """
+        _, words, pointers, definition = self._entry("data.verb", verb_id)
+        above = tuple(offset for symbol, offset, kind in pointers if kind == "v" and symbol == "@")
+        return Verb(words, definition, above)
+
+    def _entry(self, file: str, place: int) -> tuple[int, tuple[str, ...], list[tuple[str, int, str]], str]:
+        """Of a line of data: the number of its class, its words, its pointers (symbol, place, part of speech) and the
+        definition without examples."""
+        data = self._files[file]
+        end = data.find(b"\n", place)
+        fields, bar, gloss = data[place : end if end >= 0 else len(data)].decode("utf-8", "replace").partition(" | ")
         parts = fields.split()
         try:
-            if not bar or int(parts[0]) != sense_id:
-                raise ValueError(sense_id)
+            if not bar or int(parts[0]) != place:
+                raise ValueError(place)
             words = int(parts[3], 16)
-            pointers = 4 + 2 * words
-            found = [parts[pointers + 1 + 4 * k : pointers + 5 + 4 * k] for k in range(int(parts[pointers]))]
-            nouns = [(symbol, int(offset)) for symbol, offset, kind, _ in found if kind == "n"]
-            return Sense(
-                id=sense_id,
-                lexical_class=_LEXICAL_CLASSES.get(int(parts[1]), ""),
-                words=tuple(parts[4 + 2 * k].replace("_", " ").lower() for k in range(words)),
-                definition=gloss.split('; "')[0].strip(),
-                wider=tuple(offset for symbol, offset in nouns if symbol in ("@", "@i")),
-                parts=tuple(offset for symbol, offset in nouns if symbol in ("%p", "%s")),
+            at = 4 + 2 * words
+            found = [parts[at + 1 + 4 * k : at + 5 + 4 * k] for k in range(int(parts[at]))]
+            return (
+                int(parts[1]),
+                tuple(parts[4 + 2 * k].replace("_", " ").lower() for k in range(words)),
+                [(symbol, int(offset), kind) for symbol, offset, kind, _ in found],
+                gloss.split('; "')[0].strip(),
             )
         except (IndexError, ValueError) as error:
-            raise self._damaged("data.noun") from error
+            raise self._damaged(file) from error
 
     def _wider(self, sense_id: int) -> Mapping[int, int]:
         """By id, how many steps up each sense is that this one is a kind of; itself 0.
