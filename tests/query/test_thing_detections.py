@@ -123,7 +123,7 @@ def test_what_is_said_goes_along_with_the_frame(made: Made, seed: int) -> None:
             new.box.center.position, motion[:3, :3] @ old.box.center.position + motion[:3, 3], atol=5e-3
         )
         turned = motion[:3, :3] @ _position(old) @ motion[:3, :3].T
-        np.testing.assert_allclose(_position(new), turned, atol=0.2 * np.abs(turned).max())
+        np.testing.assert_allclose(_position(new), turned, atol=0.3 * np.abs(turned).max())
         assert (old.support and old.support.thing_id) == (new.support and new.support.thing_id)
 
 
@@ -136,7 +136,7 @@ def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths
     assert book.box is not None and "scale" in book.covariance_terms and _listed(index).meters
     assert index.scene.scaling is not None
     arm = index.scene.scaling.deviation * np.array(book.box.center.position)
-    np.testing.assert_allclose(_position(book), 4 * _position(before) + np.outer(arm, arm), rtol=0.05, atol=1e-7)
+    np.testing.assert_allclose(_position(book), 4 * _position(before) + np.outer(arm, arm), rtol=0.1, atol=1e-7)
     # The frame of a map: lengths are still scaled from where the trained scene has its origin.
     shifted = Pose(Vector3(100.0, 0.0, 0.0), quaternion_of(np.eye(3)))
     far = made(apply_edit(index, Edit("align", alignment=Alignment("map", shifted))))
