@@ -17,8 +17,9 @@ from PIL import Image
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.foxglove_file import STEP_NS, SceneRecording, bounded_photos, foxglove_file
+from fastsplat.service.application.foxglove_file import STEP_NS, foxglove_file
 from fastsplat.service.application.geometry_files import points_file
+from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.aligning import align_scene
 from fastsplat.service.query.edits import Edit

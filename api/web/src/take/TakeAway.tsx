@@ -32,6 +32,7 @@ const ENDINGS: Record<ExportFormat, string> = {
   sog: "sog",
   mcap: "mcap",
   map: "map.zip",
+  rerun: "rrd",
 };
 
 interface Properties {
@@ -78,7 +79,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "map"];
+  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "rerun", "map"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
