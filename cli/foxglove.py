@@ -35,7 +35,7 @@ def foxglove(
     key_file: KeyFile = None,
     ca: Ca = None,
 ) -> None:
-    """Show a scene live in Foxglove: boxes, labels, points, floor map, cameras with photos. New versions are followed."""
+    """Show a scene live in Foxglove: boxes, labels, points, floor map, cameras. New versions are followed."""
     with needed(FOXGLOVE, "showing a scene in Foxglove", "scene", "on this machine"):
         from fastsplat.service.application.foxglove_live import LiveScene, follow
     stop = threading.Event()

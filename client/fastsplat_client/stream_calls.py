@@ -26,10 +26,10 @@ class StreamCalls:
     ) -> Iterator[PoseAnswer]:
         """A standing question: an answer for each pose, or for the newest of those that came faster than the answers.
 
-        When the connection breaks once the question was accepted, a new one is made: the newest question is asked
-        again by itself, and the newest pose if it has no answer yet, with the newest question. No pose is answered twice; those
-        that went with the connection are counted in `PoseAnswer.dropped`, new connections in `reconnected`. The pauses
-        between tries are spent where the next answer is waited for.
+        When the connection breaks once a question was accepted, a new one is made: the newest question is asked again
+        by itself, and by it the newest pose, if that has no answer yet. No pose is answered twice; those that went with
+        the connection are counted in `PoseAnswer.dropped`, new connections in `reconnected`. The pauses between tries
+        are spent where the next answer is waited for; poses are not read meanwhile.
 
         Args:
             question: what is asked of every pose.

@@ -40,6 +40,8 @@ _UP = {
 }
 _SURFACE_ALPHA, _THING_ALPHA = 100, 255
 
+rr.set_strict_mode(True)  # what is wrong is raised, where the package's default is to log it and to leave it out
+
 
 def rerun_file(index: SceneIndex, gaussians: Gaussians, recording: SceneRecording, things: Sequence[int] = ()) -> bytes:
     """An .rrd file. Each call gives other bytes of the same content: Rerun numbers its chunks by the clock.
@@ -62,7 +64,7 @@ def rerun_file(index: SceneIndex, gaussians: Gaussians, recording: SceneRecordin
     stream = rr.RecordingStream(
         _APPLICATION, recording_id=f"{recording.scene_id}-{recording.version}", make_default=False
     )
-    if not rr.is_enabled():
+    if not rr.is_enabled(stream):
         raise MissingPackageError(
             "Rerun's package records nothing here: the environment variable RERUN switches it off",
             field="format",

@@ -55,6 +55,9 @@ MEDIA_TYPES: Mapping[ExportFormat, str] = {
 }
 """Of each format, as HTTP names it."""
 
+UNREPEATABLE: frozenset[ExportFormat] = frozenset({"rerun"})
+"""Formats of which the same version is the same content, not the same bytes."""
+
 _WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras", "mcap", "map")
 
 ROBOT_RADIUS = 0.2
