@@ -12,7 +12,9 @@ from __future__ import annotations
 import io
 import json
 import logging
+import queue
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,6 +31,9 @@ SCENE_TOPIC = "/scene"
 
 _CAMERA_TOPICS = ("/camera/calibration", "/camera/image")
 _TRANSFORMS = "/tf"
+
+_MOST_WAIT_S = 0.5
+"""Until `stop` is looked at."""
 
 _log = logging.getLogger(__name__)
 
@@ -83,7 +88,7 @@ def recorded(content: bytes) -> Recorded:
 
 
 class LiveScene:
-    """A scene that Foxglove shows, and follows. A context manager; safe from any thread.
+    """A scene that Foxglove shows. A context manager; all its calls come from one thread, as `follow` makes them.
 
     Args:
         name: of the server, as Foxglove shows it.
@@ -97,14 +102,19 @@ class LiveScene:
 
     def __init__(self, name: str, host: str, port: int, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._lock = threading.Lock()
+        # The package tells of a subscription while it holds locks of its own, which sending needs, too.
+        self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._context = Context()
         self._channels: dict[str, Channel] = {}
         self._shown: Recorded | None = None
         self._camera = -1
         try:
             self._server = start_server(
-                name=name, host=host, port=port, context=self._context, server_listener=_Subscriptions(self._send_again)
+                name=name,
+                host=host,
+                port=port,
+                context=self._context,
+                server_listener=_Subscriptions(self._subscribed.put),
             )
         except Exception as error:  # the package raises RuntimeError or its own
             raise ResourceError(
@@ -130,34 +140,34 @@ class LiveScene:
     def show(self, content: bytes) -> None:
         """Show a file of `foxglove_file` from now on, in place of the one before; topics it lacks are taken back."""
         shown = recorded(content)
-        with self._lock:
-            self._shown, self._camera = shown, -1
-            for topic in [known for known in self._channels if known not in (*shown.topics, SCENE_TOPIC)]:
-                self._channels.pop(topic).close()
-            for topic, described in shown.topics.items():
-                if topic not in self._channels:
-                    self._channels[topic] = Channel(
-                        topic,
-                        schema=described.schema,
-                        message_encoding=described.message_encoding,
-                        context=self._context,
-                    )
-            if SCENE_TOPIC not in self._channels:
-                self._channels[SCENE_TOPIC] = Channel(SCENE_TOPIC, message_encoding="json", context=self._context)
-            for topic in self._channels:
-                self._log_still(topic)
+        self._shown, self._camera = shown, -1
+        for topic in [known for known in self._channels if known not in (*shown.topics, SCENE_TOPIC)]:
+            self._channels.pop(topic).close()
+        for topic, described in shown.topics.items():
+            if topic not in self._channels:
+                self._channels[topic] = Channel(
+                    topic, schema=described.schema, message_encoding=described.message_encoding, context=self._context
+                )
+        if SCENE_TOPIC not in self._channels:
+            self._channels[SCENE_TOPIC] = Channel(SCENE_TOPIC, message_encoding="json", context=self._context)
+        for topic in self._channels:
+            self._log_still(topic)
 
     def next_camera(self) -> None:
         """Show the next of the scene's cameras; after the last one the first."""
-        with self._lock:
-            if self._shown is not None and self._shown.cameras:
-                self._camera = (self._camera + 1) % len(self._shown.cameras)
-                self._log_still(_TRANSFORMS)
-                self._log_camera()
+        if self._shown is not None and self._shown.cameras:
+            self._camera = (self._camera + 1) % len(self._shown.cameras)
+            self._log_still(_TRANSFORMS)
+            self._log_camera()
 
-    def _send_again(self, topic: str) -> None:
-        """Somebody subscribes: what does not move, and the camera of the moment."""
-        with self._lock:
+    def attend(self, seconds: float) -> None:
+        """For so long, send to whoever subscribes what does not move, and the camera of the moment."""
+        until = time.monotonic() + seconds
+        while (left := until - time.monotonic()) > 0:
+            try:
+                topic = self._subscribed.get(timeout=left)
+            except queue.Empty:
+                return
             self._log_still(topic)
             self._log_camera(topic)
 
@@ -219,8 +229,8 @@ def follow(
         if camera_in_s <= 0:
             camera_in_s = camera_s
             scene.next_camera()
-        wait_s = min(camera_in_s, look_in_s)
-        stop.wait(wait_s)
+        wait_s = min(camera_in_s, look_in_s, _MOST_WAIT_S)
+        scene.attend(wait_s)
         look_in_s, camera_in_s = look_in_s - wait_s, camera_in_s - wait_s
 
 

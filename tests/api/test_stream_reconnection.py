@@ -64,6 +64,7 @@ class _Server:
         self.settings = settings
         self.scene_id = scene_id
         self.expected = expected
+        self._log = settings.data_dir.with_suffix(".log").open("ab")
         self._process: subprocess.Popen[bytes] | None = None
 
     @property
@@ -79,11 +80,12 @@ class _Server:
         self._process = subprocess.Popen(
             [sys.executable, "-c", _SERVE, self.settings.model_dump_json()],
             cwd=Path(__file__).parents[2],
-            stderr=subprocess.DEVNULL,
+            stderr=self._log,
         )
 
     def wait(self) -> None:
         def ready() -> bool:
+            assert self.runs, Path(self._log.name).read_text()
             try:
                 return httpx.get(f"http://127.0.0.1:{self.settings.http_port}/readyz", timeout=5).status_code == 200
             except httpx.HTTPError:

@@ -205,7 +205,7 @@ def test_an_edit_appears_without_a_restart(service: SceneService) -> None:
         viewer.subscribe("/things", "/scene")
         before = viewer.next("/things")
         assert "mug" in _names(before)
-        service.versions.edit(scene_id, [Edit("rename", label="mug", name="beaker")])
+        service.versions.edit(scene_id, [Edit("name", things=(1,), name="beaker")])
         after = viewer.next("/things")
         while "mug" in _names(after):
             after = viewer.next("/things")
@@ -232,7 +232,7 @@ def test_the_scene_of_a_server_is_followed_until_it_is_gone(service: SceneServic
         with _viewing(address) as viewer:
             viewer.subscribe("/points", "/things")
             assert len(viewer.next("/points").data) > 1000
-            service.versions.edit(scene_id, [Edit("rename", label="ball", name="globe")])
+            service.versions.edit(scene_id, [Edit("name", things=(2,), name="globe")])
             while "globe" not in _names(viewer.next("/things")):
                 pass
         service.delete_scene(scene_id)
