@@ -232,8 +232,8 @@ def test_the_scene_of_a_server_is_followed_until_it_is_gone(service: SceneServic
         with _viewing(address) as viewer:
             viewer.subscribe("/points", "/things")
             assert len(viewer.next("/points").data) > 1000
-            service.versions.edit(scene_id, [Edit("name", things=(2,), name="globe")])
-            while "globe" not in _names(viewer.next("/things")):
+            service.versions.edit(scene_id, [Edit("name", things=(2,), name="sphere")])
+            while "sphere" not in _names(viewer.next("/things")):
                 pass
         service.delete_scene(scene_id)
         assert process.wait(_PATIENCE_S) == 2
