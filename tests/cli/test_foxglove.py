@@ -181,7 +181,11 @@ def _check_cameras(viewer: _Viewer, read: dict[str, list[Any]]) -> None:
     """One after the other, in their order, beginning anywhere, and after the last one the first."""
     count = len(read["/camera/calibration"])
     poses = [_numbers(transform) for transform in read["/tf"]]
-    seen = [poses.index(_numbers(viewer.next("/tf"))) for _ in range(2 * count)]
+    seen: list[int] = []
+    while len(seen) < 2 * count:
+        number = poses.index(_numbers(viewer.next("/tf")))
+        if seen[-1:] != [number]:  # who subscribes gets the one of the moment, which may have come already
+            seen.append(number)
     assert seen == [(seen[0] + number) % count for number in range(2 * count)]
 
 
