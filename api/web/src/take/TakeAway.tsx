@@ -79,7 +79,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "rerun", "map"];
+  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "map"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
