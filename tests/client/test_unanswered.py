@@ -33,7 +33,8 @@ def test_the_newest_question_and_the_newest_pose_without_an_answer_are_sent_agai
     assert [_sent(each) for each in islice(unanswered.requests(second), 2)] == ["ball", 3]
     assert unanswered.answered(3) == 1  # 2 went with the connection
     unanswered.close(second)
-    assert [_sent(each) for each in unanswered.requests(third := Connection())] == ["ball", 4]
+    third = Connection()
+    assert [_sent(each) for each in unanswered.requests(third)] == ["ball", 4]
     assert third.asked == [2] and unanswered.ended and not unanswered.finished
     unanswered.answered(4)
     assert unanswered.finished
