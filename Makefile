@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -103,6 +103,9 @@ bench-relations: setup  ## drawn questions about places, sizes and colors in roo
 
 bench-assistant: setup  ## 200 questions with a known truth, asked through an assistant's tools: benchmarks/results/assistant.json
 	$(BIN)/python -m benchmarks.assistant --models "$(FASTSPLAT_MODELS)"
+
+bench-standing: setup  ## standing questions at 10 poses a second for 10 minutes, a training beside: benchmarks/results/standing.json
+	$(BIN)/python -m benchmarks.standing
 
 bench-absence: setup  ## answers to questions that nothing was fitted to, by FASTSPLAT_MODELS: benchmarks/results/absence.json
 	$(BIN)/python -m benchmarks.absence --models "$(FASTSPLAT_MODELS)"

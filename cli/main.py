@@ -15,6 +15,7 @@ from fastsplat.cli.check import check
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.export import export
+from fastsplat.cli.foxglove import foxglove
 from fastsplat.cli.health import health
 from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
@@ -53,6 +54,7 @@ app.command()(health)
 app.command()(status)
 app.command()(evaluate)
 app.command()(export)
+app.command()(foxglove)
 app.command()(import_splat)
 app.command()(tags)
 app.command()(check)

@@ -119,6 +119,7 @@ def _ask(folder: Path, key: str, url: str) -> None:
         (answer,) = client.query(operation.scene_id, "banana")
         print(answer.explanation)
         assert answer.verdict == "exact", answer
+        assert client.export(operation.scene_id, "mcap").startswith(b"\x89MCAP0"), "no file for Foxglove"
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, 
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.scene_exports import MEDIA_TYPES
+from fastsplat.service.application.scene_exports import MEDIA_TYPES, UNREPEATABLE
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal
@@ -36,7 +36,8 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
         )
-        headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
+        weak = "W/" if export.format in UNREPEATABLE else ""
+        headers = {"ETag": weak + etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
         content = await run_cancellable(request, threads.answer, lambda: service.exports.file(exact))

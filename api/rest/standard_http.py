@@ -55,4 +55,4 @@ def etag_of(*parts: object) -> str:
 def not_modified(request: Request, headers: dict[str, str]) -> Response | None:
     """304 if the client's copy has the ETag of `headers`; else None."""
     tags = {part.strip().removeprefix("W/") for part in request.headers.get("if-none-match", "").split(",")}
-    return Response(status_code=304, headers=headers) if tags & {headers["ETag"], "*"} else None
+    return Response(status_code=304, headers=headers) if tags & {headers["ETag"].removeprefix("W/"), "*"} else None

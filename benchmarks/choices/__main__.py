@@ -127,7 +127,7 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             }
             for value in values
         }
-        better = [by_data and all(gain > 2 * spread[data] for data, gain in by_data.items()) for by_data in gains.values()]
+        better = [by and all(gain > 2 * spread[data] for data, gain in by.items()) for by in gains.values()]
         judged[name] = {
             "gains": {value: {data: round(gain, 3) for data, gain in by.items()} for value, by in gains.items()},
             "spread": {data: round(value, 3) for data, value in spread.items()},
@@ -136,9 +136,7 @@ def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     return judged
 
 
-def _runs(
-    base: TrainingSettings, split: Split, chosen: Mapping[str, float]
-) -> Iterator[tuple[str, TrainingSettings]]:
+def _runs(base: TrainingSettings, split: Split, chosen: Mapping[str, float]) -> Iterator[tuple[str, TrainingSettings]]:
     if split == "test":
         yield "default seed=0", base
         if chosen:

@@ -31,13 +31,12 @@ from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, wr
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
+from benchmarks.serve.training_beside import training_beside
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import open_store
-from fastsplat_client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.json_codec import to_plain
 
-_ROOT = Path(__file__).parents[2]
 _GOAL = 1.5
 _TURNS = 3
 _VIEWS = 16
@@ -61,7 +60,7 @@ def main() -> None:
         store = open_store(settings.data_dir, settings.database_url)
         scene = add_scene(store, room(20_000, models))
         store.close()
-        with Api(settings, {}) as api, _training(api, settings, wanted=not options.no_training):
+        with Api(settings, {}) as api, training_beside(api, settings, wanted=not options.no_training):
             quiet, loud = _key(settings, "quiet"), _key(settings, "loud")
             figures = _measure(api, scene, quiet, loud, options.seconds, options.loud)
     finally:
@@ -134,32 +133,6 @@ def _camera(number: int) -> PosedCamera:
     pose[0, 3] = 0.02 * number
     side = _LOUD_SIDE
     return PosedCamera(Camera(side, side, 0.8 * side, 0.8 * side, side / 2, side / 2), pose, "")
-
-
-@contextmanager
-def _training(api: Api, settings: Settings, *, wanted: bool) -> Iterator[None]:
-    """A worker that trains the sample capture, from its first training step on, until the block ends."""
-    if not wanted:
-        yield
-        return
-    environment = {**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir), "FASTSPLAT_MODELS": str(settings.models)}
-    environment["FASTSPLAT_TRAINING__TIME_BUDGET_S"] = "3600"
-    log = (settings.data_dir.parent / "worker.log").open("ab")
-    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-    worker = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
-    try:
-        with Client(f"http://127.0.0.1:{api.http_port}", key=api.key, timeout_s=120) as client:
-            operation = client.create_scene(_ROOT / "demo/sample/images")
-            while not any(stage.stage == "training" and stage.fraction > 0 for stage in operation.stages):
-                if operation.done:
-                    raise RuntimeError(f"the training beside ended: {operation.error}")
-                time.sleep(1.0)
-                operation = client.operation(operation.id)
-        yield
-    finally:
-        worker.terminate()
-        worker.wait(60)
-        log.close()
 
 
 def _key(settings: Settings, name: str) -> str:

@@ -23,7 +23,8 @@ from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
-from fastsplat_client.stream import Grpc, PoseAnswer, StandingQuestion, grpc_address
+from fastsplat_client.stream import Grpc, grpc_address
+from fastsplat_client.stream_calls import StreamCalls
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
@@ -62,7 +63,7 @@ _USUAL = Retry()
 _LONG_POLL_S = 20.0
 
 
-class Client(ThingCalls, JobCalls, PhotoCalls):
+class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
     """One server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
@@ -367,18 +368,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls):
         """A scene, or only some of its things, as a file for other programs; formats and cell as in `ExportRequest`."""
         params = {"version": version, "thing": list(things), "cell": cell}
         return self._transport.call("GET", f"{scene_path(scene_id)}/scene.{file_format}", params=params).content
-
-    def stream_query(
-        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
-    ) -> Iterator[PoseAnswer]:
-        """A standing question: an answer for each pose, or for the newest of those that came faster than the answers.
-
-        Args:
-            question: what is asked of every pose.
-            poses: cameras as the robot moves, read on a thread of its own; a question among them replaces the one
-                before.
-        """
-        return self._grpc().stream_query(question, poses)
 
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:
         where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}

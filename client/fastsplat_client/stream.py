@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+import time
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import grpc
 from google.protobuf.message import DecodeError
 
 from fastsplat_client.errors import UnreachableError, error_of
+from fastsplat_client.silence import Heard
+from fastsplat_client.transport import Retry
+from fastsplat_client.unanswered import Connection, StandingQuestion, Unanswered
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
 from fastsplat_contract.pieces import READS_SKIPPED, answers_of, query_of
@@ -24,16 +27,19 @@ from fastsplat_contract.v1 import status_pb2
 
 
 @dataclass(frozen=True)
-class StandingQuestion:
-    """What is asked of every pose.
+class Reconnect(Retry):
+    """How a stream of answers goes on after its connection broke.
 
     Attributes:
-        request: one scene, without cameras and views.
-        heartbeat_s: how long the server may be silent; 0 for its own choice.
+        tries: connections in a row that may fail before the stream ends with the last one's error; 0: the stream ends
+            with its connection.
+        first_s, most_s: see `Retry`.
+        silence_s: a connection over which nothing comes for so long, heartbeats included, is taken for broken; at least
+            three heartbeats.
     """
 
-    request: QueryRequest
-    heartbeat_s: float = 0.0
+    tries: int = 40
+    silence_s: float = 30.0
 
 
 @dataclass(frozen=True)
@@ -41,11 +47,13 @@ class PoseAnswer:
     """What one pose brought.
 
     Attributes:
-        sequence: which of the poses, counted from 1.
+        sequence: which of the poses, counted from 1; it grows from answer to answer.
         question: which of the questions, counted from 1.
         answers: one a text.
-        dropped: how many poses before this one, and after the last answer, were not looked at.
+        dropped: how many poses before this one, and after the last answer, were not looked at, or went with a
+            connection.
         seconds: the server's, waiting aside.
+        reconnected: how many new connections it took since the last answer.
     """
 
     sequence: int
@@ -53,6 +61,7 @@ class PoseAnswer:
     answers: tuple[Answer, ...]
     dropped: int
     seconds: float
+    reconnected: int = 0
 
 
 @dataclass(frozen=True)
@@ -97,16 +106,51 @@ class Grpc:
             return query_of(call, request.outputs)
 
     def stream_query(
-        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion]
+        self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], reconnect: Reconnect
     ) -> Iterator[PoseAnswer]:
         """The answer to each pose that the server looks at; raises as `Client.stream_query`."""
-        with self.opened() as (stub, metadata):
-            questions: list[QueryRequest] = []
-            call = stub.StreamQuery(_requests(question, poses, questions), metadata=metadata)
+        unanswered = Unanswered(question, poses)
+        failed = reconnected = 0
+        established = False
+        while True:
+            connection = Connection()
             try:
-                yield from _answers(call, questions)
+                with closing(self._answers_over(connection, unanswered, reconnect.silence_s)) as answers:
+                    for answer in answers:
+                        yield replace(answer, reconnected=reconnected)
+                        reconnected = 0
+                broken: FastSplatError = UnreachableError("the server ended the stream")
+            except FastSplatError as error:
+                if not _may_pass(error):
+                    raise
+                broken = error
+            established |= connection.accepted
+            failed = 0 if connection.alive else failed
+            if (connection.whole and unanswered.ended) or (established and unanswered.finished):
+                if unanswered.error is not None:
+                    raise unanswered.error
+                return
+            if not established or failed >= reconnect.tries:
+                raise broken
+            time.sleep(reconnect.pause(failed) if broken.retry_after_s is None else broken.retry_after_s)
+            failed, reconnected = failed + 1, reconnected + 1
+
+    def _answers_over(
+        self, connection: Connection, unanswered: Unanswered, silence_s: float
+    ) -> Generator[PoseAnswer, None, None]:
+        """The answers that come over one connection."""
+        with self.opened() as (stub, metadata):
+            call = stub.StreamQuery(unanswered.requests(connection), metadata=metadata)
+            heard = Heard(call, lambda: max(silence_s, 3 * unanswered.longest_heartbeat_s))
+            try:
+                yield from _answers(heard, unanswered, connection)
+            except grpc.RpcError as error:
+                if heard.silent:
+                    raise UnreachableError("nothing came any more, not even a heartbeat") from error
+                raise
             finally:
-                call.cancel()
+                unanswered.close(connection)
+                heard.close()
 
 
 def grpc_address(server: ServerInfo, host: str) -> str:
@@ -161,31 +205,28 @@ def _kind(error: grpc.Call) -> Kind:
     return Kind[name] if name in Kind.__members__ else Kind.INTERNAL
 
 
-def _requests(
-    question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], questions: list[QueryRequest]
-) -> Iterator[pb.StreamQueryRequest]:
-    """What is sent; `questions` grows by each question."""
-    sequence = 0
-    for part in itertools.chain((question,), poses):
-        if isinstance(part, StandingQuestion):
-            questions.append(part.request)
-            standing = pb.StandingQuestion(query=to_proto(part.request), heartbeat_s=part.heartbeat_s)
-            yield pb.StreamQueryRequest(question=standing)
-        else:
-            sequence += 1
-            yield pb.StreamQueryRequest(pose=pb.StreamPose(sequence=sequence, camera=to_proto(part)))
+def _may_pass(error: FastSplatError) -> bool:
+    """Whether the same may be taken by a later connection: the network or the server broke off, or asks to wait."""
+    return error.kind in (Kind.UNAVAILABLE, Kind.CANCELLED) or error.retry_after_s is not None
 
 
-def _answers(call: Iterable[pb.StreamQueryResponse], questions: Sequence[QueryRequest]) -> Iterator[PoseAnswer]:
+def _answers(
+    replies: Iterable[pb.StreamQueryResponse], unanswered: Unanswered, connection: Connection
+) -> Iterator[PoseAnswer]:
+    """The answers that come over one connection, whose state is noted in it."""
     pieces: list[pb.QueryResponse] = []
-    dropped = 0
-    for reply in call:
+    for reply in replies:
         part = reply.WhichOneof("part")
+        if part == "accepted":
+            connection.accepted = True
+            continue
+        connection.alive = True
         if part == "response":
             pieces.append(reply.response)
-        elif part == "dropped":
-            dropped += reply.dropped.count
         elif part == "done":
-            answers = tuple(answers_of(pieces, questions[reply.question - 1].outputs))
-            yield PoseAnswer(reply.sequence, reply.question, answers, dropped, reply.done.seconds)
-            pieces, dropped = [], 0
+            number = connection.asked[reply.question - 1]
+            answers = tuple(answers_of(pieces, unanswered.question(number).outputs))
+            dropped = unanswered.answered(reply.sequence)
+            yield PoseAnswer(reply.sequence, number, answers, dropped, reply.done.seconds)
+            pieces = []
+    connection.whole = True

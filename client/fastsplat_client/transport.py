@@ -46,7 +46,7 @@ class Retry:
 
     def pause(self, attempt: int) -> float:
         """Seconds after the failed call `attempt`, counted from 0."""
-        return min(self.most_s, self.first_s * 2.0**attempt) * random.uniform(0.5, 1.0)
+        return min(self.most_s, self.first_s * 2.0 ** min(attempt, 60)) * random.uniform(0.5, 1.0)
 
 
 class Transport:

@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map", "rerun"]
 """What `ExportRequest.format` describes."""
 
 FILE_NAMES: Mapping[ExportFormat, str] = {
@@ -25,6 +25,7 @@ FILE_NAMES: Mapping[ExportFormat, str] = {
     "sog": "scene.sog",
     "mcap": "scene.mcap",
     "map": "scene.map.zip",
+    "rerun": "scene.rrd",
 }
 """Of each format, as a browser saves it."""
 
@@ -45,9 +46,10 @@ class ExportRequest(Request):
             "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
             "surfaces as triangles, GLB, a node for each thing; cameras: a zip of nerfstudio's transforms.json and "
             "COLMAP's binary model, with the points; sog: PlayCanvas' SOG, the smallest, rows in Morton order; "
-            "mcap: for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames; "
-            "map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of whole "
-            "scenes in metres with z up"
+            "mcap: for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames, floor "
+            "map; map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of "
+            "whole scenes in metres with z up; rerun: for Rerun: the splat, boxes with names, cameras with their "
+            "stored photos"
         ),
     ] = "ply"
     version: Version = ""

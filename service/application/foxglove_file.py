@@ -1,4 +1,4 @@
-"""A scene as an MCAP file for Foxglove: boxes with names, labelled points, cameras, photos and frames.
+"""A scene as an MCAP file for Foxglove: boxes with names, labelled points, cameras, photos, frames, floor map.
 
 This module needs the optional package foxglove-sdk, Foxglove's own writer with its own schemas.
 
@@ -12,63 +12,45 @@ then on, in their order, ten in a second of the file.
 
 from __future__ import annotations
 
-import colorsys
 import io
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from foxglove import Context, channels, messages, open_mcap
 from foxglove.mcap import MCAPWriteOptions
 from PIL import Image
 
+from fastsplat.service.application.scene_recording import (
+    SceneRecording,
+    described,
+    thing_color,
+    thing_facts,
+)
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.occupancy import FREE, OCCUPIED, OccupancyMap
 from fastsplat.service.scene.alignment import frame_id
 from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.point_ply import point_rows
-from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.poses import F64, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.scenes import Box
 from fastsplat_contract.thing_messages import SceneThing
 
-MOST_PHOTO_BYTES = 64 << 20
-"""Of all photos in one file; of a scene that has more, every second, third ... is in it."""
-
 STEP_NS = 100_000_000
 """Between two cameras."""
 
+_GRID = np.dtype([("occupancy", "i1"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
+_CELL_GRAYS = {FREE: 230, OCCUPIED: 20}
 _TEXT_PIXELS = 14.0
-_HUE_STEP = 0.618034
 _THING_ALPHA, _SURFACE_ALPHA = 0.35, 0.1
 _NUMERIC = {
+    "i1": messages.PackedElementFieldNumericType.Int8,
     "u1": messages.PackedElementFieldNumericType.Uint8,
     "u2": messages.PackedElementFieldNumericType.Uint16,
     "f4": messages.PackedElementFieldNumericType.Float32,
 }
-
-
-@dataclass(frozen=True)
-class SceneRecording:
-    """What an MCAP file says of a scene beside what is in its index.
-
-    Attributes:
-        scene_id, version, name: of the scene.
-        created_ns: when the version was made, nanoseconds since 1970.
-        points: a file of `point_ply`.
-        photos: JPEG files, by the number of their camera.
-        photos_left_out: how many stored ones are not among them.
-    """
-
-    scene_id: str
-    version: str
-    name: str
-    created_ns: int
-    points: bytes
-    photos: Mapping[int, bytes]
-    photos_left_out: int = 0
 
 
 def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence[int] = ()) -> bytes:
@@ -76,7 +58,8 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
 
     Topics: `/things` (foxglove.SceneUpdate: an entity for each thing that has a box, by its id, of a cube and a text),
     `/points` (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
-    `/camera/calibration`, `/camera/image`, `/tf`. Metadata: `scene`; `labels` and `things`, names by id.
+    `/camera/calibration`, `/camera/image`, `/tf`, and for scenes that have one `/map` (foxglove.Grid: `occupancy` as in
+    nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `things`, names by id.
 
     Args:
         index: the scene.
@@ -88,7 +71,7 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
     root, start = frame_id(scene), recording.created_ns
     # One thread: how several share the work may change the bytes.
     with open_mcap(buffer, context=context, writer_options=MCAPWriteOptions(compression_threads=0)) as writer:
-        writer.write_metadata("scene", _described(scene, recording, listed))
+        writer.write_metadata("scene", described(scene, recording, listed))
         writer.write_metadata("labels", {str(i): entry.label for i, entry in enumerate(scene.dictionary.entries, 1)})
         writer.write_metadata("things", {str(thing.id): thing.name for thing in listed})
         channels.SceneUpdateChannel("/things", context=context).log(
@@ -105,22 +88,10 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
             ),
             log_time=start,
         )
+        if recording.floor is not None:
+            channels.GridChannel("/map", context=context).log(_grid(recording.floor, root, start), log_time=start)
         _log_frames(scene, recording, root, context)
     return buffer.getvalue()
-
-
-def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> list[int]:
-    """The numbers of photos, evenly through all, that together are at most so large; as many as that allows.
-
-    Args:
-        sizes: bytes of each photo, by the number of its camera.
-        most: bytes.
-    """
-    numbers = sorted(sizes)
-    for step in range(1, len(numbers) + 1):
-        if sum(sizes[number] for number in numbers[::step]) <= most:
-            return numbers[::step]
-    return []
 
 
 def _log_frames(scene: Scene, recording: SceneRecording, root: str, context: Context) -> None:
@@ -146,31 +117,6 @@ def _log_frames(scene: Scene, recording: SceneRecording, root: str, context: Con
         calibration.log(_calibration(camera, frame, at), log_time=at)
 
 
-def _described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
-    scaling, metric = scene.scaling or capture_scaling(scene.quality), scene.scale == "METRIC"
-    up = vertical_axis(scene.cameras)
-    lines = {
-        "scene_id": recording.scene_id,
-        "version": recording.version,
-        "name": recording.name,
-        "frame_id": frame_id(scene),
-        "scale": scene.scale,
-        "unit": "metre" if metric else "arbitrary",
-        "up": "unknown" if up is None else json.dumps(up.tolist()),
-        "things": str(len(listed)),
-        "things_without_box": json.dumps([thing.id for thing in listed if thing.box is None]),
-        "cameras": str(len(scene.cameras)),
-        "photos": str(len(recording.photos)),
-        "photos_left_out": str(recording.photos_left_out),
-    }
-    if not metric:
-        lines["warning"] = "Lengths are not metres, though Foxglove shows them as such: the scene's scale is arbitrary."
-    elif scaling is not None:
-        lines["meters_per_unit"] = repr(float(scaling.meters_per_unit))
-        lines["meters_per_unit_95"] = json.dumps([float(scaling.low), float(scaling.high)])
-    return lines
-
-
 def _boxes(listed: Sequence[SceneThing], up: F64 | None, root: str, at: int) -> messages.SceneUpdate:
     return messages.SceneUpdate(
         entities=[
@@ -178,7 +124,7 @@ def _boxes(listed: Sequence[SceneThing], up: F64 | None, root: str, at: int) -> 
                 timestamp=_time(at),
                 frame_id=root,
                 id=str(thing.id),
-                metadata=[messages.KeyValuePair(key=key, value=value) for key, value in _facts(thing).items()],
+                metadata=[messages.KeyValuePair(key=key, value=value) for key, value in thing_facts(thing).items()],
                 cubes=[_cube(thing, thing.box)],
                 texts=[_text(thing, thing.box, up)],
             )
@@ -186,19 +132,6 @@ def _boxes(listed: Sequence[SceneThing], up: F64 | None, root: str, at: int) -> 
             if thing.box is not None
         ]
     )
-
-
-def _facts(thing: SceneThing) -> dict[str, str]:
-    return {
-        "name": thing.name,
-        "source": thing.source or "",
-        "probability": repr(float(thing.probability)),
-        "suggestions": json.dumps({each.name: float(each.probability) for each in thing.suggestions}),
-        "kind": thing.kind,
-        "surface": thing.surface,
-        "gaussians": str(thing.gaussian_count),
-        "meters": json.dumps(thing.meters),
-    }
 
 
 def _cube(thing: SceneThing, box: Box) -> messages.CubePrimitive:
@@ -226,8 +159,7 @@ def _text(thing: SceneThing, box: Box, up: F64 | None) -> messages.TextPrimitive
 
 
 def _color(thing_id: int, alpha: float) -> messages.Color:
-    """Colors of neighboring ids lie far apart."""
-    red, green, blue = colorsys.hsv_to_rgb(thing_id * _HUE_STEP % 1.0, 0.7, 1.0)
+    red, green, blue = thing_color(thing_id)
     return messages.Color(r=red, g=green, b=blue, a=alpha)
 
 
@@ -243,12 +175,38 @@ def _cloud(points: bytes, root: str, at: int) -> messages.PointCloud:
         frame_id=root,
         pose=_pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
         point_stride=packed.dtype.itemsize,
-        fields=[
-            messages.PackedElementField(name=name, offset=offset, type=_NUMERIC[kind.str[1:]])
-            for name, (kind, offset, *_) in (packed.dtype.fields or {}).items()
-        ],
+        fields=_fields(packed.dtype),
         data=packed.tobytes(),
     )
+
+
+def _grid(floor: OccupancyMap, root: str, at: int) -> messages.Grid:
+    """The floor at its height; what is unknown cannot be seen."""
+    packed = np.zeros(floor.cells.shape, _GRID)
+    packed["occupancy"] = floor.cells
+    for value, gray in _CELL_GRAYS.items():
+        for channel in ("red", "green", "blue"):
+            packed[channel][floor.cells == value] = gray
+        packed["alpha"][floor.cells == value] = 255
+    width = floor.cells.shape[1]
+    return messages.Grid(
+        timestamp=_time(at),
+        frame_id=root,
+        pose=_pose(Vector3(*floor.origin, floor.floor), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        column_count=width,
+        cell_size=messages.Vector2(x=floor.resolution, y=floor.resolution),
+        row_stride=width * _GRID.itemsize,
+        cell_stride=_GRID.itemsize,
+        fields=_fields(_GRID),
+        data=packed.tobytes(),
+    )
+
+
+def _fields(rows: np.dtype[Any]) -> list[messages.PackedElementField]:
+    return [
+        messages.PackedElementField(name=name, offset=offset, type=_NUMERIC[kind.str[1:]])
+        for name, (kind, offset, *_) in (rows.fields or {}).items()
+    ]
 
 
 def _calibration(camera: Camera, frame: str, at: int) -> messages.CameraCalibration:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,16 +24,19 @@ from fastsplat.service.application.map_files import map_bytes, map_file, map_of
 from fastsplat.service.application.mask_encodings import mask_ply
 from fastsplat.service.application.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
+from fastsplat.service.application.optional_packages import FOXGLOVE, RERUN, needed
 from fastsplat.service.application.photos import size_of
 from fastsplat.service.application.scene_page import scene_page
+from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.application.validate import check_texts
 from fastsplat.service.capture.scene_photos import photo_path
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.occupancy import OccupancyMap
 from fastsplat.service.scene import Gaussians
 from fastsplat.service.scene.sog_writing import sog_bytes
 from fastsplat.service.scene.spz_writing import spz_bytes
 from fastsplat.service.store import Store
-from fastsplat_contract.errors import InvalidInputError, MissingPackageError, NotFoundError, SceneFileError
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.exports import ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal
 
@@ -49,8 +51,12 @@ MEDIA_TYPES: Mapping[ExportFormat, str] = {
     "sog": "application/octet-stream",
     "mcap": "application/octet-stream",
     "map": "application/zip",
+    "rerun": "application/octet-stream",
 }
 """Of each format, as HTTP names it."""
+
+UNREPEATABLE: frozenset[ExportFormat] = frozenset({"rerun"})
+"""Formats of which the same version is the same content, not the same bytes."""
 
 _WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras", "mcap", "map")
 
@@ -95,7 +101,7 @@ class Exports:
                 format without cells, surfaces of a scene without cameras.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
-            MissingPackageError: mcap, where foxglove-sdk is not installed.
+            MissingPackageError: mcap or rerun, where the package that it needs is not installed.
             SceneFileError: a stored photo is damaged.
         """
         _check_cell(request)
@@ -189,21 +195,48 @@ class Exports:
             return splats_file(index, self._name(request), request.things)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with _foxglove_needed():
-            from fastsplat.service.application.foxglove_file import SceneRecording, bounded_photos, foxglove_file
+        with needed(FOXGLOVE, 'the format "mcap"'):
+            from fastsplat.service.application.foxglove_file import foxglove_file
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
+        floor, floor_missing = self._floor(index, version, request)
         with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
-            name = self._name(request)
-            recording = SceneRecording(
-                request.scene_id,
-                version,
-                name,
-                round(self._created_at(request.scene_id, version) * 1000) * 10**6,
-                points_file(index, name, request.things, request.cell, self._views_of(request, version)),
-                self._photo_contents(request.scene_id, version, files),
-                left_out,
-            )
+            views = self._views_of(request, version)
+            points = points_file(index, self._name(request), request.things, request.cell, views)
+            recording = self._recording(request, version, points, files, left_out)
+            recording = replace(recording, floor=floor, floor_missing=floor_missing)
             return foxglove_file(index, recording, request.things)
+
+    def _rerun(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with needed(RERUN, 'the format "rerun"'):
+            from fastsplat.service.application.rerun_file import rerun_file
+        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
+        gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+        with self._memory.reserve(export_bytes(gaussians) + 3 * sum(files.values()), "scene_id"):
+            recording = self._recording(request, version, b"", files, left_out)
+            return rerun_file(index, gaussians, recording, request.things)
+
+    def _recording(
+        self, request: ExportRequest, version: str, points: bytes, photos: Iterable[int], photos_left_out: int
+    ) -> SceneRecording:
+        created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
+        contents = self._photo_contents(request.scene_id, version, photos)
+        return SceneRecording(
+            request.scene_id, version, self._name(request), created_ns, points, contents, photos_left_out
+        )
+
+    def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
+        """The map of the floor, or why there is none."""
+        if request.things:
+            return None, "a map is of a whole scene"
+        try:
+            needed_bytes = map_bytes(index)
+        except InvalidInputError as error:
+            return None, error.message
+        with self._memory.reserve(needed_bytes, "scene_id"):
+            try:
+                return map_of(index, 0.0, self._views_of(request, version)), ""
+            except (InvalidInputError, LimitExceededError) as error:
+                return None, error.message
 
     def _photo_files(
         self, scene_id: str, version: str, cameras: int, choose: Callable[[Mapping[int, int]], Sequence[int]]
@@ -261,22 +294,8 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "sog": Exports._sog,
     "mcap": Exports._mcap,
     "map": Exports._map,
+    "rerun": Exports._rerun,
 }
-
-
-@contextmanager
-def _foxglove_needed() -> Iterator[None]:
-    """Within it, an import that fails for want of Foxglove's package raises `MissingPackageError`."""
-    try:
-        yield
-    except ImportError as error:
-        if (error.name or "").partition(".")[0] != "foxglove":
-            raise
-        raise MissingPackageError(
-            'the format "mcap" needs the package foxglove-sdk, which is not installed',
-            field="format",
-            hint="Install it where scenes are served: pip install 'fastsplat[foxglove]'.",
-        ) from error
 
 
 def _check_cell(request: ExportRequest) -> None:

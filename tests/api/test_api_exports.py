@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import io
 import shutil
 import sys
@@ -28,6 +29,7 @@ from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.api.upright_scene import add_upright_scene
+from tests.interop.rrd import components_of, recording_of
 
 
 @pytest.fixture(scope="module")
@@ -159,19 +161,53 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
     assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")
 
 
-def test_foxglove_files_without_its_package_are_refused_alike(
-    faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("name", "module", "package", "extra"),
+    [("mcap", "foxglove", "foxglove-sdk", "foxglove"), ("rerun", "rerun", "rerun-sdk", "rerun")],
+)
+def test_files_without_their_package_are_refused_alike(
+    faces: Faces, scene_id: str, name: str, module: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fastsplat.service.application import foxglove_file
-
-    monkeypatch.delitem(sys.modules, foxglove_file.__name__)
-    monkeypatch.delattr("fastsplat.service.application.foxglove_file")
-    monkeypatch.setitem(sys.modules, "foxglove", None)
-    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.mcap"))
+    writer = importlib.import_module(f"fastsplat.service.application.{module}_file")
+    monkeypatch.delitem(sys.modules, writer.__name__)
+    monkeypatch.delattr(writer.__name__)
+    monkeypatch.setitem(sys.modules, module, None)
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}"))
     with pytest.raises(grpc.RpcError) as caught:
-        _rpc(faces, scene_id, "mcap")
+        _rpc(faces, scene_id, name)
     assert rest.details == rpc_refusal(caught.value).details and rest.details["field"] == "format"
-    assert "foxglove-sdk" in rest.detail and "fastsplat[foxglove]" in rest.details["hint"]
+    assert package in rest.detail and f"fastsplat[{extra}]" in rest.details["hint"]
+
+
+@pytest.mark.parametrize("things", [(), (1,)])
+def test_recordings_for_rerun_hold_the_same_and_an_unchanged_one_is_not_sent_again(
+    faces: Faces, service: SceneService, scene_id: str, things: tuple[int, ...], tmp_path: Path
+) -> None:
+    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.rerun", params={"thing": list(things)})
+    assert response.headers["content-disposition"] == 'attachment; filename="scene.rrd"'
+    with client_of(faces) as client:
+        contents = [
+            service.exports.file(ExportRequest(scene_id, "rerun", things=things)),
+            response.content,
+            _rpc(faces, scene_id, "rerun", things),
+            client.export(scene_id, "rerun", things=things),
+        ]
+    read = []
+    for number, content in enumerate(contents):
+        path = tmp_path / f"{number}.rrd"
+        path.write_bytes(content)
+        assert recording_of(path) == ("fastsplat", f"{scene_id}-{service.versions.resolve(scene_id)}")
+        read.append(components_of(path))
+    assert read[0] == read[1] == read[2] == read[3]
+    photos = {entity for entity in read[0] if entity.endswith("/photo")}
+    assert len(photos) == len(service.photos.all(scene_id).photos) == 3
+    assert response.headers["etag"].startswith('W/"')  # the bytes differ
+    again = faces.rest.get(
+        f"/v1/scenes/{scene_id}/scene.rerun",
+        params={"thing": list(things)},
+        headers={"If-None-Match": response.headers["etag"]},
+    )
+    assert (again.status_code, again.content) == (304, b"")
 
 
 def test_photos_that_are_damaged_or_gone_refuse_the_foxglove_file(

@@ -17,11 +17,13 @@ from PIL import Image
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.foxglove_file import STEP_NS, SceneRecording, bounded_photos, foxglove_file
+from fastsplat.service.application.foxglove_file import STEP_NS, foxglove_file
 from fastsplat.service.application.geometry_files import points_file
+from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.aligning import align_scene
 from fastsplat.service.query.edits import Edit
+from fastsplat.service.query.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene import Scene
 from fastsplat.service.scene.alignment import frame_of
 from fastsplat.service.scene.scaling import ScaledLength, combined, scaled
@@ -128,6 +130,24 @@ def test_the_cloud_is_that_of_the_points_file(things: tuple[int, ...]) -> None:
         np.testing.assert_array_equal(rows[one.name], vertices[one.name])
     assert (rows["alpha"] == 255).all() and {"label", "thing"} <= set(fields)
     assert set(rows["thing"].tolist()) == set(things or (1, 2))
+
+
+def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
+    index = _index()
+    cells = np.array([[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, FREE]], np.int8)
+    floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", 1.5)
+    recording = SceneRecording("an-id", "v7", "wall", _START, points_file(index, "wall", (), 0.05), {}, floor=floor)
+    ((at, grid),) = _messages(foxglove_file(index, recording))["/map"]
+    assert (at, grid.frame_id, grid.column_count) == (_START, "scene", 3)
+    assert _numbers(grid.pose.position) == [-1.5, 2.0, 0.12] and (grid.cell_size.x, grid.cell_size.y) == (0.05, 0.05)
+    offsets = {field.name: field.offset for field in grid.fields}
+    assert {field.name: field.type for field in grid.fields}["occupancy"] == 2  # signed, as in nav_msgs/OccupancyGrid
+    for (row, column), value in np.ndenumerate(cells):  # rows lie along +y, columns along +x, as the cells do
+        cell = grid.data[row * grid.row_stride + column * grid.cell_stride :]
+        assert np.frombuffer(cell[offsets["occupancy"] :][:1], np.int8)[0] == value
+        assert (cell[offsets["alpha"]] == 0) == (value == UNKNOWN)
+        assert (cell[offsets["red"]] > 128) == (value == FREE)
+    assert "/map" not in _messages(_written(index))
 
 
 def test_cameras_follow_one_another_with_their_photos() -> None:

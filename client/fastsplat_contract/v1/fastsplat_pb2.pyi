@@ -797,6 +797,8 @@ class _ExportFormatEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ExportFo
     """MCAP for Foxglove"""
     EXPORT_FORMAT_MAP: _ExportFormat.ValueType  # 10
     """zip of the free and occupied floor, nav2's PGM and YAML"""
+    EXPORT_FORMAT_RERUN: _ExportFormat.ValueType  # 11
+    """Rerun recording"""
 
 class ExportFormat(_ExportFormat, metaclass=_ExportFormatEnumTypeWrapper): ...
 
@@ -822,6 +824,8 @@ EXPORT_FORMAT_MCAP: ExportFormat.ValueType  # 9
 """MCAP for Foxglove"""
 EXPORT_FORMAT_MAP: ExportFormat.ValueType  # 10
 """zip of the free and occupied floor, nav2's PGM and YAML"""
+EXPORT_FORMAT_RERUN: ExportFormat.ValueType  # 11
+"""Rerun recording"""
 Global___ExportFormat: _TypeAlias = ExportFormat  # noqa: Y015
 
 class _Role:
@@ -5094,8 +5098,9 @@ class ExportSceneRequest(_message.Message):
     a node for each thing, and the cameras; mesh: the surfaces as triangles, GLB, a node for each thing;
     cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points; sog: PlayCanvas' SOG,
     the smallest, rows in Morton order; mcap: for Foxglove: boxes with names, labelled points, cameras with their stored
-    photos, frames; map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of
-    whole scenes in metres with z up
+    photos, frames, floor map; map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server
+    reads it, of whole scenes in metres with z up; rerun: for Rerun: the splat, boxes with names, cameras with their
+    stored photos
     """
     version: _builtins.str
     """of the scene; empty: the current one"""

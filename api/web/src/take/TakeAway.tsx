@@ -32,6 +32,7 @@ const ENDINGS: Record<ExportFormat, string> = {
   sog: "sog",
   mcap: "mcap",
   map: "map.zip",
+  rerun: "rrd",
 };
 
 interface Properties {

@@ -15,6 +15,7 @@ export const takeTexts = {
       mesh: "Labelled mesh, GLB",
       cameras: "Both, with points, ZIP",
       mcap: "For Foxglove, MCAP",
+      rerun: "For Rerun, RRD",
       map: "Floor map for robots, ZIP",
     },
     kinds: { ply: "PLY", spz: "SPZ", sog: "SOG", points: "points", glb: "GLB", mesh: "mesh" },
