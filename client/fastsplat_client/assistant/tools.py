@@ -3,6 +3,7 @@ project has one."""
 
 from __future__ import annotations
 
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
@@ -23,6 +24,7 @@ from fastsplat_client.assistant.tool_results import (
     Related,
     SceneDescription,
     SceneInList,
+    Scenes,
     ThingBrief,
     Things,
     Unit,
@@ -38,7 +40,11 @@ from fastsplat_contract.scenes import Box, Scene, SceneObject, SceneSummary
 from fastsplat_contract.thing_messages import SceneThing
 
 _MOST_PLACES = 5
+_MOST_SCENES = 200
 _MOST_NAMES = 100
+_MOST_THINGS = 100
+_MOST_IDS = 500
+_MOST_CHARS = 80
 _MOST_WITNESSES = 20
 
 
@@ -56,16 +62,18 @@ def resolve_scene(client: Client, scene: str) -> SceneSummary:
         fitting = [each for each in scenes if each.state == "READY"]
     if len(fitting) == 1:
         return fitting[0]
-    names = "; ".join(f"{each.id} ({each.name})" for each in (fitting or scenes)[:20])
-    what = f"{len(fitting)} scenes fit {scene!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or scenes)[:20])
+    what = f"{len(fitting)} scenes fit {scene[:80]!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
     raise InvalidInputError(
         what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
     )
 
 
-def list_scenes(client: Client) -> list[SceneInList]:
-    """Every scene of the project, newest first."""
-    return [SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in client.scenes()]
+def list_scenes(client: Client) -> Scenes:
+    """The scenes of the project, newest first."""
+    every = list(client.scenes())
+    shown = [SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in every[:_MOST_SCENES]]
+    return Scenes(shown, len(every) - len(shown))
 
 
 def describe_scene(client: Client, scene: str) -> SceneDescription:
@@ -86,6 +94,7 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
         up=_up(shown),
         photos=shown.camera_count,
         names=dict(names.most_common(_MOST_NAMES)),
+        more_names=max(0, len(names) - _MOST_NAMES),
         unnamed_things=sum(not each.name for each in things),
         center=None if low is None or high is None else _rounded((low + high) / 2),
         size=None if low is None or high is None else _rounded(high - low),
@@ -116,6 +125,7 @@ def find(client: Client, text: str, scene: str) -> Found:
         explanation=answer.explanation,
         alternatives=labels[1:],
         things=_briefs(client, answer, answer.things),
+        more_things=max(0, len(answer.things) - _MOST_THINGS),
         unit=_unit(shown),
         unnamed_things=answer.searched.unnamed_things,
     )
@@ -151,7 +161,7 @@ def count(client: Client, text: str, scene: str) -> Count:
         probability=answer.probability,
         label=leading[0].label if leading else "",
         count=None if refused else len(counted),
-        counted=[] if refused else counted,
+        counted=[] if refused else counted[:_MOST_IDS],
         explanation=answer.explanation,
         unnamed_things=answer.searched.unnamed_things,
     )
@@ -177,14 +187,15 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         question=text,
         understood=list(phrase.conditions),
         things=_briefs(client, answer, phrase.things),
-        undecided=list(phrase.undecided),
+        more_things=max(0, len(phrase.things) - _MOST_THINGS),
+        undecided=list(phrase.undecided[:_MOST_IDS]),
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         explanation=answer.explanation,
         evidence=[
             Evidence(
                 each.condition,
                 each.thing,
-                list(each.others),
+                list(each.others[:_MOST_WITNESSES]),
                 each.measure,
                 round(each.value, 4),
                 each.unit,
@@ -200,7 +211,7 @@ def where_is(client: Client, text: str, scene: str) -> Where:
     """Where the things of the label that answers a text are, with what is not known of it."""
     shown = client.scene(resolve_scene(client, scene).id)
     answer = _ask(client, shown.id, text)
-    leading = _leading_objects(answer)[:_MOST_PLACES]
+    leading = _leading_objects(answer)
     return Where(
         scene=shown.id,
         question=text,
@@ -210,7 +221,8 @@ def where_is(client: Client, text: str, scene: str) -> Where:
         explanation=answer.explanation,
         unit=_unit(shown),
         frame=_frame(shown),
-        places=[_located(client, answer.scene_id, each, answer.version) for each in leading],
+        places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
+        more_places=max(0, len(leading) - _MOST_PLACES),
     )
 
 
@@ -227,10 +239,16 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     return Measured(shown.id, unit, distance, _interval(measured.center_distance), sides, sentence)
 
 
-def name_thing(client: Client, thing: int, name: str, aliases: list[str], scene: str) -> Named:
-    """A new version of the scene in which a thing has a name."""
+def name_thing(client: Client, thing: int, name: str, aliases: list[str], replaces: str, scene: str) -> Named:
+    """A new version of the scene in which a thing has a name; one that a person gave is replaced only where `replaces`
+    is that name.
+
+    Raises:
+        ConflictError: the thing has another name, given by a person.
+    """
     shown = resolve_scene(client, scene)
-    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=shown.version)
+    looked_at = shown.version if replaces and _name_of(client, shown, thing) == replaces.strip().casefold() else ""
+    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=looked_at)
     return Named(shown.id, thing, name, made.version)
 
 
@@ -268,10 +286,26 @@ def _ask(client: Client, scene_id: str, text: str, asker_view: str | None = None
 
 
 def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ThingBrief]:
-    if not ids:
-        return []
-    things = {each.id: each for each in client.things(answer.scene_id, version=answer.version, parts=True)}
-    return [_brief(things[number]) for number in ids if number in things]
+    """The first of these things, in their order."""
+    wanted = dict.fromkeys(ids[:_MOST_THINGS])
+    found: dict[int, SceneThing] = {}
+    for each in client.things(answer.scene_id, version=answer.version, parts=True) if wanted else ():
+        if each.id in wanted:
+            found[each.id] = each
+        if len(found) == len(wanted):
+            break  # what follows is pages of things that nobody asked for
+    return [_brief(found[number]) for number in wanted if number in found]
+
+
+def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
+    """What a thing is called, without regard to case; "" for a thing without a name, or none."""
+    things = client.things(scene.id, version=scene.version, parts=True)
+    return next((each.name.casefold() for each in things if each.id == thing_id), "")
+
+
+def _plain(text: str) -> str:
+    """A text on one line, without what changes how others are read, as reversed writing."""
+    return "".join(" " if unicodedata.category(each)[0] in "CZ" else each for each in text[:_MOST_CHARS])
 
 
 def _leading_objects(answer: Answer) -> list[SceneObject]:
