@@ -19,7 +19,7 @@ Folder = Annotated[
     Path,
     typer.Argument(
         metavar="DIR",
-        help=f"A folder that fastsplat train has made; {SAMPLE}, where there is none of that name: the trained sample scene.",
+        help=f"A folder that fastsplat train has made; {SAMPLE}, where there is none of that name: the sample scene.",
     ),
 ]
 
@@ -66,7 +66,7 @@ def ask(
 
 
 def view(folder: Folder) -> None:
-    """Show the scene of a folder, or the sample scene, in the browser, on this machine alone, until SIGTERM or SIGINT."""
+    """Show the scene of a folder, or the sample, in the browser, on this machine alone, until SIGTERM or SIGINT."""
     from fastsplat.service import library
 
     if _is_sample(folder):

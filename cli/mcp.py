@@ -1,4 +1,4 @@
-"""`fastsplat mcp`: an assistant's tools on standard input and output, over a running server or over the sample scene."""
+"""`fastsplat mcp`: an assistant's tools on standard input and output, over a running server or the sample scene."""
 
 from __future__ import annotations
 

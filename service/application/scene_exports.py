@@ -91,8 +91,8 @@ class Exports:
 
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
-            InvalidInputError: some things alone in a format that holds whole scenes, a text that is none, a cell that is none or for a
-                format without cells, surfaces of a scene without cameras.
+            InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
+                format without cells, surfaces of a scene without cameras, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
             MissingPackageError: mcap, where foxglove-sdk is not installed.

@@ -29,8 +29,7 @@ from fastsplat_contract.errors import ResourceError
 class Store:
     """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
 
-    `scenes` are those of `project`, "" for all, see `in_project`. `only_scene` is the id of the one that there is, "" for
-    all.
+    `scenes` are those of `project`, "" for all, see `in_project`. `only_scene` is the id of the only one, or "".
     """
 
     scenes: SceneRepository

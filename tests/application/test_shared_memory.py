@@ -37,9 +37,9 @@ def encoded(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def _add(service: SceneService, settings: Settings, project: str) -> str:
-    job = replace(queued_job(), project=project)
-    service._store.scenes.create(job)
-    finish_job(service._store.in_project(project), job.operation_id, made_scene(open_text_encoder(ENCODER, settings.models)))
+    job, store = replace(queued_job(), project=project), service._store.in_project(project)
+    store.scenes.create(job)
+    finish_job(store, job.operation_id, made_scene(open_text_encoder(ENCODER, settings.models)))
     return job.scene_id
 
 

@@ -1,4 +1,4 @@
-"""`fastsplat mcp --sample`: the official client starts the real command; what is true of the sample is how it was made."""
+"""`fastsplat mcp --sample`: the official client starts the real command; the truth is how the sample was made."""
 
 from __future__ import annotations
 

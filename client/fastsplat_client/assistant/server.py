@@ -142,7 +142,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         thing: Annotated[int, Field(ge=0, le=65535, description="id of a thing to tint orange; 0: none")] = 0,
         view: Annotated[str, Field(description="name of one of the scene's photos to look from")] = "",
         position: Annotated[
-            tuple[_Coordinate, _Coordinate, _Coordinate] | None, Field(description="x, y, z to stand at, instead of view")
+            tuple[_Coordinate, _Coordinate, _Coordinate] | None,
+            Field(description="x, y, z to stand at, instead of view"),
         ] = None,
         target: Annotated[
             tuple[_Coordinate, _Coordinate, _Coordinate] | None, Field(description="x, y, z to look at, with position")
@@ -193,7 +194,7 @@ def _refusals_word_for_word() -> Iterator[None]:
 
 
 class _Server(MCPServer[Any]):
-    """With refusals of its own in the form of the service's: pydantic's would quote what was sent, and name its site."""
+    """Refuses arguments in the form of the service: pydantic would quote what was sent, and name its own site."""
 
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None

@@ -121,7 +121,8 @@ class Found:
 
 @dataclass(frozen=True)
 class Count:
-    """How many things answer a text: `counted` are ids of at most 500 of them; None where it cannot be decided, see `explanation`."""
+    """How many things answer a text, None where it cannot be decided, see `explanation`; `counted` are ids of at most
+    500 of them."""
 
     scene: str
     question: str
@@ -136,7 +137,8 @@ class Count:
 
 @dataclass(frozen=True)
 class Evidence:
-    """One measurement behind an answer, beside at most 20 of what was compared: it holds with a `clearness` from 1 on, and does not from -1 down."""
+    """One measurement behind an answer, with at most 20 of the things that were compared: it holds with a `clearness`
+    from 1 on, and does not from -1 down."""
 
     condition: str
     thing: int

@@ -63,7 +63,9 @@ def resolve_scene(client: Client, scene: str) -> SceneSummary:
     if len(fitting) == 1:
         return fitting[0]
     names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or scenes)[:20])
-    what = f"{len(fitting)} scenes fit {scene[:80]!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    what = (
+        f"{len(fitting)} scenes fit {scene[:80]!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    )
     raise InvalidInputError(
         what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
     )
@@ -72,7 +74,9 @@ def resolve_scene(client: Client, scene: str) -> SceneSummary:
 def list_scenes(client: Client) -> Scenes:
     """The scenes of the project, newest first."""
     every = list(client.scenes())
-    shown = [SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in every[:_MOST_SCENES]]
+    shown = [
+        SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in every[:_MOST_SCENES]
+    ]
     return Scenes(shown, len(every) - len(shown))
 
 

@@ -134,7 +134,7 @@ def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -
 def _check_writable(folder: Path) -> None:
     """Make a folder if need be, and see that models may be put there.
 
-    The marks count for root, too, whom they do not stop: a directory is marked read-only because others use it as it is.
+    The marks count for root, too, whom they do not stop: a folder is marked read-only because others use it as it is.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -172,6 +172,7 @@ def _pull_one(
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
     _put_in_place(staged, models / entry.name, entry)
+    file_sha256.cache_clear()  # under these paths are other files now
     report(Step(entry.name, "ready"))
 
 
