@@ -22,6 +22,7 @@ _TRAINING = {"time_budget_s": None, "iterations": 4_000, "max_gaussians": 14_000
 _SETTINGS = {
     "FASTSPLAT_TRAINING": json.dumps(_TRAINING),
     "FASTSPLAT_DISCOVERY__THINGS": "on",
+    "FASTSPLAT_JOBS__NICENESS": "0",  # nobody else waits for this machine
     "FASTSPLAT_PHOTOS__MAX_SIDE": "320",
     "FASTSPLAT_PHOTOS__QUALITY": "75",
 }
