@@ -33,7 +33,7 @@ def main() -> None:
     """Train the scene, and write it where the package has it."""
     os.environ |= _SETTINGS  # before they are read
     from fastsplat.service import library
-    from fastsplat.service.library.sample import PLY_NAME, SAMPLE_ARCHIVE
+    from fastsplat.service.library.sample import SAMPLE_ARCHIVE
     from fastsplat.service.settings import load_settings
     from fastsplat.service.store import open_store
     from fastsplat.service.store.backup import back_up
@@ -45,7 +45,8 @@ def main() -> None:
         capture, data, saved = Path(work) / "sample", Path(work) / "data", Path(work) / "saved"
         for part in ("images", "masks"):
             shutil.copytree(_CAPTURE / part, capture / part)
-        shutil.copyfile(_CAPTURE / "transforms.json", capture / "transforms.json")
+        poses = {**json.loads((_CAPTURE / "transforms.json").read_text()), "units": "meters"}
+        (capture / "transforms.json").write_text(json.dumps(poses))
         with library.train(capture, data, name="sample") as scene:
             info, things = scene.info, scene.things()
             print(scene, {name: info.quality[name] for name in ("psnr",) if name in info.quality})
@@ -55,19 +56,25 @@ def main() -> None:
             back_up(store, data, "", saved)
         finally:
             store.close()
-        with zipfile.ZipFile(Path(work) / "scene.zip", "w", zipfile.ZIP_LZMA) as archive:
-            for path in sorted(saved.rglob("*")):
-                if path.is_file() and path.name != PLY_NAME:
-                    entry = zipfile.ZipInfo(path.relative_to(saved).as_posix(), _DATE)
-                    entry.compress_type = zipfile.ZIP_LZMA
-                    archive.writestr(entry, path.read_bytes())
-                    print(f"{archive.getinfo(entry.filename).compress_size:>9} {entry.filename}")
+        pack(saved, Path(work) / "scene.zip")
         made = Path(work) / "scene.zip"
         size = made.stat().st_size
         if size > _MOST_BYTES:
             raise SystemExit(f"{size} bytes are more than the {_MOST_BYTES} that a wheel is to carry")
         shutil.copyfile(made, out)
         print(f"{out}: {size} bytes")
+
+
+def pack(saved: Path, target: Path) -> None:
+    """A backup as the archive that `unpack_sample` reads: without the PLY file, and without dates."""
+    from fastsplat.service.library.sample import PLY_NAME
+
+    with zipfile.ZipFile(target, "w") as archive:
+        for path in sorted(saved.rglob("*")):
+            if path.is_file() and path.name != PLY_NAME:
+                entry = zipfile.ZipInfo(path.relative_to(saved).as_posix(), _DATE)
+                entry.compress_type = zipfile.ZIP_LZMA
+                archive.writestr(entry, path.read_bytes())
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def sample_folder() -> Iterator[Path]:
 
 
 def open_sample() -> LocalScene:
-    """The sample scene: a table with things of a kitchen, in meters, z up. Edits are gone when it is closed.
+    """The sample scene: a table with things on it, in meters. Edits are gone when it is closed.
 
     Raises:
         ResourceError, InvalidInputError: as `unpack_sample`.

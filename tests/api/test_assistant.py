@@ -373,9 +373,7 @@ def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(place: _Plac
         refusal = _refusal(_call(place.faces, "name_thing", editor, thing=1, name="beaker", scene=scene_id, **replaces))
         assert "CONFLICT: a person has named thing 1" in refusal
     assert place.service.get_scene(scene_id).version == version
-    said = _said(
-        _call(place.faces, "name_thing", editor, thing=1, name="beaker", replaces="Sphere", scene=scene_id)
-    )
+    said = _said(_call(place.faces, "name_thing", editor, thing=1, name="beaker", replaces="Sphere", scene=scene_id))
     assert said["version"] != version
 
 

@@ -78,14 +78,14 @@ def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
         return said
 
     yield _session(talk, models_dir, temporary)
-    assert list(temporary.iterdir()) == []  # the edits went with the session
+    assert list(temporary.glob("fastsplat*")) == []  # the edits went with the session
 
 
-def test_there_is_one_scene_in_meters_with_up_up(answers: dict[str, Any]) -> None:
+def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
     (scene,) = answers["list_scenes"]["scenes"]
     assert (scene["name"], scene["state"], scene["unit"], answers["list_scenes"]["more"]) == ("sample", "READY", "m", 0)
     described = answers["describe_scene"]
-    assert described["photos"] == 26 and described["up"].startswith("+z")
+    assert described["photos"] == 26 and described["grade"] == "good" and described["more_names"] == 0
     assert {"apple", "banana", "cup", "vase"} <= described["names"].keys()
     assert answers["scene_status"]["job"] == "SUCCEEDED"
     assert len(answers["list_things"]["things"]) >= 15
@@ -104,7 +104,7 @@ def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
 
 def test_things_are_counted_and_related(answers: dict[str, Any]) -> None:
     assert answers["count apples"]["count"] == 2
-    assert {"banana", "cup", "bottle"} <= {each["name"] for each in answers["on the table"]["things"]}
+    assert {"banana", "bowl", "cup", "plate"} <= {each["name"] for each in answers["on the table"]["things"]}
 
 
 def test_a_distance_is_the_true_one(answers: dict[str, Any]) -> None:
@@ -139,7 +139,7 @@ def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:
     assert "fastsplat models pull" in found.content[0].text
 
 
-def test_the_sample_takes_nothing_of_a_server(tmp_path: Path) -> None:
+def test_the_sample_takes_nothing_of_a_server() -> None:
     command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--sample", "--project", "kitchen"]
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "in this process" in done.stderr
