@@ -46,7 +46,7 @@ def mcp(
 
 @contextmanager
 def _sample() -> Iterator[Client]:
-    from fastsplat.cli.in_process import in_process
+    from fastsplat.cli.sample_service import in_process
     from fastsplat.service.library.sample import sample_folder
 
     with sample_folder() as folder, in_process(folder) as carrier, connect_in_process(carrier) as client:
