@@ -1,10 +1,10 @@
-"""`fastsplat train`, `ask` and `view`: a scene in a folder, without a server."""
+"""`fastsplat train`, `ask` and `view`: a scene in a folder, or the sample scene, without a server."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -12,7 +12,16 @@ from fastsplat.cli.serve_command import serve
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.train_more_messages import PresetName
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="A folder that fastsplat train has made.")]
+SAMPLE = "sample"
+"""What stands for the sample scene in the place of a folder."""
+
+Folder = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DIR",
+        help=f"A folder that fastsplat train has made; {SAMPLE}, where there is none of that name: the sample scene.",
+    ),
+]
 
 
 def train(
@@ -39,12 +48,12 @@ def ask(
     texts: Annotated[list[str], typer.Argument(metavar="TEXT...", help="What is looked for, in plain words.")],
     picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
 ) -> None:
-    """Ask the scene of a folder where things are."""
+    """Ask the scene of a folder, or the sample scene, where things are."""
     from fastsplat.service import library
 
     if picture is not None and len(texts) != 1:
         raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
-    with library.open_scene(folder) as scene:
+    with library.open_sample() if _is_sample(folder) else library.open_scene(folder) as scene:
         for text in texts:
             answer = scene.ask(text)
             typer.echo(answer.explanation)
@@ -57,9 +66,21 @@ def ask(
 
 
 def view(folder: Folder) -> None:
-    """Show the scene of a folder in the browser, on this machine alone, until SIGTERM or SIGINT."""
+    """Show the scene of a folder, or the sample, in the browser, on this machine alone, until SIGTERM or SIGINT."""
     from fastsplat.service import library
 
+    if _is_sample(folder):
+        with library.sample_folder() as sample:
+            _serve(sample)
     library.open_scene(folder).close()  # says what is wrong before anything starts
+    _serve(folder)
+
+
+def _serve(folder: Path) -> NoReturn:
     os.environ["FASTSPLAT_DATA_DIR"] = str(folder.resolve())
     serve(no_auth=True)
+    raise typer.Exit
+
+
+def _is_sample(folder: Path) -> bool:
+    return folder == Path(SAMPLE) and not folder.exists()

@@ -6,9 +6,10 @@ import os
 from pathlib import Path
 from typing import Annotated
 
+import httpx
 import typer
 
-from fastsplat_client import Client, share_link
+from fastsplat_client import Client, Retry, share_link
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.keys import NewKey
 
@@ -41,6 +42,11 @@ def connect(server: str, key_file: Path | None, ca: Path | None, project: str) -
         except (OSError, UnicodeDecodeError) as error:
             raise InvalidInputError(f"{key_file} cannot be read: {error}", field="key-file") from error
     return Client(server, key=key, ca=ca, project=project)
+
+
+def connect_in_process(carrier: httpx.BaseTransport) -> Client:
+    """A client of the server in this process to which `carrier` brings its requests."""
+    return Client("http://localhost", retry=Retry(tries=1), transport=carrier)
 
 
 def link_to_share(page: str, made: NewKey) -> str:

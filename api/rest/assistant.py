@@ -1,7 +1,7 @@
 """`/mcp`: the tools of an assistant in this process, under the caller's key, project and limits.
 
 A tool asks the service as any client does, through the whole application: what a key may not do over REST, no tool of
-it does, and a refusal is the same to the word.
+it does, and a refusal is the same to the word. Who goes away ends what their call has begun.
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
-from typing import Any
 
-import httpx
 from mcp.server.transport_security import TransportSecuritySettings
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Route
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.access.authenticator import Credentials
+from fastsplat.api.rest.in_process import InProcess
+from fastsplat.api.rest.problem_answers import BodyTooLargeError
 from fastsplat_client import Client, Retry
 from fastsplat_client.assistant import assistant_server
 
@@ -58,39 +58,65 @@ class _Endpoint:
         self._handle = handle
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        scope["state"]["loop"] = asyncio.get_running_loop()
-        await self._handle(scope, receive, send)
+        body = await _whole_body(receive)
+        gone = asyncio.Event()
+        unread: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def replayed() -> Message:
+            if unread:
+                return unread.pop()
+            await gone.wait()
+            return {"type": "http.disconnect"}
+
+        async def watch() -> None:
+            while (await receive())["type"] != "http.disconnect":
+                pass
+            gone.set()
+
+        transport = InProcess(scope["app"], asyncio.get_running_loop(), scope["client"])
+        scope["state"]["in_process"] = transport
+        handling = asyncio.ensure_future(self._handle(scope, replayed, send))
+        watching = asyncio.ensure_future(watch())
+        try:
+            await asyncio.wait((handling, watching), return_when=asyncio.FIRST_COMPLETED)
+            if not handling.done():
+                raise ClientDisconnect
+            handling.result()
+        finally:
+            watching.cancel()
+            handling.cancel()
+            transport.stop()
+
+
+async def _whole_body(receive: Receive) -> bytes:
+    """The body of a request.
+
+    Raises:
+        BodyTooLargeError: of more than a few lines.
+        ClientDisconnect: it did not come to its end.
+    """
+    body = bytearray()
+    while True:
+        message = await receive()
+        if message["type"] != "http.request":
+            raise ClientDisconnect
+        body += message.get("body", b"")
+        if len(body) > _MAX_REQUEST_BYTES:
+            raise BodyTooLargeError(_MAX_REQUEST_BYTES)
+        if not message.get("more_body", False):
+            return bytes(body)
 
 
 @contextmanager
 def _client_of(request: Request) -> Iterator[Client]:
     """A client of this very process, with the caller's key, project and address."""
     credentials = Credentials.of(request.headers)
-    transport = _InProcess(request.scope, request.scope["state"]["loop"])
     with Client(
         "http://localhost",
         key=credentials.key,
         project=credentials.project,
         timeout_s=_CALL_S,
         retry=Retry(tries=1),  # what is refused now, the assistant is to hear
-        transport=transport,
+        transport=request.scope["state"]["in_process"],
     ) as client:
         yield client
-
-
-class _InProcess(httpx.BaseTransport):
-    """Carries a worker thread's requests into the application on its event loop."""
-
-    def __init__(self, scope: Scope, loop: asyncio.AbstractEventLoop) -> None:
-        self._inner = httpx.ASGITransport(scope["app"], raise_app_exceptions=False, client=scope["client"])
-        self._loop = loop
-
-    def handle_request(self, request: httpx.Request) -> httpx.Response:
-        return asyncio.run_coroutine_threadsafe(self._answer(request), self._loop).result()
-
-    async def _answer(self, request: httpx.Request) -> httpx.Response:
-        headers: dict[str, Any] = {**request.headers, "accept-encoding": "identity"}
-        inner = httpx.Request(request.method, request.url, headers=headers, content=request.read())
-        response = await self._inner.handle_async_request(inner)
-        content = await response.aread()
-        return httpx.Response(response.status_code, headers=response.headers, content=content)

@@ -27,6 +27,8 @@ from fastsplat_contract.thing_prompts import ThingPrompt
 from fastsplat_contract.train_more_messages import PresetName, TrainMoreIn
 
 T = TypeVar("T")
+_PAGE = 500
+"""Entries that are asked for at a time; a server gives as many as it allows."""
 
 
 class ThingCalls:
@@ -271,7 +273,7 @@ class ThingCalls:
     def _pages(self, kind: type[Any], path: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
         token = ""
         while True:
-            page = self._get(kind, path, {**(params or {}), "page_token": token})
+            page = self._get(kind, path, {"page_size": _PAGE, **(params or {}), "page_token": token})
             yield from page[0]
             if not (token := page.next_page_token):
                 return

@@ -38,6 +38,7 @@ class LeastRecentlyUsed(Generic[K, V]):
                     self._drop(key, slot)
                     raise
                 slot.filled = True
+                self._make_room(slot)  # others may have been made meanwhile, for which there was room before
             return slot.value
 
     def drop(self, unwanted: Callable[[K], bool]) -> None:

@@ -51,7 +51,7 @@ class OpenScenes:
         self._encoder_lock = threading.Lock()
 
     def over(self, store: Store) -> OpenScenes:
-        """The same memory, encoders and lexicon, with the scenes of another view of the store."""
+        """The same memory, encoders and lexicon, with the scenes, and the embeddings, of another view of the store."""
         other = copy.copy(self)
         other._store = store
         return other
@@ -174,7 +174,7 @@ class OpenScenes:
         with self._encoder_lock:
             if encoder.name not in self._caches:
                 self._caches[encoder.name] = text_caches(encoder, self._settings.query)
-            return self._caches[encoder.name]
+            return self._caches[encoder.name].of(self._store.project)
 
     def _lexicon(self) -> Lexicon | None:
         from fastsplat.service.perception.lexicon import find_lexicon

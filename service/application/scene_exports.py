@@ -98,12 +98,13 @@ class Exports:
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
             InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
-                format without cells, surfaces of a scene without cameras.
+                format without cells, surfaces of a scene without cameras, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
             MissingPackageError: mcap or rerun, where the package that it needs is not installed.
             SceneFileError: a stored photo is damaged.
         """
+        check_texts(replace(request, scene_id=""))
         _check_cell(request)
         write = _WRITERS[request.format]
         return self._scenes.reading(

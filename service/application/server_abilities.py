@@ -137,7 +137,6 @@ def weighed_with_encoder(settings: Settings) -> bool:
     )
 
 
-@cache
 def _calibrated(
     name: str, models: Path, score: Score, templates: Sequence[str], negatives: Sequence[str]
 ) -> bool | None:
@@ -146,12 +145,16 @@ def _calibrated(
     return None if digest is None else calibration_for(name, digest, score, templates, negatives) is not None
 
 
-@cache
 def _digest(name: str, models: Path) -> str | None:
-    """The hash of an encoder's weights; None if it cannot be opened."""
-    from fastsplat.service.perception.text import open_text_encoder
-
+    """The hash of an encoder's weights; None if it cannot be opened, now."""
     try:
-        return open_text_encoder(name, models).sha256
+        return _opened_digest(name, models)
     except FastSplatError:
         return None
+
+
+@cache
+def _opened_digest(name: str, models: Path) -> str:
+    from fastsplat.service.perception.text import open_text_encoder
+
+    return open_text_encoder(name, models).sha256

@@ -1,6 +1,7 @@
 """Scenes in a notebook or a script, without a server."""
 
 from fastsplat.service.library.local_scene import LocalScene, Picture, open_scene
+from fastsplat.service.library.sample import open_sample, sample_folder
 from fastsplat.service.library.training_run import train
 
-__all__ = ["LocalScene", "Picture", "open_scene", "train"]
+__all__ = ["LocalScene", "Picture", "open_sample", "open_scene", "sample_folder", "train"]

@@ -7,7 +7,7 @@ FASTSPLAT_DATA_DIR set to it serves it to others. Several processes may have it 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -69,6 +69,7 @@ class LocalScene:
     def __init__(self, service: SceneService, scene_id: str) -> None:
         self._service = service
         self.id = scene_id
+        self._closing: list[Callable[[], object]] = []
 
     def __enter__(self) -> Self:
         return self
@@ -77,8 +78,14 @@ class LocalScene:
         self.close()
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Let go of the folder; that of `open_sample` is removed."""
         self._service.close()
+        while self._closing:
+            self._closing.pop()()
+
+    def on_close(self, action: Callable[[], object]) -> None:
+        """Call `action` when the scene is closed, once."""
+        self._closing.append(action)
 
     @property
     def info(self) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections import OrderedDict
 from collections.abc import Sequence
@@ -61,32 +62,41 @@ def embed_labels(dictionary: Dictionary, encoder: TextEncoder, templates: Sequen
 
 
 class TextCache:
-    """The embeddings of the names embedded most recently, by templates. Threads may share it."""
+    """The embeddings of the names embedded most recently, by owner and templates. Threads may share it."""
 
     def __init__(self, encoder: TextEncoder, templates: Sequence[str], size: int) -> None:
         self._encoder = encoder
         self._templates = tuple(templates)
         self._size = size
-        self._recent: OrderedDict[tuple[tuple[str, ...], str], F32] = OrderedDict()
+        self._owner = ""
+        self._recent: OrderedDict[tuple[str, tuple[str, ...], str], F32] = OrderedDict()
         self._lock = threading.Lock()
+
+    def of(self, owner: str) -> TextCache:
+        """The same memory, with the embeddings of one owner: how soon an answer comes tells nobody what others have
+        asked. Owners share the room, so that one may push out another's."""
+        other = copy.copy(self)
+        other._owner = owner
+        return other
 
     def embed(self, names: Sequence[str], templates: Sequence[str] | None = None) -> F32:
         """float32 [B, E], unit length; the encoder runs once, for the names that are new. `templates`: in place of the
         cache's own."""
         used = self._templates if templates is None else tuple(templates)
+        keys = {name: (self._owner, used, name) for name in names}
         embeddings: dict[str, F32] = {}
         with self._lock:
-            for name in names:
-                if (used, name) in self._recent:
-                    self._recent.move_to_end((used, name))
-                    embeddings[name] = self._recent[used, name]
-        new = [name for name in dict.fromkeys(names) if name not in embeddings]
+            for name, key in keys.items():
+                if key in self._recent:
+                    self._recent.move_to_end(key)
+                    embeddings[name] = self._recent[key]
+        new = [name for name in keys if name not in embeddings]
         if new:
             rows = embed_names(new, self._encoder, used)
             embeddings |= {name: row.copy() for name, row in zip(new, rows, strict=True)}  # a view would keep all rows
             with self._lock:
                 for name in new:
-                    self._recent[used, name] = embeddings[name]
+                    self._recent[keys[name]] = embeddings[name]
                 while len(self._recent) > self._size:
                     self._recent.popitem(last=False)
         return np.stack([embeddings[name] for name in names])
@@ -104,6 +114,10 @@ class TextCaches:
 
     texts: TextCache
     definitions: TextCache
+
+    def of(self, owner: str) -> TextCaches:
+        """The same memory, with the embeddings of one owner, see `TextCache.of`."""
+        return TextCaches(self.texts.of(owner), self.definitions.of(owner))
 
 
 def text_caches(encoder: TextEncoder, settings: QuerySettings) -> TextCaches:

@@ -29,7 +29,7 @@ from fastsplat_contract.errors import ResourceError
 class Store:
     """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
 
-    `scenes` are those of all projects, see `in_project`. `only_scene` is the id of the one that there is, "" for all.
+    `scenes` are those of `project`, "" for all, see `in_project`. `only_scene` is the id of the only one, or "".
     """
 
     scenes: SceneRepository
@@ -45,6 +45,7 @@ class Store:
     blobs: Blobs
     reserve: Reserve
     engine: Engine
+    project: str = ""
     only_scene: str = ""
 
     def in_project(self, project: str, scene_id: str = "") -> Store:
@@ -54,6 +55,7 @@ class Store:
             self,
             scenes=SceneRepository(self.engine, project, scene_id),
             known_names=KnownNameRepository(self.engine, project),
+            project=project,
             only_scene=scene_id,
         )
 

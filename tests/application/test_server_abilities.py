@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.application.server_abilities import page_addresses
+from fastsplat.service.application.server_abilities import _digest, page_addresses, weighed_with_encoder
 from fastsplat.service.application.service import open_service
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.settings import QuotaSettings, Settings
+from tests.api.made_scene import ENCODER, write_words
 from tests.scenes import queued_job
 
 
@@ -50,3 +53,12 @@ def test_quotas_are_those_of_the_project_and_only_workers_that_live_count(tmp_pa
         service.admin.projects.create("elsewhere")
         other = service.in_project("elsewhere").status("operator", "")
         assert other.project == "elsewhere" and all(quota.used == 0 for quota in other.quotas)
+
+
+def test_an_encoder_that_comes_later_is_known_then(tmp_path: Path) -> None:
+    """Models are pulled while the server runs; the lexicon may be there before the encoder."""
+    settings = Settings(models=tmp_path, perception=PerceptionSettings(text_encoder=ENCODER))
+    assert weighed_with_encoder(settings) is False
+    assert _digest(ENCODER, tmp_path) is None
+    write_words(tmp_path)
+    assert _digest(ENCODER, tmp_path) == open_text_encoder(ENCODER, tmp_path).sha256

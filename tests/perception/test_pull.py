@@ -18,7 +18,7 @@ from fastsplat.service.perception.models import sources
 from fastsplat.service.perception.models.model_manifest import PERMISSIVE, ROLES, find_model, load_manifest
 from fastsplat.service.perception.models.pull import Step, model_state, pull
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
 
 def _sha256(data: bytes) -> str:
@@ -232,3 +232,28 @@ def test_what_was_put_there_by_hand_is_kept_if_it_works(table: Path, tmp_path: P
     (folder / "own.npz").write_bytes(b"broken")
     pull(tmp_path / "models", report=lambda step: None, manifest=manifest)
     assert sorted(path.name for path in folder.iterdir()) == ["pulled.json", "table.npz"]
+
+
+@pytest.mark.parametrize("marked", ["directory", "model"])
+def test_what_is_marked_read_only_is_left_alone_by_root_too(table: Path, tmp_path: Path, marked: str) -> None:
+    manifest, models = _manifest(tmp_path, {"table.npz": (table, _sha256(table.read_bytes()))}), tmp_path / "models"
+    (models / "words").mkdir(parents=True)
+    (models / "words" / "table.npz").write_bytes(b"half a tab")
+    folder = models if marked == "directory" else models / "words"
+    folder.chmod(0o555)
+    steps: list[Step] = []
+    try:
+        with pytest.raises(ResourceError, match="read-only") as caught:
+            pull(models, report=steps.append, manifest=manifest)
+    finally:
+        folder.chmod(0o755)
+    assert caught.value.field == "models" and str(folder) in caught.value.message and "--models" in caught.value.hint
+    assert steps == [] and (models / "words" / "table.npz").read_bytes() == b"half a tab"
+    assert [path.name for path in models.iterdir()] == ["words"]
+    pull(models, report=steps.append, manifest=manifest)
+    models.chmod(0o555)  # nothing has to be written for models that are there
+    try:
+        pull(models, report=steps.append, manifest=manifest)
+    finally:
+        models.chmod(0o755)
+    assert steps[-1].what == "already there"

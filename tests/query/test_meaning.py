@@ -158,6 +158,18 @@ def test_a_shared_cache_keeps_no_more_than_its_size(calibrated_encoder: DrawnEnc
     assert all(row.base is None for row in cache._recent.values())  # a view would hold the 50 of its batch
 
 
+def test_owners_of_a_shared_cache_share_its_room_and_nothing_else(calibrated_encoder: DrawnEncoder) -> None:
+    cache = TextCache(calibrated_encoder, ("{}",), 4)
+    one, other = cache.of("one"), cache.of("other")
+    first = one.embed(["text 1", "text 2"])
+    calibrated_encoder.seen.clear()
+    assert np.array_equal(other.embed(["text 1", "text 2"]), first) and calibrated_encoder.seen == ["text 1", "text 2"]
+    calibrated_encoder.seen.clear()
+    assert np.array_equal(cache.of("one").embed(["text 1", "text 2"]), first) and calibrated_encoder.seen == []
+    other.embed(["text 3", "text 4"])
+    assert len(cache._recent) == 4
+
+
 def test_a_model_of_other_columns_or_prompts_serves_nobody(model: MeaningModel) -> None:
     assert model.base == BASE and len(model.mean) == expanded(np.zeros((1, len(BASE)))).shape[1]
     assert model_for("another@000000000000", "wordnet", model.templates) is None

@@ -31,6 +31,14 @@ class SceneInList:
 
 
 @dataclass(frozen=True)
+class Scenes:
+    """Scenes of the project; `more` of them were left out."""
+
+    scenes: list[SceneInList]
+    more: int
+
+
+@dataclass(frozen=True)
 class SceneDescription:
     """What is in a scene, and how far it can be relied on.
 
@@ -38,7 +46,7 @@ class SceneDescription:
         grade: good, fair or poor; None where nothing was measured.
         advice: what would make it better, one sentence each.
         up: which axis points up, and how that is known.
-        names: names of things, most frequent first, with how many things bear each.
+        names: names of things, most frequent first, with how many things bear each; `more_names` were left out.
         unnamed_things: things that nobody and nothing has named: what is not found by name may be one of them.
         center, size: of the box around all things, world frame.
     """
@@ -53,6 +61,7 @@ class SceneDescription:
     up: str
     photos: int
     names: dict[str, int]
+    more_names: int
     unnamed_things: int
     center: Point | None
     size: Point | None
@@ -92,7 +101,7 @@ class Found:
         label: what the leading thing is called in the scene; "" when absent.
         explanation: one sentence for people, word for word the service's.
         alternatives: other labels that answer, best first.
-        things: what answers, of `label` and the alternatives, in this order.
+        things: what answers, of `label` and the alternatives, in this order; `more_things` of them were left out.
         unnamed_things: how many things have no name: an absence was said of the named ones alone.
     """
 
@@ -105,13 +114,15 @@ class Found:
     explanation: str
     alternatives: list[str]
     things: list[ThingBrief]
+    more_things: int
     unit: Unit
     unnamed_things: int
 
 
 @dataclass(frozen=True)
 class Count:
-    """How many things answer a text: `counted` are their ids; None where it cannot be decided, see `explanation`."""
+    """How many things answer a text, None where it cannot be decided, see `explanation`; `counted` are ids of at most
+    500 of them."""
 
     scene: str
     question: str
@@ -126,7 +137,8 @@ class Count:
 
 @dataclass(frozen=True)
 class Evidence:
-    """One measurement behind an answer: it holds with a `clearness` from 1 on, and does not from -1 down."""
+    """One measurement behind an answer, with at most 20 of the things that were compared: it holds with a `clearness`
+    from 1 on, and does not from -1 down."""
 
     condition: str
     thing: int
@@ -143,16 +155,17 @@ class Related:
 
     Attributes:
         understood: the conditions that were read in it.
-        things: those that fulfill all of them.
-        undecided: ids of things of which it could not be decided.
+        things: those that fulfill all of them; `more_things` of them were left out.
+        undecided: ids of at most 500 things of which it could not be decided.
         refusal: why nothing is said, as pose_needed or too_close; "" if something is.
-        evidence: the measurements that decided.
+        evidence: at most 20 of the measurements that decided.
     """
 
     scene: str
     question: str
     understood: list[str]
     things: list[ThingBrief]
+    more_things: int
     undecided: list[int]
     refusal: str
     explanation: str
@@ -183,7 +196,7 @@ class WhereAbouts:
 
 @dataclass(frozen=True)
 class Where:
-    """Where what answers a text is; nothing when absent. `frame` names the coordinates."""
+    """Where what answers a text is; nothing when absent. `more_places` were left out; `frame` names the coordinates."""
 
     scene: str
     question: str
@@ -194,6 +207,7 @@ class Where:
     unit: Unit
     frame: str
     places: list[WhereAbouts]
+    more_places: int
 
 
 @dataclass(frozen=True)

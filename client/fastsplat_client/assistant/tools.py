@@ -4,26 +4,35 @@ project has one."""
 from __future__ import annotations
 
 import math
+import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from itertools import islice
 
-import numpy as np
-
+from fastsplat_client.assistant.tool_lengths import (
+    bounds_of,
+    frame_of,
+    interval_of,
+    known_length,
+    rounded,
+    spoken,
+    unit_of,
+    unit_source,
+    up_of,
+)
 from fastsplat_client.assistant.tool_results import (
     Count,
     Evidence,
     Found,
-    Interval,
     JobStatus,
     Measured,
     Named,
     NextPhotoPlace,
     NextPhotos,
-    Point,
     Related,
     SceneDescription,
     SceneInList,
+    Scenes,
     StandingPlace,
     ThingBrief,
     Things,
@@ -34,13 +43,16 @@ from fastsplat_client.assistant.tool_results import (
 )
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.measure_messages import Length
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import Box, Scene, SceneObject, SceneSummary
+from fastsplat_contract.scenes import SceneObject, SceneSummary
 from fastsplat_contract.thing_messages import SceneThing
 
 _MOST_PLACES = 5
+_MOST_SCENES = 200
 _MOST_NAMES = 100
+_MOST_THINGS = 100
+_MOST_IDS = 500
+_MOST_CHARS = 80
 _MOST_WITNESSES = 20
 
 
@@ -58,16 +70,22 @@ def resolve_scene(client: Client, scene: str) -> SceneSummary:
         fitting = [each for each in scenes if each.state == "READY"]
     if len(fitting) == 1:
         return fitting[0]
-    names = "; ".join(f"{each.id} ({each.name})" for each in (fitting or scenes)[:20])
-    what = f"{len(fitting)} scenes fit {scene!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or scenes)[:20])
+    what = (
+        f"{len(fitting)} scenes fit {scene[:80]!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
+    )
     raise InvalidInputError(
         what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
     )
 
 
-def list_scenes(client: Client) -> list[SceneInList]:
-    """Every scene of the project, newest first."""
-    return [SceneInList(each.id, each.name, each.state, each.label_count, _unit(each)) for each in client.scenes()]
+def list_scenes(client: Client) -> Scenes:
+    """The scenes of the project, newest first."""
+    every = list(client.scenes())
+    shown = [
+        SceneInList(each.id, each.name, each.state, each.label_count, unit_of(each)) for each in every[:_MOST_SCENES]
+    ]
+    return Scenes(shown, len(every) - len(shown))
 
 
 def describe_scene(client: Client, scene: str) -> SceneDescription:
@@ -75,7 +93,7 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
     shown = client.scene(resolve_scene(client, scene).id)
     things = list(client.things(shown.id, version=shown.version))
     names = Counter(each.name for each in things if each.name)
-    low, high = _bounds([each.box for each in things if each.box is not None])
+    low, high = bounds_of([each.box for each in things if each.box is not None])
     assessment = shown.assessment
     return SceneDescription(
         id=shown.id,
@@ -83,14 +101,15 @@ def describe_scene(client: Client, scene: str) -> SceneDescription:
         version=shown.version,
         grade=None if assessment is None else assessment.grade,
         advice=[] if assessment is None else [f"{each.message} {each.advice}" for each in assessment.findings],
-        unit=_unit(shown),
-        unit_source=_unit_source(shown),
-        up=_up(shown),
+        unit=unit_of(shown),
+        unit_source=unit_source(shown),
+        up=up_of(shown),
         photos=shown.camera_count,
         names=dict(names.most_common(_MOST_NAMES)),
+        more_names=max(0, len(names) - _MOST_NAMES),
         unnamed_things=sum(not each.name for each in things),
-        center=None if low is None or high is None else _rounded((low + high) / 2),
-        size=None if low is None or high is None else _rounded(high - low),
+        center=None if low is None or high is None else rounded((low + high) / 2),
+        size=None if low is None or high is None else rounded(high - low),
     )
 
 
@@ -99,7 +118,11 @@ def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
     shown = resolve_scene(client, scene)
     bearing = [each for each in client.things(shown.id) if not name or each.name.casefold() == name.casefold()]
     return Things(
-        shown.id, shown.version, _unit(shown), [_brief(each) for each in bearing[:limit]], max(0, len(bearing) - limit)
+        shown.id,
+        shown.version,
+        unit_of(shown),
+        [_brief(each) for each in bearing[:limit]],
+        max(0, len(bearing) - limit),
     )
 
 
@@ -118,7 +141,8 @@ def find(client: Client, text: str, scene: str) -> Found:
         explanation=answer.explanation,
         alternatives=labels[1:],
         things=_briefs(client, answer, answer.things),
-        unit=_unit(shown),
+        more_things=max(0, len(answer.things) - _MOST_THINGS),
+        unit=unit_of(shown),
         unnamed_things=answer.searched.unnamed_things,
     )
 
@@ -153,7 +177,7 @@ def count(client: Client, text: str, scene: str) -> Count:
         probability=answer.probability,
         label=leading[0].label if leading else "",
         count=None if refused else len(counted),
-        counted=[] if refused else counted,
+        counted=[] if refused else counted[:_MOST_IDS],
         explanation=answer.explanation,
         unnamed_things=answer.searched.unnamed_things,
     )
@@ -179,14 +203,15 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         question=text,
         understood=list(phrase.conditions),
         things=_briefs(client, answer, phrase.things),
-        undecided=list(phrase.undecided),
+        more_things=max(0, len(phrase.things) - _MOST_THINGS),
+        undecided=list(phrase.undecided[:_MOST_IDS]),
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
         explanation=answer.explanation,
         evidence=[
             Evidence(
                 each.condition,
                 each.thing,
-                list(each.others),
+                list(each.others[:_MOST_WITNESSES]),
                 each.measure,
                 round(each.value, 4),
                 each.unit,
@@ -194,7 +219,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
             )
             for each in phrase.witnesses[:_MOST_WITNESSES]
         ],
-        unit=_unit(shown),
+        unit=unit_of(shown),
     )
 
 
@@ -202,7 +227,7 @@ def where_is(client: Client, text: str, scene: str) -> Where:
     """Where the things of the label that answers a text are, with what is not known of it."""
     shown = client.scene(resolve_scene(client, scene).id)
     answer = _ask(client, shown.id, text)
-    leading = _leading_objects(answer)[:_MOST_PLACES]
+    leading = _leading_objects(answer)
     return Where(
         scene=shown.id,
         question=text,
@@ -210,9 +235,10 @@ def where_is(client: Client, text: str, scene: str) -> Where:
         probability=answer.probability,
         label=leading[0].label if leading else "",
         explanation=answer.explanation,
-        unit=_unit(shown),
-        frame=_frame(shown),
-        places=[_located(client, answer.scene_id, each, answer.version) for each in leading],
+        unit=unit_of(shown),
+        frame=frame_of(shown),
+        places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
+        more_places=max(0, len(leading) - _MOST_PLACES),
     )
 
 
@@ -221,12 +247,12 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
     shown = resolve_scene(client, scene)
     measured = client.measure(shown.id, *((first, second) if second else (first,)))
     unit: Unit = "m" if measured.meters else "scene units"
-    distance, sides = _interval(measured.distance), [_known(each) for each in measured.sides]
+    distance, sides = interval_of(measured.distance), [known_length(each) for each in measured.sides]
     if distance is not None:
-        sentence = f"From thing {first} to thing {second} it is {_spoken(distance, unit)}."
+        sentence = f"From thing {first} to thing {second} it is {spoken(distance, unit)}."
     else:
-        sentence = f"The box of thing {first} is " + " by ".join(_spoken(each, unit) for each in sides) + "."
-    return Measured(shown.id, unit, distance, _interval(measured.center_distance), sides, sentence)
+        sentence = f"The box of thing {first} is " + " by ".join(spoken(each, unit) for each in sides) + "."
+    return Measured(shown.id, unit, distance, interval_of(measured.center_distance), sides, sentence)
 
 
 def goal(client: Client, thing: int, robot_radius: float, scene: str) -> StandingPlace:
@@ -241,7 +267,7 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
     return StandingPlace(
         shown.id,
         thing,
-        _frame(shown),
+        frame_of(shown),
         position,
         round(place.yaw, 4),
         round(place.distance, 4),
@@ -250,10 +276,16 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
     )
 
 
-def name_thing(client: Client, thing: int, name: str, aliases: list[str], scene: str) -> Named:
-    """A new version of the scene in which a thing has a name."""
+def name_thing(client: Client, thing: int, name: str, aliases: list[str], replaces: str, scene: str) -> Named:
+    """A new version of the scene in which a thing has a name; one that a person gave is replaced only where `replaces`
+    is that name.
+
+    Raises:
+        ConflictError: the thing has another name, given by a person.
+    """
     shown = resolve_scene(client, scene)
-    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=shown.version)
+    looked_at = shown.version if replaces and _name_of(client, shown, thing) == replaces.strip().casefold() else ""
+    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=looked_at)
     return Named(shown.id, thing, name, made.version)
 
 
@@ -261,10 +293,10 @@ def photograph_next(client: Client, scene: str) -> NextPhotos:
     """Where to stand for the photos that would help a scene most."""
     shown = resolve_scene(client, scene)
     places = [
-        NextPhotoPlace(each.advice, each.near, _rounded(each.camera.world_from_camera[:3, 3]))
+        NextPhotoPlace(each.advice, each.near, rounded(each.camera.world_from_camera[:3, 3]))
         for each in client.next_photos(shown.id)
     ]
-    return NextPhotos(shown.id, _unit(shown), places)
+    return NextPhotos(shown.id, unit_of(shown), places)
 
 
 def scene_status(client: Client, scene: str) -> JobStatus:
@@ -291,10 +323,26 @@ def _ask(client: Client, scene_id: str, text: str, asker_view: str | None = None
 
 
 def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ThingBrief]:
-    if not ids:
-        return []
-    things = {each.id: each for each in client.things(answer.scene_id, version=answer.version, parts=True)}
-    return [_brief(things[number]) for number in ids if number in things]
+    """The first of these things, in their order."""
+    wanted = dict.fromkeys(ids[:_MOST_THINGS])
+    found: dict[int, SceneThing] = {}
+    for each in client.things(answer.scene_id, version=answer.version, parts=True) if wanted else ():
+        if each.id in wanted:
+            found[each.id] = each
+        if len(found) == len(wanted):
+            break  # what follows is pages of things that nobody asked for
+    return [_brief(found[number]) for number in wanted if number in found]
+
+
+def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
+    """What a thing is called, without regard to case; "" for a thing without a name, or none."""
+    things = client.things(scene.id, version=scene.version, parts=True)
+    return next((each.name.casefold() for each in things if each.id == thing_id), "")
+
+
+def _plain(text: str) -> str:
+    """A text on one line, without what changes how others are read, as reversed writing."""
+    return "".join(" " if unicodedata.category(each)[0] in "CZ" else each for each in text[:_MOST_CHARS])
 
 
 def _leading_objects(answer: Answer) -> list[SceneObject]:
@@ -310,7 +358,7 @@ def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> 
         each.label,
         point(place.point),
         round(place.plus_minus, 4),
-        [_known(side) for side in measured.sides],
+        [known_length(side) for side in measured.sides],
         list(islice(each.best_views, 3)),
     )
 
@@ -319,56 +367,3 @@ def _brief(thing: SceneThing) -> ThingBrief:
     box = thing.box
     center, size = (None, None) if box is None else (point(box.center.position), point(box.size))
     return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size)
-
-
-def _bounds(boxes: list[Box]) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """The axis-aligned box around oriented ones."""
-    if not boxes:
-        return None, None
-    signs = np.array(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5])).reshape(3, -1).T
-    corners = np.concatenate(
-        [(signs * box.size) @ box.center.matrix()[:3, :3].T + box.center.matrix()[:3, 3] for box in boxes]
-    )
-    return corners.min(axis=0), corners.max(axis=0)
-
-
-def _rounded(values: np.ndarray) -> Point:
-    x, y, z = (round(float(value), 4) for value in values)
-    return (x, y, z)
-
-
-def _unit(scene: SceneSummary) -> Unit:
-    return "m" if scene.scale == "METRIC" else "scene units"
-
-
-def _unit_source(scene: Scene) -> str:
-    if scene.scale == "ARBITRARY":
-        return "nothing says how long a scene unit is; say no length in meters"
-    if scene.scaling is None:
-        return "poses in meters came with the capture"
-    scaling = scene.scaling
-    share = 100 * (scaling.high - scaling.low) / 2 / scaling.meters_per_unit
-    return f"{scaling.source}; lengths are right within {share:.1f} % in 95 % of cases"
-
-
-def _up(scene: Scene) -> str:
-    if scene.vertical is None:
-        return "not known"
-    return f"+z, by {scene.vertical.source}, within {2 * scene.vertical.deviation_deg:.1f} degrees"
-
-
-def _frame(scene: Scene) -> str:
-    named = "" if scene.alignment is None else scene.alignment.frame
-    return f"map frame {named!r}" if named else "the scene's own world frame"
-
-
-def _interval(length: Length | None) -> Interval | None:
-    return None if length is None else _known(length)
-
-
-def _known(length: Length) -> Interval:
-    return Interval(round(length.value, 4), round(length.low, 4), round(length.high, 4))
-
-
-def _spoken(length: Interval, unit: Unit) -> str:
-    return f"{length.value:g} {unit} (95 %: {length.low:g} to {length.high:g})"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
@@ -17,9 +18,12 @@ from fastsplat.service.perception.models.model_files import RECEIPT
 from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
 from fastsplat.service.perception.models.sources import fetch_file
 from fastsplat.service.perception.onnx_session import file_sha256
-from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
 ModelState = Literal["ready", "unverified", "damaged", "absent"]
+
+_WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+_ELSEWHERE = "Allow writing (chmod u+w), or name another directory with --models or FASTSPLAT_MODELS."
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ def pull(
 
     Raises:
         InvalidInputError: an unknown name, or a license that needs a yes; nothing has been fetched then.
+        ResourceError: the directory, or a folder to be replaced, is marked read-only, or cannot be written; nothing has
+            been fetched then.
         ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
     """
     source = manifest or Path(__file__).parent / "manifest.toml"
@@ -79,7 +85,10 @@ def pull(
             missing.append(entries[name])
     if not missing:
         return
-    models.mkdir(parents=True, exist_ok=True)
+    _check_writable(models)
+    for entry in missing:
+        if (models / entry.name).is_dir():
+            _check_writable(models / entry.name)
     with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
         for entry in missing:
             _pull_one(entry, models, Path(work), source.parent, revision, report)
@@ -122,6 +131,24 @@ def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -
     return True
 
 
+def _check_writable(folder: Path) -> None:
+    """Make a folder if need be, and see that models may be put there.
+
+    The marks count for root, too, whom they do not stop: a folder is marked read-only because others use it as it is.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        marked = not folder.stat().st_mode & _WRITABLE
+    except OSError as error:
+        raise ResourceError(
+            f"the folder {folder} cannot be made: {error.strerror}", field="models", hint=_ELSEWHERE
+        ) from error
+    if marked:
+        raise ResourceError(f"the folder {folder} is marked read-only", field="models", hint=_ELSEWHERE)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ResourceError(f"the folder {folder} cannot be written", field="models", hint=_ELSEWHERE)
+
+
 def _pull_one(
     entry: ModelEntry, models: Path, work: Path, base: Path, revision: str | None, report: Callable[[Step], None]
 ) -> None:
@@ -145,6 +172,7 @@ def _pull_one(
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
     _put_in_place(staged, models / entry.name, entry)
+    file_sha256.cache_clear()  # under these paths are other files now
     report(Step(entry.name, "ready"))
 
 

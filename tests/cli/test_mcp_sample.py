@@ -1,0 +1,145 @@
+"""`fastsplat mcp --sample`: the official client starts the real command; the truth is how the sample was made."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Coroutine, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcp import Client as McpClient
+from mcp import StdioServerParameters, stdio_client
+from mcp_types import CallToolResult
+from PIL import Image
+
+Talk = Callable[[McpClient], Coroutine[Any, Any, Any]]
+
+_MIDDLES = {
+    "banana": (0.15, -0.2),
+    "bottle": (0.19, 0.27),
+    "clock": (-0.35, 0.06),
+    "cup": (-0.1, -0.02),
+    "teddy bear": (-0.005, 0.25),
+}
+"""Meters from the middle of the table, x and y, as `demo/sample_layout.py` places them."""
+
+
+def _session(talk: Talk, models: Path, temporary: Path) -> Any:
+    """What `talk` returns of a session with a process that can reach no server, and whose temporary files are there."""
+    environment = {**os.environ, "FASTSPLAT_MODELS": str(models), "TMPDIR": str(temporary)}
+    for name in ("FASTSPLAT_SERVER", "FASTSPLAT_KEY", "FASTSPLAT_DATA_DIR"):
+        environment.pop(name, None)
+    command = StdioServerParameters(
+        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--sample"], env=environment
+    )
+
+    async def session() -> Any:
+        async with McpClient(stdio_client(command)) as client:
+            return await talk(client)
+
+    return asyncio.run(session())
+
+
+def _said(result: CallToolResult) -> Any:
+    assert not result.is_error, result.content
+    assert result.structured_content is not None
+    return result.structured_content
+
+
+@pytest.fixture(scope="module")
+def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """What each of the twelve tools says, in one session."""
+    temporary = tmp_path_factory.mktemp("temporary")
+
+    async def talk(client: McpClient) -> dict[str, Any]:
+        async def call(tool: str, **arguments: Any) -> Any:
+            return _said(await client.call_tool(tool, arguments))
+
+        said: dict[str, Any] = {"tools": {tool.name for tool in (await client.list_tools()).tools}}
+        for tool in ("list_scenes", "describe_scene", "list_things", "photograph_next", "scene_status"):
+            said[tool] = await call(tool)
+        for name in (*_MIDDLES, "submarine"):
+            said[f"where_is {name}"] = await call("where_is", text=name)
+        said["count apples"] = await call("count", text="apples")
+        said["on the table"] = await call("relations", text="what is on the table?")
+        found = said["find"] = await call("find", text="banana")
+        ids = [said[f"where_is {name}"]["places"][0]["id"] for name in ("cup", "bottle")]
+        said["measure"] = await call("measure", first=ids[0], second=ids[1])
+        said["look_from"] = await client.call_tool("look_from", {"thing": found["things"][0]["id"]})
+        said["name_thing"] = await call("name_thing", thing=found["things"][0]["id"], name="breakfast")
+        said["find renamed"] = await call("find", text="breakfast")
+        return said
+
+    yield _session(talk, models_dir, temporary)
+    assert list(temporary.glob("fastsplat*")) == []  # the edits went with the session
+
+
+def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
+    (scene,) = answers["list_scenes"]["scenes"]
+    assert (scene["name"], scene["state"], scene["unit"], answers["list_scenes"]["more"]) == ("sample", "READY", "m", 0)
+    described = answers["describe_scene"]
+    assert described["photos"] == 26 and described["grade"] == "good" and described["more_names"] == 0
+    assert {"apple", "banana", "cup", "vase"} <= described["names"].keys()
+    assert answers["scene_status"]["job"] == "SUCCEEDED"
+    assert len(answers["list_things"]["things"]) >= 15
+
+
+@pytest.mark.parametrize("name", _MIDDLES)
+def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
+    where = answers[f"where_is {name}"]
+    assert where["verdict"] == "exact" and where["unit"] == "m"
+    assert np.allclose(where["places"][0]["center"][:2], _MIDDLES[name], atol=0.05)
+
+
+def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
+    assert answers["where_is submarine"]["verdict"] == "absent" and answers["where_is submarine"]["places"] == []
+
+
+def test_things_are_counted_and_related(answers: dict[str, Any]) -> None:
+    assert answers["count apples"]["count"] == 2
+    assert {"banana", "bowl", "cup", "plate"} <= {each["name"] for each in answers["on the table"]["things"]}
+
+
+def test_a_distance_is_the_true_one(answers: dict[str, Any]) -> None:
+    true = np.linalg.norm(np.subtract(_MIDDLES["cup"], _MIDDLES["bottle"]))
+    measured = answers["measure"]
+    assert measured["unit"] == "m" and 0 < measured["distance"]["value"] < measured["center_distance"]["value"]
+    assert abs(measured["center_distance"]["value"] - true) < 0.06  # their middles are not equally high
+
+
+def test_a_picture_is_drawn(answers: dict[str, Any]) -> None:
+    result = answers["look_from"]
+    assert not result.is_error, result.content
+    with Image.open(io.BytesIO(base64.b64decode(result.content[0].data))) as picture:
+        assert np.asarray(picture).std() > 10
+
+
+def test_a_name_that_is_given_is_found_in_that_session(answers: dict[str, Any]) -> None:
+    assert answers["find renamed"]["verdict"] == "exact"
+    assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing"]
+
+
+def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "temporary").mkdir()
+
+    async def talk(client: McpClient) -> Any:
+        return await client.call_tool("list_scenes", {}), await client.call_tool("find", {"text": "cup"})
+
+    listed, found = _session(talk, tmp_path / "models", tmp_path / "temporary")
+    assert len(_said(listed)["scenes"]) == 1
+    assert found.is_error and "MODEL_UNAVAILABLE" in found.content[0].text
+    assert "fastsplat models pull" in found.content[0].text
+
+
+def test_the_sample_takes_nothing_of_a_server() -> None:
+    command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--sample", "--project", "kitchen"]
+    done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "in this process" in done.stderr

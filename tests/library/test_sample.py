@@ -1,0 +1,91 @@
+"""The sample scene that comes with the product."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import fastsplat
+from fastsplat.service.library import sample
+from fastsplat.service.library.sample import SAMPLE_ARCHIVE, sample_folder, unpack_sample
+from fastsplat.service.store import open_store
+from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
+
+_MOST_BYTES = 3_000_000
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary files go."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path
+
+
+def test_it_is_small(temporary: Path) -> None:
+    assert SAMPLE_ARCHIVE.stat().st_size <= _MOST_BYTES
+
+
+def test_it_is_a_whole_data_folder(temporary: Path) -> None:
+    with sample_folder() as folder:
+        store = open_store(folder)
+        (scene_id,) = store.scenes.ready_scene_ids()
+        version = store.blobs.version(scene_id, store.scenes.scene(scene_id).version)
+        store.blobs.check_version(version)  # every byte, the PLY that was written again among them
+        assert len(list((version / "photos").glob("*.jpg"))) == 26
+        store.close()
+    assert list(temporary.iterdir()) == []
+
+
+def test_it_says_nothing_of_where_it_was_made(temporary: Path) -> None:
+    with sample_folder() as folder:
+        for path in folder.rglob("*"):
+            if path.suffix in (".sqlite", ".json"):
+                content = path.read_bytes()
+                assert not any(word in content for word in (b"/tmp/", b"/home/", b"/root/", b"/work/")), path
+
+
+def test_it_is_asked_and_gone_when_it_is_closed(models_dir: Path, temporary: Path) -> None:
+    with fastsplat.open_sample() as scene:
+        answer = scene.ask("cup")
+        assert answer.verdict == "exact" and len(answer.things) == 1
+        assert scene.info.scale == "METRIC"
+        scene.name(answer.things[0], "beaker of tea")
+        assert scene.ask("beaker of tea").things == answer.things
+    assert list(temporary.iterdir()) == []
+    with fastsplat.open_sample() as again:
+        assert "beaker of tea" not in {thing.name for thing in again.things()}
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(ConflictError, match="not empty"):
+        unpack_sample(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_a_missing_archive_and_a_damaged_one_are_said(
+    temporary: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sample, "SAMPLE_ARCHIVE", tmp_path / "none.zip")
+    with pytest.raises(ResourceError, match="not installed"):
+        unpack_sample(tmp_path / "data")
+    content = bytearray(SAMPLE_ARCHIVE.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    (tmp_path / "damaged.zip").write_bytes(content)
+    monkeypatch.setattr(sample, "SAMPLE_ARCHIVE", tmp_path / "damaged.zip")
+    with pytest.raises(InvalidInputError, match="damaged"):
+        unpack_sample(tmp_path / "data")
+    assert not (tmp_path / "data").exists()
+
+
+def test_the_word_sample_stands_for_it_where_no_folder_has_that_name(models_dir: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", "sample", "banana"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=tmp_path).stdout
+    assert "banana, at (" in said and ") m" in said
+    (tmp_path / "sample").mkdir()
+    refused = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert refused.returncode == 2 and "no scene in sample" in refused.stderr
