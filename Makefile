@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant page-picture sample docker-check clean
+.PHONY: help setup page look lock models demo test lint lint-api docs protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant page-picture sample docker-check clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -56,6 +56,10 @@ lint: setup  ## format and lint in place
 lint-api:  ## check the API's description by redocly and spectral (npm fetches them)
 	npx --yes @redocly/cli@2 lint --extends recommended --skip-rule operation-4xx-response api/rest/openapi.json
 	npx --yes @stoplight/spectral-cli@6 lint --fail-severity warn --ruleset api/rest/spectral.yaml api/rest/openapi.json
+
+docs: setup  ## the documentation as a site, with the reference of Python, REST and gRPC, in site/
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html"
 
 lock: setup  ## write constraints.txt from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed "s/+cpu$$//" > constraints.txt
@@ -117,4 +121,4 @@ bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results
 	$(BIN)/python -m benchmarks.trade --split test
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output $(WEB)/dist $(WEB)/node_modules
+	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -2,5 +2,6 @@
 
 from fastsplat.service.library.local_scene import LocalScene, Picture, open_scene
 from fastsplat.service.library.training_run import train
+from fastsplat.service.library.viewer import Viewer
 
-__all__ = ["LocalScene", "Picture", "open_scene", "train"]
+__all__ = ["LocalScene", "Picture", "Viewer", "open_scene", "train"]
