@@ -1,6 +1,6 @@
 """What `make docs` adds to the pages of this folder: the reference of Python, REST and gRPC, and linked files.
 
-A hook of mkdocs. Python's reference is made of the docstrings (mkdocstrings), REST's of `api/rest/openapi.json`, gRPC's of
+A hook of mkdocs. Python's reference is made of docstrings (mkdocstrings), REST's of `api/rest/openapi.json`, gRPC's of
 the comments in `protos/`.
 """
 
@@ -65,7 +65,11 @@ def python_page() -> str:
         parts += [f"## {package}", f"::: {package}", "    options: {show_root_heading: false}"]
         if package == "fastsplat_contract":
             for module in modules:
-                parts += [f"### {package}.{module}", f"::: {package}.{module}", "    options: {show_root_heading: false}"]
+                parts += [
+                    f"### {package}.{module}",
+                    f"::: {package}.{module}",
+                    "    options: {show_root_heading: false}",
+                ]
     return "\n\n".join(parts).replace("\n\n    options", "\n    options") + "\n"
 
 
@@ -89,7 +93,13 @@ def _operation(method: str, path: str, operation: Mapping[str, Any]) -> Iterator
     yield _text(operation.get("description", ""))
     if parameters := operation.get("parameters", ()):
         rows = [
-            (f"`{each['name']}`", each["in"], _type(each.get("schema", {})), _optional(each), _text(each.get("description", "")))
+            (
+                f"`{each['name']}`",
+                each["in"],
+                _type(each.get("schema", {})),
+                _optional(each),
+                _text(each.get("description", "")),
+            )
             for each in parameters
         ]
         yield _table(("parameter", "in", "type", "", ""), rows)
@@ -97,7 +107,9 @@ def _operation(method: str, path: str, operation: Mapping[str, Any]) -> Iterator
         yield f"Body, `{kind}`: {_type(content.get('schema', {}))}"
     rows = []
     for status, response in operation.get("responses", {}).items():
-        kinds = [f"`{kind}` {_type(body.get('schema', {}))}".strip() for kind, body in response.get("content", {}).items()]
+        kinds = [
+            f"`{kind}` {_type(body.get('schema', {}))}".strip() for kind, body in response.get("content", {}).items()
+        ]
         rows.append((status, _text(response.get("description", "")), "<br>".join(kinds)))
     yield _table(("status", "", "answer"), rows)
 
@@ -193,7 +205,9 @@ def _enum(enum: EnumDescriptorProto, path: tuple[int, ...], said: Mapping[tuple[
 
 
 def _field_type(field: FieldDescriptorProto, message: DescriptorProto) -> str:
-    entry = next((each for each in message.nested_type if field.type_name.endswith(f".{message.name}.{each.name}")), None)
+    entry = next(
+        (each for each in message.nested_type if field.type_name.endswith(f".{message.name}.{each.name}")), None
+    )
     if entry is not None and entry.options.map_entry:
         key, value = (_field_type(each, entry) for each in entry.field)
         return f"map of {key} to {value}"

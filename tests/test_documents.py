@@ -41,14 +41,14 @@ def test_files_of_the_repository_that_a_page_names_exist(page: str) -> None:
     assert sorted(path for path in paths if not (ROOT / path).exists()) == []
 
 
-@pytest.mark.parametrize("document", (*_DOCUMENTS, *_PAGES))
+@pytest.mark.parametrize("document", [*_DOCUMENTS, *_PAGES])
 def test_make_targets_that_a_document_names_exist(document: str) -> None:
     targets = set(re.findall(r"(?:^|`)make ([a-z-]*[a-z])\b(?![-*])", _text(document), re.MULTILINE))
     known = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     assert targets <= known and (targets or document in _PAGES)
 
 
-@pytest.mark.parametrize("document", (*_DOCUMENTS, *_PAGES))
+@pytest.mark.parametrize("document", [*_DOCUMENTS, *_PAGES])
 def test_settings_that_a_document_names_exist(document: str) -> None:
     names = set(re.findall(r"\bFASTSPLAT_[A-Z0-9_]*[A-Z0-9]\b(?!\*)", _text(document)))
     for name in names - _OF_A_PROCESS - _OF_THE_CLIENT:
@@ -59,13 +59,13 @@ def test_settings_that_a_document_names_exist(document: str) -> None:
             group = fields[part].annotation
 
 
-@pytest.mark.parametrize("document", (*_DOCUMENTS, *_PAGES))
+@pytest.mark.parametrize("document", [*_DOCUMENTS, *_PAGES])
 def test_modules_that_a_document_runs_exist(document: str) -> None:
     modules = re.findall(r"python -m ([\w.]+)", _text(document))
     assert [name for name in modules if importlib.util.find_spec(name) is None] == []
 
 
-@pytest.mark.parametrize("document", ("README.md", *_PAGES))
+@pytest.mark.parametrize("document", ["README.md", *_PAGES])
 def test_routes_that_a_document_names_exist(document: str) -> None:
     described = json.loads((ROOT / "api" / "rest" / "openapi.json").read_text())["paths"]
     routes = [re.compile(re.sub(r"\\\{[^{}]*\\\}", r"[^/]+", re.escape(route))) for route in described]
@@ -73,17 +73,19 @@ def test_routes_that_a_document_names_exist(document: str) -> None:
     assert sorted(path for path in named if not any(route.fullmatch(path) for route in routes)) == []
 
 
-@pytest.mark.parametrize("document", ("README.md", *_PAGES))
+@pytest.mark.parametrize("document", ["README.md", *_PAGES])
 def test_commands_of_the_product_that_a_document_names_exist_with_these_options(document: str) -> None:
     named = re.findall(r"`(?:\.venv/bin/)?fastsplat ([a-z][^`]*)`", " ".join(_text(document).split()))
     for line in named:
         command, _, rest = _command(_words(line), line)
         options = {name for parameter in command.params for name in (*parameter.opts, *parameter.secondary_opts)}
-        unknown = [word for word in rest if word.startswith("--") and word.partition("=")[0] not in {*options, "--help"}]
+        unknown = [
+            word for word in rest if word.startswith("--") and word.partition("=")[0] not in {*options, "--help"}
+        ]
         assert not unknown, f"fastsplat {line}"
 
 
-@pytest.mark.parametrize("document", ("README.md", *_PAGES))
+@pytest.mark.parametrize("document", ["README.md", *_PAGES])
 def test_command_lines_of_a_document_are_understood(document: str) -> None:
     for block in blocks_of(ROOT / document):
         lines = block.code.replace("\\\n", " ").splitlines() if block.language == "sh" else []
@@ -93,7 +95,9 @@ def test_command_lines_of_a_document_are_understood(document: str) -> None:
                 del words[0]
             if not words or words[0].removeprefix(".venv/bin/") != "fastsplat":
                 continue
-            end = next((place for place, word in enumerate(words) if word in ("|", "||", ">", "&", "&&", ";")), len(words))
+            end = next(
+                (place for place, word in enumerate(words) if word in ("|", "||", ">", "&", "&&", ";")), len(words)
+            )
             command, name, rest = _command(words[1:end], line)
             try:
                 command.make_context(name, ["1" if word.startswith("$") else word for word in rest])

@@ -29,6 +29,7 @@ _SMALL = {
     "FASTSPLAT_TRAINING__MAX_SH_DEGREE": "1",
     "FASTSPLAT_DISCOVERY__THINGS": "off",
     "FASTSPLAT_PROMPTS__VIEWS": "1",
+    "FASTSPLAT_SPLAT_IMPORT__PICTURES": "4",
     "FASTSPLAT_JOBS__POLL_INTERVAL_S": "0.2",
     "FASTSPLAT_JOBS__NICENESS": "0",  # a busy machine would hardly get to it
 }
@@ -79,7 +80,9 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     source, target = ROOT / "demo" / "sample", tmp_path_factory.mktemp("capture") / "photos"
     document = json.loads((source / "transforms.json").read_text())
     document["frames"] = document["frames"][:: len(document["frames"]) // _VIEWS][:_VIEWS]
+    del document["instances"]
     for frame in document["frames"]:
+        del frame["instance_path"]
         for path in (frame["file_path"], frame["mask_path"]):
             (target / path).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(source / path, target / path)

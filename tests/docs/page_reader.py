@@ -16,11 +16,11 @@ from nbclient.exceptions import CellExecutionError
 from tests.docs.page_blocks import Block
 
 _HANGS_S = 540
-_SCRIPT = """
+_SCRIPT = r"""
 set -aeuo pipefail
-trap 'export -p > "$_STATE"; declare -f >> "$_STATE"; echo "cd $(printf %q "$PWD")" >> "$_STATE"; env -0 > "$_STATE.env"' EXIT
+_keep() { export -p; declare -f; printf 'cd %q\n' "$PWD"; }
+trap '_keep > "$_STATE"; env -0 > "$_STATE.env"' EXIT
 if [ -f "$_STATE" ]; then . "$_STATE" > /dev/null; fi
-{code}
 """
 
 
@@ -69,7 +69,7 @@ class PageReader:
         printed = self._folder.with_name(f"{self._folder.name}.printed")
         with printed.open("wb") as sink:  # no pipe: what goes on in the background would keep it open
             process = subprocess.Popen(
-                ["bash", "-c", _SCRIPT.format(code=code)],
+                ["bash", "-c", _SCRIPT + code],
                 cwd=self._folder,
                 env=self._environment,
                 stdin=subprocess.DEVNULL,
@@ -95,7 +95,7 @@ class PageReader:
         try:
             self._client.execute_cell(cells[-1], len(cells) - 1)
         except CellExecutionError as error:
-            raise AssertionError(f"{where} failed:\n{error}") from None
+            raise AssertionError(f"{where} failed:\n{_plain(str(error))}") from None
 
     def _exported(self) -> dict[str, str]:
         """Variables that the shell has by now."""
@@ -107,3 +107,8 @@ class PageReader:
     def _mapped(self, address: re.Match[str]) -> str:
         host, port = address.group(1), int(address.group(2))
         return f"{host}:{self._ports.get(port, port)}"
+
+
+def _plain(text: str) -> str:
+    """Without the colors of a terminal."""
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)

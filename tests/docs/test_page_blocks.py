@@ -22,7 +22,8 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_mark_with_its_reason_belongs_to_the_next_block_alone(page: Path) -> None:
     page.write_text(
-        f"<!-- not executed: needs a\nGPU -->\n{_FENCE}sh\nnvidia-smi\n{_FENCE}\ntext\n\n{_FENCE}python\nx = 1\n{_FENCE}\n"
+        f"<!-- not executed: needs a\nGPU -->\n{_FENCE}sh\nnvidia-smi\n{_FENCE}\n"
+        f"text\n\n{_FENCE}python\nx = 1\n{_FENCE}\n"
     )
     first, second = blocks_of(page)
     assert (first.reason, first.line, first.is_executed) == ("needs a GPU", 4, False)

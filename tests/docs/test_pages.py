@@ -40,7 +40,7 @@ def test_a_block_that_fails_fails_its_page(
 ) -> None:
     reader = PageReader(_folder(tmp_path), small_environment, {})
     try:
-        with pytest.raises(AssertionError, match="page.md:7"):
+        with pytest.raises(AssertionError, match=r"page\.md:7"):
             reader.run(Block("page.md", 7, language, code, ""))
     finally:
         reader.close()
