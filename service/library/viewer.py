@@ -24,10 +24,10 @@ class Viewer:
         Path(path).write_bytes(self.page)
 
     def _repr_html_(self) -> str:
-        # An origin of its own: nothing in the frame can reach the notebook around it.
+        # An origin of its own: nothing in the frame can reach the notebook around it. Its question is a form.
         page = html.escape(self.page.decode(), quote=True)
         return (
-            f'<iframe srcdoc="{page}" sandbox="allow-scripts" title="the scene in 3D" width="100%" '
+            f'<iframe srcdoc="{page}" sandbox="allow-scripts allow-forms" title="the scene in 3D" width="100%" '
             f'height="{self.height}" style="border: 0"></iframe>'
         )
 
