@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -59,6 +59,10 @@ lint-api:  ## check the API's description by redocly and spectral (npm fetches t
 
 sample-scene: setup  ## train the sample scene that the package brings anew (a few minutes): service/library/sample_scene.zip
 	$(BIN)/python -m demo.train_sample_scene
+
+docs: setup  ## the documentation as a site, with the reference of Python, REST and gRPC, in site/
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "Open site/index.html"
 
 lock: setup  ## write constraints.txt from what is installed
 	$(BIN)/pip freeze --exclude-editable | sed "s/+cpu$$//" > constraints.txt
@@ -127,4 +131,4 @@ bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results
 	$(BIN)/python -m benchmarks.trade --split test
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output $(WEB)/dist $(WEB)/node_modules
+	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -104,7 +104,7 @@ def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = N
             records = [as_key(record, now) for record in keys.all() if project in ("", record.project)]
     table = Table(title="Access keys")
     for heading in ("id", "project", "role", "state", "created", "expires", "name", "only scene"):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=heading == "id")  # whole on narrow terminals: other commands take it
     for key in records:
         expires = "never" if key.expires_at is None else _minute(key.expires_at)
         table.add_row(

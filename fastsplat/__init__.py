@@ -13,9 +13,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fastsplat.service.library import LocalScene, Picture, open_sample, open_scene, train
+    from fastsplat.service.library import LocalScene, Picture, Viewer, open_sample, open_scene, train
 
-__all__ = ["LocalScene", "Picture", "open_sample", "open_scene", "train"]
+__all__ = ["LocalScene", "Picture", "Viewer", "open_sample", "open_scene", "train"]
 
 
 def __getattr__(name: str) -> Any:

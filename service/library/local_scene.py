@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.library.viewer import Viewer
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store.database import SQLITE_NAME
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotFoundError, NotReadyError
+from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.places import Place
@@ -155,6 +157,17 @@ class LocalScene:
             viewpoint = best[0].view if best else ""
         chosen = viewpoint or cameras[len(cameras) // 2].name
         return Picture(self._png("overlay", chosen, text), answer.explanation)
+
+    def viewer(self, height: int = 560) -> Viewer:
+        """The scene in 3D, which a notebook shows in a cell; see `Viewer`.
+
+        Args:
+            height: of the cell, CSS pixels.
+
+        Raises:
+            NotFoundError: the web page is not built in this installation; pictures (`show`) work without.
+        """
+        return Viewer(self._service.exports.file(ExportRequest(self.id, "html")), height)
 
     def _png(self, kind: PictureKind, viewpoint: Viewpoint, text: str = "") -> bytes:
         of = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}

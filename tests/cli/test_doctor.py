@@ -81,6 +81,13 @@ def test_nothing_is_wrong_with_a_healthy_folder(doctor: Doctor) -> None:
     assert doctor() == (0, [])
 
 
+def test_a_version_without_a_summary_as_edits_make_them_is_well(data: Path, doctor: Doctor) -> None:
+    (data / "scenes/ready/v1/summary.json").unlink()
+    assert doctor() == (0, [])
+    (data / "scenes/ready/v1/summary.json").write_text("{")
+    assert doctor()[0] == 1
+
+
 @pytest.mark.parametrize("name", ["scene.json", "gaussians.safetensors", "cameras.json", "../scene.ply"])
 def test_a_flipped_bit_of_a_scene_is_named(name: str, data: Path, doctor: Doctor) -> None:
     path = data / "scenes/ready/v1/artefact" / name

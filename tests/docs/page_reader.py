@@ -1,0 +1,114 @@
+"""Somebody who follows a page: pastes its blocks, one after the other, into a shell and a Python session."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+
+from tests.docs.page_blocks import Block
+
+_HANGS_S = 540
+_SCRIPT = r"""
+set -aeuo pipefail
+_keep() { export -p; declare -f; printf 'cd %q\n' "$PWD"; }
+trap '_keep > "$_STATE"; env -0 > "$_STATE.env"' EXIT
+if [ -f "$_STATE" ]; then . "$_STATE" > /dev/null; fi
+"""
+
+
+class PageReader:
+    """One page's working folder with a shell and a Python session, both of which keep what was defined in them.
+
+    Blocks run as they stand, but for the ports of localhost: tests must not take 8000 and 8001 from anybody.
+
+    Args:
+        folder: where the page's commands run.
+        environment: all variables of both sessions.
+        ports: what stands in place of which port.
+    """
+
+    def __init__(self, folder: Path, environment: dict[str, str], ports: dict[int, int]) -> None:
+        self._folder = folder
+        self._state = folder.with_name(f"{folder.name}.state")
+        self._environment = {**environment, "_STATE": str(self._state)}
+        self._ports = ports
+        self._groups: list[int] = []
+        self._notebook = nbformat.v4.new_notebook()
+        self._client = NotebookClient(self._notebook, timeout=_HANGS_S, kernel_name="python3")
+        self._kernel = ExitStack()
+        self._kernel_runs = False
+
+    def run(self, block: Block) -> None:
+        """Run a block.
+
+        Raises:
+            AssertionError: it failed; says where, and what it printed.
+        """
+        code = re.sub(r"(localhost|127\.0\.0\.1):(\d+)", self._mapped, block.code)
+        if block.language == "sh":
+            self._run_in_shell(code, str(block))
+        else:
+            self._run_in_python(code, str(block))
+
+    def close(self) -> None:
+        """End both sessions and what the page left running."""
+        self._kernel.close()
+        for group in self._groups:
+            with suppress(ProcessLookupError):
+                os.killpg(group, signal.SIGTERM)
+
+    def _run_in_shell(self, code: str, where: str) -> None:
+        printed = self._folder.with_name(f"{self._folder.name}.printed")
+        with printed.open("wb") as sink:  # no pipe: what goes on in the background would keep it open
+            process = subprocess.Popen(
+                ["bash", "-c", _SCRIPT + code],
+                cwd=self._folder,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=sink,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            self._groups.append(process.pid)
+            status = process.wait(_HANGS_S)
+        if status:
+            raise AssertionError(f"{where} ended with {status}:\n{code}\n{printed.read_text(errors='replace')[-4000:]}")
+
+    def _run_in_python(self, code: str, where: str) -> None:
+        if not self._kernel_runs:
+            self._kernel.enter_context(self._client.setup_kernel(cwd=str(self._folder), env=self._environment))
+            self._kernel_runs = True
+        self._execute(f"import os as _os; _os.environ.update({self._exported()!r})", where)
+        self._execute(code, where)
+
+    def _execute(self, code: str, where: str) -> None:
+        cells = self._notebook.cells
+        cells.append(nbformat.v4.new_code_cell(code))
+        try:
+            self._client.execute_cell(cells[-1], len(cells) - 1)
+        except CellExecutionError as error:
+            raise AssertionError(f"{where} failed:\n{_plain(str(error))}") from None
+
+    def _exported(self) -> dict[str, str]:
+        """Variables that the shell has by now."""
+        with suppress(FileNotFoundError):
+            lines = Path(f"{self._state}.env").read_bytes().split(b"\0")
+            return dict(line.decode().split("=", 1) for line in lines if b"=" in line and not line.startswith(b"BASH_"))
+        return {}
+
+    def _mapped(self, address: re.Match[str]) -> str:
+        host, port = address.group(1), int(address.group(2))
+        return f"{host}:{self._ports.get(port, port)}"
+
+
+def _plain(text: str) -> str:
+    """Without the colors of a terminal."""
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)

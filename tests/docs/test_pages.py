@@ -1,0 +1,68 @@
+"""Every block of the documentation that can run does, as it stands on its page, against a real server."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.docs.page_blocks import PAGES, Block, blocks_of
+from tests.docs.page_reader import PageReader
+
+_BLOCKS = {page.name: blocks_of(page) for page in PAGES}
+_WITH_CODE = [name for name, blocks in _BLOCKS.items() if any(block.is_executed for block in blocks)]
+
+
+@pytest.mark.parametrize("name", _WITH_CODE)
+def test_the_blocks_of_a_page_run(name: str, new_reader: Callable[[str], PageReader]) -> None:
+    reader = new_reader(Path(name).stem)
+    for block in _BLOCKS[name]:
+        if block.is_executed:
+            reader.run(block)
+
+
+def test_what_is_not_executed_is_the_lesser_part() -> None:
+    code = [block for blocks in _BLOCKS.values() for block in blocks if block.language in ("sh", "python")]
+    left_out = [block for block in code if block.reason]
+    for block in left_out:
+        print(f"{block}: {block.reason}")
+    assert len(code) > 30
+    assert len(left_out) <= len(code) / 4, [f"{block}: {block.reason}" for block in left_out]
+
+
+@pytest.mark.parametrize(
+    ("language", "code"),
+    [("sh", "[ -z nothing ]"), ("sh", "false | cat"), ("sh", "echo $NOT_SET"), ("python", "raise ValueError('no')")],
+)
+def test_a_block_that_fails_fails_its_page(
+    language: str, code: str, tmp_path: Path, small_environment: dict[str, str]
+) -> None:
+    reader = PageReader(_folder(tmp_path), small_environment, {})
+    try:
+        with pytest.raises(AssertionError, match=r"page\.md:7"):
+            reader.run(Block("page.md", 7, language, code, ""))
+    finally:
+        reader.close()
+
+
+def test_sessions_keep_what_was_defined_in_them(tmp_path: Path, small_environment: dict[str, str]) -> None:
+    reader = PageReader(_folder(tmp_path), small_environment, {8000: 4711})
+    blocks = [
+        ("sh", "say() { echo \"$WORD\"; }\nWORD='two words'\nmkdir inner && cd inner"),
+        ("sh", "say > said.txt\necho localhost:8000 localhost:9 >> said.txt"),
+        ("python", "import os\nword = os.environ['WORD']"),
+        ("python", "from pathlib import Path\nPath('python.txt').write_text(word)"),
+    ]
+    try:
+        for language, code in blocks:
+            reader.run(Block("page.md", 1, language, code, ""))
+    finally:
+        reader.close()
+    assert (tmp_path / "page" / "inner" / "said.txt").read_text() == "two words\nlocalhost:4711 localhost:9\n"
+    assert (tmp_path / "page" / "python.txt").read_text() == "two words"
+
+
+def _folder(tmp_path: Path) -> Path:
+    (tmp_path / "page").mkdir()
+    return tmp_path / "page"
