@@ -1,0 +1,166 @@
+"""The pose of a photo from its matches: RANSAC, least squares, and the focal length where nobody says it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fastsplat.service.localization.matching import Matches
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.localize_messages import FocalSource
+
+F64 = NDArray[np.float64]
+
+_ERROR_SHARE = 0.006
+"""Of the picture's longer side: as far as an inlier may be from where the pose puts it. The places on the surfaces, not
+the keypoints, are what is not exact."""
+_TRIALS = 3_000
+_CONFIDENCE = 0.9999
+_FOCALS = (0.6, 0.75, 0.95, 1.2, 1.6)
+"""Tried over the longer side: from a phone's wide angle (0.6) to twice its main camera."""
+_SAME_LENS = 0.92
+"""With so many of the inliers that the best focal length has, the one of the scene's photos is taken as it is."""
+_FEWEST = 6
+
+
+@dataclass(frozen=True)
+class SolvedPose:
+    """A pose, and what speaks for it.
+
+    Attributes:
+        posed: the photo's camera.
+        inliers: int64 [N], rows of the matches.
+        keypoints: of how many keypoints these are.
+        focal_source: what said the focal length.
+    """
+
+    posed: PosedCamera
+    inliers: NDArray[np.int64]
+    keypoints: int
+    focal_source: FocalSource
+
+
+def error_px(camera: Camera) -> float:
+    """As far as an inlier may be from where the pose puts it, pixels."""
+    return max(2.0, _ERROR_SHARE * max(camera.width, camera.height))
+
+
+def solve_pose(
+    pixels: F64,
+    points: F64,
+    matches: Matches,
+    size: tuple[int, int],
+    focals: Sequence[tuple[FocalSource, float]],
+) -> SolvedPose | None:
+    """The pose that most keypoints agree with; None where no pose fits six.
+
+    Args:
+        pixels: float64 [M, 2], where the photo shows each match.
+        points: float64 [M, 3], where it is in the world.
+        matches: the rows of these.
+        size: width and height of the photo.
+        focals: pixels, the likeliest first. One that is given is taken; otherwise others are tried beside them, and the
+            first with which nearly as many keypoints agree as with any is the photo's.
+    """
+    if len(np.unique(matches.keypoints)) < _FEWEST:
+        return None
+    tried = list(focals)
+    if tried[0][0] != "given":
+        tried += [("estimated", share * max(size)) for share in _FOCALS]
+    found = [_ransac(pixels, points, matches, pinhole(size, focal), source) for source, focal in tried]
+    solved = [one for one in found if one is not None]
+    if not solved:
+        return None
+    most = max(one.keypoints for one in solved)
+    best = next(one for one in solved if one.keypoints >= (1.0 if one.focal_source == "estimated" else _SAME_LENS) * most)
+    return refine_pose(pixels, points, matches, best)
+
+
+def _ransac(
+    pixels: F64, points: F64, matches: Matches, camera: Camera, source: FocalSource
+) -> SolvedPose | None:
+    options = pycolmap.AbsolutePoseEstimationOptions()
+    options.ransac.max_error = error_px(camera)
+    options.ransac.max_num_trials = _TRIALS
+    options.ransac.confidence = _CONFIDENCE
+    options.ransac.random_seed = 0
+    answer = pycolmap.estimate_absolute_pose(pixels, points, colmap_camera(camera), options)
+    if answer is None:
+        return None
+    rows = np.flatnonzero(np.asarray(answer["inlier_mask"], bool)).astype(np.int64)
+    posed = PosedCamera(camera, _world_from_camera(answer["cam_from_world"]))
+    return SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), source)
+
+
+def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -> SolvedPose | None:
+    """Least squares over the inliers of a pose, which are then chosen anew, twice; None where fewer than six agree.
+
+    Args:
+        pixels, points, matches: as for `solve_pose`.
+        start: with inliers; a focal length that was estimated is refined, too.
+    """
+    options = pycolmap.AbsolutePoseRefinementOptions()
+    options.refine_focal_length = start.focal_source == "estimated"
+    options.refine_extra_params = False
+    options.print_summary = False
+    solved = start
+    for _ in range(2):
+        mask = np.zeros(len(matches), bool)
+        mask[solved.inliers] = True
+        camera = colmap_camera(solved.posed.camera)
+        viewmat = pycolmap.Rigid3d(solved.posed.camera_from_world()[:3])
+        answer = pycolmap.refine_absolute_pose(viewmat, pixels, points, mask, camera, options)
+        if answer is None:
+            return None
+        size = solved.posed.camera.width, solved.posed.camera.height
+        refined = pinhole(size, float(camera.params[0]))
+        pose = _world_from_camera(answer["cam_from_world"])
+        posed = PosedCamera(refined, pose)
+        inside = np.linalg.norm(reprojected(posed, points) - pixels, axis=1) < error_px(refined)
+        rows = np.flatnonzero(inside).astype(np.int64)
+        solved = SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), start.focal_source)
+        if solved.keypoints < _FEWEST:
+            return None
+    return solved
+
+
+def reprojected(posed: PosedCamera, points: F64) -> F64:
+    """float64 [M, 2]: where a camera shows points [M, 3]; infinite for those behind it."""
+    viewmat = posed.camera_from_world()
+    local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
+    camera, z = posed.camera, local[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shown = np.stack([camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy], axis=1)
+    shown[z <= 0] = np.inf
+    return np.asarray(shown)
+
+
+def _world_from_camera(viewmat: Any) -> F64:
+    pose = np.eye(4)
+    pose[:3] = viewmat.inverse().matrix()
+    return pose
+
+
+def pinhole(size: tuple[int, int], focal: float) -> Camera:
+    """A camera with its axis through the middle of the picture.
+
+    Args:
+        size: width and height, pixels.
+        focal: pixels.
+    """
+    return Camera(size[0], size[1], focal, focal, size[0] / 2, size[1] / 2)
+
+
+def colmap_camera(camera: Camera) -> Any:
+    """The same as pycolmap has it, whose pixel centers are at +0.5 as well."""
+    return pycolmap.Camera(
+        model="SIMPLE_PINHOLE",
+        width=camera.width,
+        height=camera.height,
+        params=[camera.fx, camera.cx, camera.cy],
+    )
