@@ -21,7 +21,9 @@ def localize(
     photos: Annotated[list[Path], typer.Argument(help="Image files.", metavar="PHOTO...")],
     focal: Annotated[
         list[float],
-        typer.Option(help="Focal length, pixels of the upright photo; one for all, or one for each. Default: found out."),
+        typer.Option(
+            help="Focal length, pixels of the upright photo; one for all, or one for each. Default: found out."
+        ),
     ] = [],
     poses: Annotated[
         Path | None,

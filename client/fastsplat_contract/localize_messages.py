@@ -97,7 +97,9 @@ class LocalizedPhoto(Response):
             "matches themselves; absent without a pose"
         ),
     ]
-    inliers: Annotated[int, Field(description="places of the photo that were found in the scene where the pose has them")]
+    inliers: Annotated[
+        int, Field(description="places of the photo that were found in the scene where the pose has them")
+    ]
     inlier_share: Annotated[float, Field(description="of the places that were found at all, 0..1")]
     spread: Annotated[float, Field(description="share of the picture inside their convex hull, 0..1")]
     agreement: Annotated[

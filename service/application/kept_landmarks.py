@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from fastsplat.service.localization.landmarks import BYTES_PER_LANDMARK, Landmar
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.store.blobs import Blobs
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotReadyError, SceneFileError
 
 _KEPT = 2
@@ -57,7 +59,8 @@ class KeptLandmarks:
         """
 
         def find() -> Landmarks:
-            return find_landmarks(_photos(index, folder, blobs, self._settings.max_side), index.geometry, self._settings)
+            photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
+            return find_landmarks(photos, index.geometry, self._settings)
 
         landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)
         with self._lock:
@@ -80,8 +83,20 @@ class KeptLandmarks:
         self._kept.drop(lambda _: True)
 
 
-def _photos(index: SceneIndex, folder: Path, blobs: Blobs, side: int) -> list[Photo]:
-    paths = [(posed, photo_path(folder, number)) for number, posed in enumerate(index.scene.cameras)]
+def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:
+    """The photos that are kept with a version, to be read one by one.
+
+    Args:
+        cameras: of the scene, in order.
+        folder: of the version.
+        side: they are reduced to so many pixels on the longer side.
+        blobs: whose digests they are checked by; None: by none.
+
+    Raises:
+        NotReadyError: there are none.
+        SceneFileError: one is damaged.
+    """
+    paths = [(posed, photo_path(folder, number)) for number, posed in enumerate(cameras)]
     there = [(posed, path) for posed, path in paths if path.is_file()]
     if not there:
         raise NotReadyError(
@@ -89,7 +104,8 @@ def _photos(index: SceneIndex, folder: Path, blobs: Blobs, side: int) -> list[Ph
             field="scene",
             hint="Photos stay with scenes that are made of photos while FASTSPLAT_PHOTOS__KEEP is on.",
         )
-    blobs.check_version(folder, *(path.relative_to(folder).as_posix() for _, path in there))
+    if blobs is not None:
+        blobs.check_version(folder, *(path.relative_to(folder).as_posix() for _, path in there))
     return [(posed, partial(_read, path, side)) for posed, path in there]
 
 

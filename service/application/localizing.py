@@ -153,7 +153,9 @@ def check_photos(request: LocalizeRequest, settings: Settings) -> None:
         )
     for number, pose in enumerate(request.poses):
         if not all(map(math.isfinite, (*pose.position, *pose.orientation))):
-            raise InvalidInputError("a pose with NaN or infinity", field=f"poses[{number}]", hint="Send finite numbers.")
+            raise InvalidInputError(
+                "a pose with NaN or infinity", field=f"poses[{number}]", hint="Send finite numbers."
+            )
 
 
 def too_many_bytes(size: int, limit: int) -> LimitExceededError:

@@ -14,8 +14,8 @@ from fastsplat.service.localization.pose_solving import (
     colmap_camera,
     error_px,
     refine_pose,
-    reprojected,
 )
+from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource
 
@@ -71,6 +71,8 @@ def solve_jointly(
         off = np.linalg.norm(reprojected(posed, points[number]) - pixels[number], axis=1)
         near = np.flatnonzero(off < _ROUGH * error_px(camera)).astype(np.int64)
         start = SolvedPose(posed, near, len(np.unique(matches[number].keypoints[near])), source)
-        own = refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
+        own = (
+            refine_pose(pixels[number], points[number], matches[number], start) if start.keypoints >= _FEWEST else None
+        )
         solved.append(own or start)
     return tuple(solved)

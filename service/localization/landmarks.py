@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints
 from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.localization.triangulation import SeenKeypoints, triangulate
 from fastsplat.service.query.view_geometry import ViewGeometry
 from fastsplat_contract.camera import PosedCamera
 
@@ -20,6 +21,8 @@ _SURE = 0.3
 """Confidence of a depth, see `ViewGeometry`, from which on a keypoint has a place."""
 _SMOOTH = 0.04
 """How much the depths beside a keypoint may differ, as a share of them: at the rim of a thing it is on either side."""
+_ENOUGH_OTHERS = 2
+"""Other photos that show a keypoint where the depth is not sure."""
 _INNER = (0.05, 0.95)
 
 Photo = tuple[PosedCamera, Callable[[], NDArray[np.uint8]]]
@@ -60,9 +63,10 @@ def find_landmarks(
     geometry: Callable[[PosedCamera], ViewGeometry],
     settings: LocalizationSettings,
 ) -> Landmarks:
-    """The landmarks of a scene. A keypoint has the depth of half the light in the scene's own picture of that camera, so
-    that any capture has places for it, also one that came with poses and without points; where that depth is not sure,
-    the keypoint is left out.
+    """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture of that
+    camera, so that any capture has places for it, also one that came with poses and without points; the other photos
+    that show it make its place exact (`triangulate`). Where the depth is not sure and fewer than two others show it, it
+    is left out.
 
     Args:
         photos: of the scene; of more than `settings.max_views`, so many are used.
@@ -74,18 +78,17 @@ def find_landmarks(
     """
     rows = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), settings.max_views)).round().astype(int))
     chosen = [photos[row] for row in rows.tolist()] if photos else []
+    seen = [_seen(posed, read(), geometry, settings.keypoints) for posed, read in chosen]
     points, descriptors, counts = [np.zeros((0, 3), np.float32)], [np.zeros((0, DESCRIPTOR_BYTES), np.uint8)], [0]
-    for posed, read in chosen:
-        check_cancelled()
-        picture = read()
-        sized = replace(posed, camera=posed.camera.scaled_to(picture.shape[1], picture.shape[0]))
-        keypoints = find_keypoints(picture, settings.keypoints)
-        places, there = places_of(keypoints, sized, geometry(sized))
-        points.append(places)
-        descriptors.append(keypoints.descriptors[there])
-        counts.append(len(places))
+    for (photo, sure), (places, others) in zip(seen, triangulate([photo for photo, _ in seen]), strict=True):
+        there = np.flatnonzero(sure | (others >= _ENOUGH_OTHERS))
+        points.append(places[there].astype(np.float32))
+        descriptors.append(photo.keypoints.descriptors[there])
+        counts.append(len(there))
     every = np.concatenate(points)
-    focals = [max(posed.camera.fx, posed.camera.fy) / max(posed.camera.width, posed.camera.height) for posed, _ in chosen]
+    focals = [
+        max(posed.camera.fx, posed.camera.fy) / max(posed.camera.width, posed.camera.height) for posed, _ in chosen
+    ]
     return Landmarks(
         every,
         np.concatenate(descriptors),
@@ -96,30 +99,26 @@ def find_landmarks(
     )
 
 
-def places_of(
-    keypoints: Keypoints, posed: PosedCamera, seen: ViewGeometry
-) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
-    """float32 [P, 3]: where on the surfaces the keypoints of a camera's picture are, those whose depth is sure; and which
-    ones these are, [P].
-
-    Args:
-        keypoints: of the picture.
-        posed: the camera, of the picture's size.
-        seen: what it shows of the scene.
-    """
+def _seen(
+    posed: PosedCamera, picture: NDArray[np.uint8], geometry: Callable[[PosedCamera], ViewGeometry], most: int
+) -> tuple[SeenKeypoints, NDArray[np.bool_]]:
+    """The keypoints of a photo with the depth that the scene has there, and bool [K], where that is sure."""
+    check_cancelled()
+    sized = replace(posed, camera=posed.camera.scaled_to(picture.shape[1], picture.shape[0]))
+    keypoints = find_keypoints(picture, most)
+    seen = geometry(sized)
     height, width = seen.median_depth.shape
-    column = keypoints.points[:, 0].astype(np.intp).clip(1, max(1, width - 2))
-    row = keypoints.points[:, 1].astype(np.intp).clip(1, max(1, height - 2))
     if min(height, width) < 3 or not len(keypoints):
-        return np.zeros((0, 3), np.float32), np.zeros(0, np.intp)
+        nothing = Keypoints(np.zeros((0, 2), np.float32), np.zeros((0, DESCRIPTOR_BYTES), np.uint8))
+        return SeenKeypoints(sized, nothing, np.zeros(0)), np.zeros(0, np.bool_)
+    column = keypoints.points[:, 0].astype(np.intp).clip(1, width - 2)
+    row = keypoints.points[:, 1].astype(np.intp).clip(1, height - 2)
     around = np.stack([seen.median_depth[row + y, column + x] for y in (-1, 0, 1) for x in (-1, 0, 1)])
-    depth = np.median(around, axis=0)
-    sure = (around.min(axis=0) > 0) & (np.ptp(around, axis=0) < _SMOOTH * depth) & (seen.confidence[row, column] > _SURE)
-    there = np.flatnonzero(sure)
-    rays = posed.camera.rays(keypoints.points[there, 0], keypoints.points[there, 1])
-    pose = posed.world_from_camera
-    places = (rays * depth[there, None]) @ pose[:3, :3].T + pose[:3, 3]
-    return np.asarray(places, np.float32), there
+    depth = np.median(around, axis=0).astype(np.float64)
+    sure = (
+        (around.min(axis=0) > 0) & (np.ptp(around, axis=0) < _SMOOTH * depth) & (seen.confidence[row, column] > _SURE)
+    )
+    return SeenKeypoints(sized, keypoints, depth), np.asarray(sure)
 
 
 def scene_size(points: NDArray[np.float32]) -> float:

@@ -31,9 +31,9 @@ from fastsplat.service.localization.pose_solving import (
     SolvedPose,
     error_px,
     pinhole,
-    reprojected,
     solve_pose,
 )
+from fastsplat.service.localization.projection import reprojected
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource, LocalizeRefusal

@@ -54,7 +54,9 @@ class Comparison:
     cost: float
 
 
-def compared(photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, scale: float | None = None) -> Comparison:
+def compared(
+    photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, scale: float | None = None
+) -> Comparison:
     """A photo beside what the scene shows from a pose.
 
     Args:

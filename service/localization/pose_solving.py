@@ -11,6 +11,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.localization.matching import Matches
+from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource
 
@@ -77,13 +78,13 @@ def solve_pose(
     if not solved:
         return None
     most = max(one.keypoints for one in solved)
-    best = next(one for one in solved if one.keypoints >= (1.0 if one.focal_source == "estimated" else _SAME_LENS) * most)
+    best = next(
+        one for one in solved if one.keypoints >= (1.0 if one.focal_source == "estimated" else _SAME_LENS) * most
+    )
     return refine_pose(pixels, points, matches, best)
 
 
-def _ransac(
-    pixels: F64, points: F64, matches: Matches, camera: Camera, source: FocalSource
-) -> SolvedPose | None:
+def _ransac(pixels: F64, points: F64, matches: Matches, camera: Camera, source: FocalSource) -> SolvedPose | None:
     options = pycolmap.AbsolutePoseEstimationOptions()
     options.ransac.max_error = error_px(camera)
     options.ransac.max_num_trials = _TRIALS
@@ -127,17 +128,6 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
         if solved.keypoints < _FEWEST:
             return None
     return solved
-
-
-def reprojected(posed: PosedCamera, points: F64) -> F64:
-    """float64 [M, 2]: where a camera shows points [M, 3]; infinite for those behind it."""
-    viewmat = posed.camera_from_world()
-    local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
-    camera, z = posed.camera, local[:, 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shown = np.stack([camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy], axis=1)
-    shown[z <= 0] = np.inf
-    return np.asarray(shown)
 
 
 def _world_from_camera(viewmat: Any) -> F64:

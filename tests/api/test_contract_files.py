@@ -70,6 +70,7 @@ _TWINS = {
     "POST /v1/scenes/{scene_id}:trainMore": "TrainMore",
     "GET /v1/scenes/{scene_id}/next-photos": "ListNextPhotos",
     "GET /v1/scenes/{scene_id}/goal": "GetGoal",
+    "POST /v1/scenes/{scene_id}:localize": "Localize",
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",

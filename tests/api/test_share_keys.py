@@ -34,6 +34,7 @@ _SHOWN = {
     *("StreamQuery", "DownloadCameras", "RenderView", "DownloadScenePly", "DownloadMaskPly", "ExportScene"),
     *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
+    "Localize",
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""
 

@@ -132,6 +132,10 @@ class SceneServiceStub:
     """Where to stand for the next photos of a scene."""
     GetGoal: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]
     """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+    Localize: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LocalizeRequest, _fastsplat_pb2.Localization]
+    """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+    message; REST takes larger ones.
+    """
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
@@ -244,6 +248,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Where to stand for the next photos of a scene."""
     GetGoal: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetGoalRequest, _fastsplat_pb2.Goal]  # type: ignore[assignment]
     """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+    Localize: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LocalizeRequest, _fastsplat_pb2.Localization]  # type: ignore[assignment]
+    """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+    message; REST takes larger ones.
+    """
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
@@ -593,6 +601,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Goal, _abc.Awaitable[_fastsplat_pb2.Goal]]:
         """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
+
+    @_abc_1.abstractmethod
+    def Localize(
+        self,
+        request: _fastsplat_pb2.LocalizeRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Localization, _abc.Awaitable[_fastsplat_pb2.Localization]]:
+        """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+        message; REST takes larger ones.
+        """
 
     @_abc_1.abstractmethod
     def ListBestViews(
