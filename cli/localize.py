@@ -32,7 +32,7 @@ def localize(
     version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
     project: Annotated[str, typer.Option(help="The project whose scene it is.")] = DEFAULT_PROJECT,
 ) -> None:
-    """Print where photos were taken, what is seen from there and what has changed, as JSON; status 1 if a photo finds no
+    """Print where photos were taken, what is seen from there and what has changed, as JSON; status 1 if a photo has no
     sure place."""
     request = LocalizeRequest(
         scene_id=scene,

@@ -1,5 +1,5 @@
-"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; where a
-robot stands, and where photos were taken."""
+"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; where
+a robot stands, and where photos were taken."""
 
 from __future__ import annotations
 

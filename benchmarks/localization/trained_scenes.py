@@ -63,7 +63,8 @@ class TrainedPlace:
 
 
 def trained_place(name: str, split: Split, settings: Settings, cache: Path) -> TrainedPlace:
-    """A scene of a data set, trained on its training views, or with `validation` on those of them that are not set apart.
+    """A scene of a data set, trained on its training views; of these, `validation` sets some
+    apart.
 
     Args:
         name: of `POSED`, or `UNPOSED`.

@@ -1,4 +1,4 @@
-"""The calls about photos of scenes, photos that find their place in one, and about the cameras that show a thing best."""
+"""The calls about photos of scenes, photos that find their place in one, and cameras that show a thing best."""
 
 from __future__ import annotations
 

@@ -86,8 +86,8 @@ class LocalizedPhoto(Response):
     covariance: Annotated[
         Many[float],
         Field(
-            description="36 numbers, row by row, as geometry_msgs/PoseWithCovariance: x, y, z of the camera's center in "
-            "scene units, then small rotations about the world's x, y, z in radians; empty without a pose"
+            description="36 numbers, row by row, as geometry_msgs/PoseWithCovariance: x, y, z of the camera's center "
+            "in scene units, then small rotations about the world's x, y, z in radians; empty without a pose"
         ),
     ]
     focal_source: Annotated[
@@ -105,7 +105,8 @@ class LocalizedPhoto(Response):
     agreement: Annotated[
         float | None,
         Field(
-            description="how like the scene's picture from there is to the photo, -1..1; absent where it was not compared"
+            description="how like the scene's picture from there is to the photo, -1..1; absent where it was not "
+            "compared"
         ),
     ]
     refined: Annotated[bool, Field(description="whether comparing the two pictures has made the pose better")]

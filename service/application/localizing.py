@@ -80,8 +80,8 @@ class Localizing:
         Raises:
             NotFoundError: there is no such scene or version.
             NotReadyError: it is still being made, or no photos are kept with it.
-            InvalidInputError: no photo, an empty or damaged one, other numbers of focal lengths or poses than photos, or
-                focal lengths that cannot be.
+            InvalidInputError: no photo, an empty or damaged one, other numbers of focal lengths or poses than photos,
+                or focal lengths that cannot be.
             LimitExceededError: too many photos, or too large ones.
             ResourceError: decoding a photo took more than it may.
         """

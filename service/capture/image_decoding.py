@@ -31,8 +31,8 @@ def decode_requests(
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
     `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]), "depth" (float32 [H, W],
-    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of the image,
-    whose `PhotoInfo` is not known yet).
+    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of an image
+    without a `PhotoInfo`).
 
     Args:
         request: the task's: its "settings".

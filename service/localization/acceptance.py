@@ -85,8 +85,8 @@ def spread_of(pixels: NDArray[np.float64], size: tuple[int, int]) -> float:
 
 
 def agreement_of(comparison: Comparison) -> float | None:
-    """-1..1: mean of the normalized cross-correlation of gray values in windows of 15 by 15 pixels, over those that have
-    something to see in the photo or in the scene and are covered by it; None where there are hardly any.
+    """-1..1: mean of the normalized cross-correlation of gray values in windows of 15 by 15 pixels, over those
+    that have something to see in the photo or in the scene and are covered by it; None where there are hardly any.
 
     Each window has its own mean and contrast, so that exposure and shadows count for nothing.
     """

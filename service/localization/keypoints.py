@@ -13,7 +13,7 @@ DESCRIPTOR_BYTES = 128
 _CONTRAST = 0.015
 """Of OpenCV's 0.04 too few places are left in a room's shadows."""
 _UNIT = 512.0
-"""A stored byte of a descriptor is so many times its value; their length is 1, and none of their values is above 0.45."""
+"""A stored byte of a descriptor of length 1 is so many times its value; what is above 0.498 is cut to that."""
 
 
 @dataclass(frozen=True)

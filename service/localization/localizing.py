@@ -114,8 +114,8 @@ def place_photos(
         landmarks: of the scene.
         geometry: what a camera sees of the scene.
         settings: see there.
-        rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units; none
-            where nothing is known.
+        rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
+            none where nothing is known.
 
     Raises:
         CancelledError: see `service.common.cancellation`.

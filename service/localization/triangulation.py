@@ -19,7 +19,7 @@ F64 = NDArray[np.float64]
 _NEIGHBORS = 6
 _SAMPLES = 100
 _ANGLES_DEG = (2.0, 40.0)
-"""Between the rays of two photos to a place: with less, its depth is not told; with more, SIFT does not know it again."""
+"""Between the rays of two photos to a place: less does not tell its depth; with more, SIFT does not know it again."""
 _RADIUS_SHARE = 0.02
 """Of a picture's longer side: how far the keypoint of another photo may be from where the scene's depth has it."""
 _NEAREST = 6
@@ -133,7 +133,7 @@ def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[i
     depths = np.where(photo.depths > 0, photo.depths, 1.0)
     every = np.arange(len(depths))
     places = photo.places
-    directions = _directions(photo.posed, np.where(photo.depths[:, None] > 0, places, places + [1.0, 0.0, 0.0]))
+    directions = _directions(photo.posed, np.where(photo.depths[:, None] > 0, places, places + np.eye(3)[0]))
     information, vector = _ray_terms(photo, every, directions, places)
     along = (1 / (_DEPTH_DEVIATION * depths) ** 2)[:, None, None] * directions[:, :, None] * directions[:, None, :]
     information += along
@@ -152,8 +152,8 @@ def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[i
 
 
 def _ray_terms(photo: SeenKeypoints, rows: NDArray[np.intp], rays: F64, places: F64) -> tuple[F64, F64]:
-    """Information [P, 3, 3] of rays [P, 3] from a photo about places near to given ones, and its product with a point on
-    the ray."""
+    """Information [P, 3, 3] of rays [P, 3] from a photo about places near to given ones, and its product with a point
+    on the ray."""
     center = photo.posed.world_from_camera[:3, 3]
     away = np.maximum(np.linalg.norm(places - center, axis=1), 1e-9)
     weight = (photo.posed.camera.fx / (away * _DEVIATION_PX)) ** 2

@@ -18,8 +18,8 @@ _LENGTH = 2.0
 
 
 def textured_room(seed: int = 0, *, block: bool = False, cameras: int = 8) -> Scene:
-    """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`, a
-    plain bright cube stands on the floor. The cameras look at the corner's middle from inside."""
+    """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
+    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside."""
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
     across, down = np.meshgrid(steps, steps, indexing="ij")
