@@ -182,7 +182,9 @@ def _photo(sent: SentPhoto, focal: float | None) -> Photo:
 
 def _answer(index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto) -> LocalizedPhoto:
     evidence = placed.evidence
-    camera, differences, things = None, (), ()
+    camera: PosedCamera | None = None
+    differences: tuple[PhotoDifference, ...] = ()
+    things: tuple[ThingInView, ...] = ()
     if placed.posed is not None and placed.comparison is not None:
         camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
         differences = tuple(

@@ -54,8 +54,8 @@ def find_differences(comparison: Comparison, size: tuple[int, int]) -> tuple[Dif
         return ()
     excess = np.asarray(cv2.GaussianBlur(np.where(covered, excess, 0.0).astype(np.float32), (0, 0), 2.0))
     least = max(_LEAST, _TIMES_USUAL * float(excess[covered].mean()))
-    differs = (excess > least) & covered
-    differs = cv2.morphologyEx(differs.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
+    beyond = ((excess > least) & covered).astype(np.uint8)
+    differs = cv2.morphologyEx(beyond, cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))
     count, areas, boxes, _ = cv2.connectedComponentsWithStats(differs, connectivity=8)
     found: list[tuple[float, Difference]] = []
     height, width = excess.shape

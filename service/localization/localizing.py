@@ -21,12 +21,14 @@ from fastsplat.service.localization.keypoints import find_keypoints
 from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.matching import Matches, find_matches
 from fastsplat.service.localization.photometric_refinement import (
+    COMPARED_SIDE,
+    COMPARISON_DEVIATION_PX,
     Comparison,
     Geometry,
     compared,
     refine_photometrically,
 )
-from fastsplat.service.localization.pose_covariance import pose_covariance
+from fastsplat.service.localization.pose_covariance import pose_covariance, shown_deviation
 from fastsplat.service.localization.pose_solving import (
     SolvedPose,
     error_px,
@@ -181,20 +183,35 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
     counted = evidence if of_group is None else replace(evidence, inliers=of_group, spread=1.0)
     if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
         return PlacedPhoto(refusal, evidence)
-    posed, comparison, refined = refine_photometrically(one.photo.picture, pose.posed, geometry)
-    inliers = pose.inliers
-    if refined:
-        off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
-        near = np.flatnonzero(off < error_px(posed.camera))
-        if len(near) >= _KEPT_INLIERS * len(inliers):
-            inliers = near.astype(np.int64)
-        else:  # what looks likest contradicts the matches: a blurred or changed place drew it away
-            posed, refined, comparison = pose.posed, False, compared(one.photo.picture, pose.posed, geometry)
+    covariance = _covariance(one, pose)
+    posed, comparison, refined = _refined(one, pose, covariance, geometry)
     agreement = agreement_of(comparison)
     evidence = replace(evidence, agreement=agreement)
     if (refusal := refusal_of(replace(counted, agreement=agreement))) is not None:
         return PlacedPhoto(refusal, evidence)
-    covariance = pose_covariance(
-        posed, one.pixels[inliers], one.points[inliers], focal_estimated=pose.focal_source == "estimated"
-    )
     return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison)
+
+
+def _covariance(one: _Matched, pose: SolvedPose) -> F64:
+    rows = pose.inliers
+    estimated = pose.focal_source == "estimated"
+    return pose_covariance(pose.posed, one.pixels[rows], one.points[rows], focal_estimated=estimated)
+
+
+def _refined(
+    one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
+) -> tuple[PosedCamera, Comparison, bool]:
+    """The pose, how the photo compares from there, and whether the comparison has made it better.
+
+    Many matches are several times as exact as the pictures' comparison: only a pose that is less sure than that is
+    refined, and its covariance stays that of the matches.
+    """
+    picture, first = one.photo.picture, pose.posed
+    longer = max(first.camera.width, first.camera.height)
+    if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:
+        posed, comparison, refined = refine_photometrically(picture, first, geometry)
+        off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
+        # What looks likest may contradict the matches, where a blurred or changed place draws it away.
+        if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
+            return posed, comparison, refined
+    return first, compared(picture, first, geometry), False

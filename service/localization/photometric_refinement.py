@@ -22,6 +22,10 @@ Geometry = Callable[[PosedCamera], ViewGeometry]
 COMPARED_SIDE = 320
 """Photo and scene are compared at so many pixels on the longer side."""
 
+COMPARISON_DEVIATION_PX = 0.7
+"""Of these pixels: how exact the pose is from which the scene looks likest, measured on validation photos of two scenes
+with true poses. A splat is blurred, and its picture looks likest a little beside the truth."""
+
 _STEPS = 6
 _SURE = 0.3
 """Confidence of a pixel's depth from which on it counts."""
@@ -67,18 +71,18 @@ def compared(
     """
     small = small_camera(posed)
     size = small.camera.width, small.camera.height
-    target = cv2.resize(photo, size, interpolation=cv2.INTER_AREA).astype(np.float32) / 255
+    target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)
-    shown, sure = seen.image.astype(np.float32), seen.confidence > _SURE
+    shown, sure = np.asarray(seen.image, np.float32), seen.confidence > _SURE
     image, light = torch.from_numpy(shown), torch.from_numpy(target)
     fit = fitted_correction(image, light, torch.from_numpy(sure.astype(np.float32)), None)
     if fit is not None:
-        shown = correct(image, fit).numpy()
+        shown = np.asarray(correct(image, fit).numpy(), np.float32)
     covered = cv2.erode(sure.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     cost = float("inf")
     if covered.sum() >= _LEAST_PIXELS:
         cost = _cost((_gray(target) - _gray(shown))[covered], scale)
-    return Comparison(small, target, np.asarray(shown, np.float32), seen.median_depth, covered, cost)
+    return Comparison(small, target, shown, seen.median_depth, covered, cost)
 
 
 def refine_photometrically(

@@ -92,7 +92,7 @@ def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.i
 
 def _neighbors(photos: Sequence[SeenKeypoints], number: int, places: F64) -> list[int]:
     """The photos that show most of the same places from another side."""
-    rows = np.flatnonzero(photos[number].depths > 0)
+    rows = np.nonzero(photos[number].depths > 0)[0]
     if not len(rows):
         return []
     sample = places[rows[:: max(1, len(rows) // _SAMPLES)]]
@@ -101,7 +101,7 @@ def _neighbors(photos: Sequence[SeenKeypoints], number: int, places: F64) -> lis
     for other, photo in enumerate(photos):
         if other != number:
             shown, camera = reprojected(photo.posed, sample), photo.posed.camera
-            inside = ((shown >= 0) & (shown < [camera.width, camera.height])).all(axis=1)
+            inside = (shown >= 0).all(axis=1) & (shown < np.array([camera.width, camera.height])).all(axis=1)
             angles = np.degrees(np.arccos(np.clip((own * _directions(photo.posed, sample)).sum(axis=1), -1, 1)))
             scores[other] = (inside & (angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1])).sum()
     order = np.argsort(-scores, kind="stable")[:_NEIGHBORS]
@@ -116,7 +116,7 @@ def _same(
     radius = _RADIUS_SHARE * max(camera.width, camera.height)
     finite = np.isfinite(shown).all(axis=1)
     _, near = tree.query(np.where(finite[:, None], shown, -1e9), k=_NEAREST, distance_upper_bound=radius)
-    there = near < len(others)
+    there = np.asarray(near < len(others))
     alike = np.einsum("kd,knd->kn", own, others[np.where(there, near, 0)])
     alike = np.where(there, alike, -1.0)
     best = alike.argmax(axis=1)

@@ -156,11 +156,11 @@ def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Lan
     """The second one shows too little by itself."""
     poses = [_BETWEEN, looking(-0.15, height=1.2)]
     first, second = (drawn.colors(posed) for posed in poses)
-    second = second[130:230, 190:290]
+    second = second[156:204, 216:264]
     rough = [np.linalg.inv(poses[0].world_from_camera) @ posed.world_from_camera for posed in poses]
     rough[1] = rough[1].copy()
     rough[1][:3, 3] += 0.01
-    photos = [Photo(first, _FOCAL), Photo(second, CAMERA.fx / 100)]
+    photos = [Photo(first, _FOCAL), Photo(second, CAMERA.fx / 48)]
     assert place_photos(photos[1:], landmarks, drawn.geometry, _SETTINGS)[0].refusal is not None
     together = place_photos(photos, landmarks, drawn.geometry, _SETTINGS, rough)
     for placed, posed in zip(together, poses, strict=True):
