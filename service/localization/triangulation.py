@@ -114,7 +114,7 @@ def _same(
     """[K]: for each keypoint the one of another photo that shows the same, -1 for none."""
     camera = photo.posed.camera
     radius = _RADIUS_SHARE * max(camera.width, camera.height)
-    finite = np.isfinite(shown).all(axis=1)
+    finite = np.asarray(np.isfinite(shown).all(axis=1))
     _, near = tree.query(np.where(finite[:, None], shown, -1e9), k=_NEAREST, distance_upper_bound=radius)
     there = np.asarray(near < len(others))
     alike = np.einsum("kd,knd->kn", own, others[np.where(there, near, 0)])

@@ -20,7 +20,7 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, NotReadyError
@@ -29,7 +29,7 @@ from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, PLAIN_PNG
+from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 from tests.localization.textured_room import looking, renderer, textured_room
 from tests.scenes import add_photos, store_scene
@@ -53,9 +53,8 @@ def picture() -> np.ndarray:
 @pytest.fixture(scope="module")
 def room_id(service: SceneService, api_settings: Settings) -> str:
     """A room with its photos; the block of `picture` is not in it."""
-    scene = textured_room()
     encoder = open_text_encoder(ENCODER, api_settings.models)
-    assert SceneIndex(scene, encoder, api_settings.query) is not None
+    scene = textured_room(labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
     made = store_scene(service._store, scene, "room")
     drawn = renderer(scene)
     add_photos(service._store, made, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])
@@ -95,7 +94,7 @@ def test_every_face_says_the_same_place(
     assert found.refusal is None and found.camera is not None and refused.refusal == "no_keypoints"
     off = found.camera.world_from_camera[:3, 3] - _POSED.world_from_camera[:3, 3]
     assert np.linalg.norm(off) < 0.02 and len(found.covariance) == 36
-    assert {thing.name for thing in found.things} == {"left wall", "back wall", "floor"}
+    assert {thing.name for thing in found.things} == set(LABELS)
     assert found.differences and found.differences[0].kind in ("new", "changed")
     assert refused.camera is None and refused.covariance == refused.things == refused.differences == ()
 
@@ -205,8 +204,10 @@ def test_more_bytes_than_may_be_are_refused_before_they_are_all_read(faces: Face
     assert "FASTSPLAT_LOCALIZATION__MAX_BYTES" in refused.details["limit"]
 
 
-def test_a_scene_without_photos_says_so(service: SceneService, client: Client) -> None:
-    made = store_scene(service._store, textured_room(cameras=2), "bare")
+def test_a_scene_without_photos_says_so(service: SceneService, api_settings: Settings, client: Client) -> None:
+    encoder = open_text_encoder(ENCODER, api_settings.models)
+    scene = textured_room(cameras=2, labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
+    made = store_scene(service._store, scene, "bare")
     with pytest.raises(NotReadyError, match="no photos are kept"):
         client.localize(made, [PLAIN_PNG])
 

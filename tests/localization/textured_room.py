@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import cv2
 import numpy as np
 
@@ -13,13 +16,16 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 
 CAMERA = Camera(480, 360, 420.0, 420.0, 240.0, 180.0)
+WALLS = ("left wall", "back wall", "floor")
 _SIDE = 110
 _LENGTH = 2.0
 
 
-def textured_room(seed: int = 0, *, block: bool = False, cameras: int = 8) -> Scene:
+def textured_room(
+    seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
+) -> Scene:
     """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
-    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside."""
+    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside. `others`: as for `labelled_scene`."""
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
     across, down = np.meshgrid(steps, steps, indexing="ij")
@@ -39,11 +45,12 @@ def textured_room(seed: int = 0, *, block: bool = False, cameras: int = 8) -> Sc
     return labelled_scene(
         means,
         np.minimum(labels, 3),
-        ("left wall", "back wall", "floor"),
+        labels,
         scales=0.6 * _LENGTH / _SIDE,
         sh=((rgb - 0.5) / SH_C0)[:, None, :],
         logit_opacities=8.0,
         cameras=[looking(angle, name=f"{number}.png") for number, angle in enumerate(np.linspace(-0.4, 0.4, cameras))],
+        **others,
     )
 
 
