@@ -33,6 +33,7 @@ LOCALIZATION = Localization(
             refusal=None,
             explanation="214 places of the photo agree with the pose, and the scene's picture agrees by 0.81 of 1.",
             camera=PosedCamera(Camera(4032, 3024, 3024.0, 3024.0, 2016.0, 1512.0), np.eye(4)),
+            radial=0.0,
             covariance=tuple(_COVARIANCE.ravel().tolist()),
             focal_source="given",
             inliers=214,
@@ -48,6 +49,7 @@ LOCALIZATION = Localization(
             explanation="Only 7 places of the photo were found together in the scene, fewer than 15: it shows another "
             "place, or this one from where no photo of the scene was taken.",
             camera=None,
+            radial=0.0,
             covariance=(),
             focal_source=None,
             inliers=7,

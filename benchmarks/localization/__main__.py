@@ -176,6 +176,7 @@ def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any
         "degrees": round(float(np.degrees(np.linalg.norm(turn))), 4),
         "focal_ratio": round(one.posed.camera.fx / longer / true_focal, 4),
         "focal_source": one.focal_source,
+        "radial": round(one.radial, 4),
         "refined": one.refined,
         "mahalanobis_squared": round(distance, 2),
         "inside_95": bool(distance <= chi2.ppf(0.95, 6)),

@@ -81,7 +81,14 @@ class LocalizedPhoto(Response):
     explanation: Annotated[str, Field(description="the same in one sentence")]
     camera: Annotated[
         PosedCamera | None,
-        Field(description="where the photo was taken, with its intrinsics, upright, in its own size; absent without"),
+        Field(
+            description="where the photo was taken, with the intrinsics of the upright, undistorted photo in its own "
+            "size; absent without"
+        ),
+    ]
+    radial: Annotated[
+        float,
+        Field(description="k1 of the photo's lens, as OpenCV's, by which it was undistorted; 0 where none was found"),
     ]
     covariance: Annotated[
         Many[float],

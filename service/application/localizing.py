@@ -196,6 +196,7 @@ def _answer(index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto) -> Localize
         refusal=placed.refusal,
         explanation=explanation_of(placed.refusal, evidence),
         camera=camera,
+        radial=placed.radial,
         covariance=() if placed.covariance is None else tuple(placed.covariance.ravel().tolist()),
         focal_source=None if camera is None else placed.focal_source,
         inliers=evidence.inliers,

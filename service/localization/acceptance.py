@@ -55,9 +55,9 @@ def refusal_of(evidence: Evidence) -> LocalizeRefusal | None:
         return "narrow"
     sure = min(1.0, (evidence.inliers - LEAST_INLIERS) / (MANY_INLIERS - LEAST_INLIERS))
     least = LEAST_AGREEMENT * (1 - 0.5 * sure)
-    if evidence.agreement is None or evidence.agreement < least:
-        return "looks_different"
-    return None
+    if evidence.agreement is None:  # a plain or hardly covered view: only many matches speak for it
+        return None if evidence.inliers >= MANY_INLIERS else "looks_different"
+    return "looks_different" if evidence.agreement < least else None
 
 
 def explanation_of(refusal: LocalizeRefusal | None, evidence: Evidence) -> str:

@@ -49,7 +49,7 @@ def find_differences(comparison: Comparison, size: tuple[int, int]) -> tuple[Dif
         size: width and height of the photo, for the boxes.
     """
     excess = np.minimum(_outside(comparison.photo, comparison.shown), _outside(comparison.shown, comparison.photo))
-    covered = cv2.erode(comparison.covered.astype(np.uint8), np.ones((_SLACK_PX, _SLACK_PX), np.uint8)) > 0
+    covered = cv2.erode(comparison.sure.astype(np.uint8), np.ones((_SLACK_PX, _SLACK_PX), np.uint8)) > 0
     if not covered.any():
         return ()
     excess = np.asarray(cv2.GaussianBlur(np.where(covered, excess, 0.0).astype(np.float32), (0, 0), 2.0))

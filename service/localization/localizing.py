@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +34,10 @@ from fastsplat.service.localization.pose_solving import (
     SolvedPose,
     error_px,
     pinhole,
+    radial_distortion,
+    refine_pose,
     solve_pose,
+    undistorted,
 )
 from fastsplat.service.localization.projection import reprojected
 from fastsplat.service.localization.settings import LocalizationSettings
@@ -81,6 +85,7 @@ class PlacedPhoto:
         focal_source: what said the focal length.
         refined: whether the comparison with the scene's picture has improved the pose.
         comparison: photo and scene from there; None where it is refused.
+        radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.
     """
 
     refusal: LocalizeRefusal | None
@@ -90,6 +95,7 @@ class PlacedPhoto:
     focal_source: FocalSource = "scene"
     refined: bool = False
     comparison: Comparison | None = None
+    radial: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -183,13 +189,31 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
     counted = evidence if of_group is None else replace(evidence, inliers=of_group, spread=1.0)
     if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
         return PlacedPhoto(refusal, evidence)
+    one, pose, radial = _straightened(one, pose)
     covariance = _covariance(one, pose)
     posed, comparison, refined = _refined(one, pose, covariance, geometry)
     agreement = agreement_of(comparison)
     evidence = replace(evidence, agreement=agreement)
     if (refusal := refusal_of(replace(counted, agreement=agreement))) is not None:
         return PlacedPhoto(refusal, evidence)
-    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison)
+    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial)
+
+
+def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
+    """The photo without its lens's distortion, its pose anew, and that distortion; what was there, and 0, without."""
+    radial, focal = radial_distortion(one.pixels, one.points, pose)
+    if not radial:
+        return one, pose, 0.0
+    camera = pinhole(one.photo.size, focal)
+    pixels = undistorted(one.pixels, camera, radial)
+    straight = refine_pose(pixels, one.points, one.matches, replace(pose, posed=replace(pose.posed, camera=camera)))
+    if straight is None:
+        return one, pose, 0.0
+    # OpenCV's pixel centers are whole numbers.
+    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1.0]])
+    picture = cv2.undistort(one.photo.picture, matrix, np.array([radial, 0.0, 0.0, 0.0]))
+    photo = replace(one.photo, picture=np.asarray(picture, np.uint8))
+    return replace(one, photo=photo, pixels=pixels), straight, radial
 
 
 def _covariance(one: _Matched, pose: SolvedPose) -> F64:

@@ -30,6 +30,7 @@ _STEPS = 6
 _SURE = 0.3
 """Confidence of a pixel's depth from which on it counts."""
 _LEAST_PIXELS = 400
+_RIM = np.ones((5, 5), np.uint8)
 _HUBER = 1.345
 _MAD = 1.4826
 _BLUR_PX = 1.2
@@ -46,7 +47,8 @@ class Comparison:
         photo: float32 [H, W, 3], 0..1.
         shown: float32 [H, W, 3], 0..1, the scene with the photo's exposure and white balance.
         depth: float32 [H, W], camera z, scene units; 0 where nothing is.
-        covered: bool [H, W], where the scene's surface is sure.
+        covered: bool [H, W], where the scene shows something.
+        sure: bool [H, W], where the depth of that is sure, too.
         cost: mean of Huber's loss of the differences of gray values, over what is covered; infinite for too little.
     """
 
@@ -55,6 +57,7 @@ class Comparison:
     shown: F32
     depth: F32
     covered: NDArray[np.bool_]
+    sure: NDArray[np.bool_]
     cost: float
 
 
@@ -73,16 +76,16 @@ def compared(
     size = small.camera.width, small.camera.height
     target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)
-    shown, sure = np.asarray(seen.image, np.float32), seen.confidence > _SURE
+    shown, there = np.asarray(seen.image, np.float32), seen.confidence > 0
     image, light = torch.from_numpy(shown), torch.from_numpy(target)
-    fit = fitted_correction(image, light, torch.from_numpy(sure.astype(np.float32)), None)
+    fit = fitted_correction(image, light, torch.from_numpy(there.astype(np.float32)), None)
     if fit is not None:
         shown = np.asarray(correct(image, fit).numpy(), np.float32)
-    covered = cv2.erode(sure.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    covered, sure = (cv2.erode(part.astype(np.uint8), _RIM) > 0 for part in (there, seen.confidence > _SURE))
     cost = float("inf")
     if covered.sum() >= _LEAST_PIXELS:
         cost = _cost((_gray(target) - _gray(shown))[covered], scale)
-    return Comparison(small, target, shown, seen.median_depth, covered, cost)
+    return Comparison(small, target, shown, seen.median_depth, covered, sure, cost)
 
 
 def refine_photometrically(
@@ -135,7 +138,7 @@ def small_camera(posed: PosedCamera, side: int = COMPARED_SIDE) -> PosedCamera:
 def _step(now: Comparison, scale: float) -> F64 | None:
     """float64 [6]: the motion of the camera in its own frame, position and rotation, that the pictures ask for."""
     photo, shown = _gray(now.photo), _gray(now.shown)
-    rows, columns = np.nonzero(now.covered & (now.depth > 0))
+    rows, columns = np.nonzero(now.sure & (now.depth > 0))
     if len(rows) < _LEAST_PIXELS:
         return None
     across, down = (_slope(photo, axis) + _slope(shown, axis) for axis in (0, 1))

@@ -25,7 +25,10 @@ def textured_room(
     seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
 ) -> Scene:
     """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
-    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside. `others`: as for `labelled_scene`."""
+    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside.
+
+    `others`: as for `labelled_scene`.
+    """
     rng = np.random.default_rng(seed)
     steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
     across, down = np.meshgrid(steps, steps, indexing="ij")
@@ -41,10 +44,10 @@ def textured_room(
         points.append(np.array([0.8, 0.8, 0.02]) + shell * 0.03)
         colors.append(np.broadcast_to([0.95, 0.9, 0.1], (len(shell), 3)))
     means, rgb = np.concatenate(points), np.concatenate(colors)
-    labels = np.concatenate([np.full(len(part), row + 1) for row, part in enumerate(points)])
+    ids = np.concatenate([np.full(len(part), row + 1) for row, part in enumerate(points)])
     return labelled_scene(
         means,
-        np.minimum(labels, 3),
+        np.minimum(ids, 3),
         labels,
         scales=0.6 * _LENGTH / _SIDE,
         sh=((rgb - 0.5) / SH_C0)[:, None, :],

@@ -6055,6 +6055,7 @@ class LocalizedPhoto(_message.Message):
     REFINED_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
     DIFFERENCES_FIELD_NUMBER: _builtins.int
+    RADIAL_FIELD_NUMBER: _builtins.int
     refusal: Global___LocalizeRefusal.ValueType
     """why no pose is said: too little detail in the photo; too few places of it found in the scene; these close together
     in the photo; or the scene looks different from there. Absent where there is a pose
@@ -6075,9 +6076,11 @@ class LocalizedPhoto(_message.Message):
     """how like the scene's picture from there is to the photo, -1..1; absent where it was not compared"""
     refined: _builtins.bool
     """whether comparing the two pictures has made the pose better"""
+    radial: _builtins.float
+    """k1 of the photo's lens, as OpenCV's, by which it was undistorted; 0 where none was found"""
     @_builtins.property
     def camera(self) -> Global___PosedCamera:
-        """where the photo was taken, with its intrinsics, upright, in its own size; absent without"""
+        """where the photo was taken, with the intrinsics of the upright, undistorted photo in its own size; absent without"""
 
     @_builtins.property
     def covariance(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
@@ -6108,10 +6111,11 @@ class LocalizedPhoto(_message.Message):
         refined: _builtins.bool = ...,
         things: _abc.Iterable[Global___ThingInView] | None = ...,
         differences: _abc.Iterable[Global___PhotoDifference] | None = ...,
+        radial: _builtins.float = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_agreement", b"_agreement", "_focal_source", b"_focal_source", "_refusal", b"_refusal", "agreement", b"agreement", "camera", b"camera", "focal_source", b"focal_source", "refusal", b"refusal"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_agreement", b"_agreement", "_focal_source", b"_focal_source", "_refusal", b"_refusal", "agreement", b"agreement", "camera", b"camera", "covariance", b"covariance", "differences", b"differences", "explanation", b"explanation", "focal_source", b"focal_source", "inlier_share", b"inlier_share", "inliers", b"inliers", "refined", b"refined", "refusal", b"refusal", "spread", b"spread", "things", b"things"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_agreement", b"_agreement", "_focal_source", b"_focal_source", "_refusal", b"_refusal", "agreement", b"agreement", "camera", b"camera", "covariance", b"covariance", "differences", b"differences", "explanation", b"explanation", "focal_source", b"focal_source", "inlier_share", b"inlier_share", "inliers", b"inliers", "radial", b"radial", "refined", b"refined", "refusal", b"refusal", "spread", b"spread", "things", b"things"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__agreement: _TypeAlias = _typing.Literal["agreement"]  # noqa: Y015
     _WhichOneofArgType__agreement: _TypeAlias = _typing.Literal["_agreement", b"_agreement"]  # noqa: Y015
