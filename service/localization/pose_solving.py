@@ -145,8 +145,8 @@ def _world_from_camera(viewmat: Any) -> F64:
 
 def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> tuple[float, float]:
     """k₁ of a photo's lens and its focal length in pixels, by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and
-    COLMAP's SIMPLE_RADIAL have it: the scene's own photos were undistorted, one that comes is as its lens made it. k₁ is 0
-    where too few matches tell, or where it explains hardly anything.
+    COLMAP's SIMPLE_RADIAL have it: the scene's own photos were undistorted, one that comes is as its lens made it. k₁ is
+    0 where too few matches tell, or where it explains hardly anything.
 
     Args:
         pixels: float64 [M, 2], where the photo shows each match.
