@@ -201,12 +201,12 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
 
 def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
     """The photo without its lens's distortion, its pose anew, and that distortion; what was there, and 0, without."""
-    radial, focal = radial_distortion(one.pixels, one.points, pose)
+    radial = radial_distortion(one.pixels, one.points, pose)
     if not radial:
         return one, pose, 0.0
-    camera = pinhole(one.photo.size, focal)
+    camera = pose.posed.camera
     pixels = undistorted(one.pixels, camera, radial)
-    straight = refine_pose(pixels, one.points, one.matches, replace(pose, posed=replace(pose.posed, camera=camera)))
+    straight = refine_pose(pixels, one.points, one.matches, pose)
     if straight is None:
         return one, pose, 0.0
     # OpenCV's pixel centers are whole numbers.
@@ -218,7 +218,7 @@ def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose
 
 def _covariance(one: _Matched, pose: SolvedPose) -> F64:
     rows = pose.inliers
-    estimated = pose.focal_source == "estimated"
+    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
     return pose_covariance(pose.posed, one.pixels[rows], one.points[rows], focal_estimated=estimated)
 
 

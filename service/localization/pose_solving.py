@@ -107,13 +107,10 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
 
     Args:
         pixels, points, matches: as for `solve_pose`.
-        start: with inliers; a focal length that was estimated is refined, too, and one that was not given where many
-            keypoints agree: they are surer of it than metadata and than the scene's undistorted photos.
+        start: with inliers; a focal length that was estimated is refined, too.
     """
     options = pycolmap.AbsolutePoseRefinementOptions()
-    own_lens = start.focal_source != "given" and start.keypoints >= _FEWEST_FOR_LENS
-    source: FocalSource = "estimated" if own_lens else start.focal_source
-    options.refine_focal_length = source == "estimated"
+    options.refine_focal_length = start.focal_source == "estimated"
     options.refine_extra_params = False
     options.print_summary = False
     solved = start
@@ -131,7 +128,7 @@ def refine_pose(pixels: F64, points: F64, matches: Matches, start: SolvedPose) -
         posed = PosedCamera(refined, pose)
         inside = np.linalg.norm(reprojected(posed, points) - pixels, axis=1) < error_px(refined)
         rows = np.flatnonzero(inside).astype(np.int64)
-        solved = SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), source)
+        solved = SolvedPose(posed, rows, len(np.unique(matches.keypoints[rows])), start.focal_source)
         if solved.keypoints < _FEWEST:
             return None
     return solved
@@ -143,19 +140,18 @@ def _world_from_camera(viewmat: Any) -> F64:
     return pose
 
 
-def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> tuple[float, float]:
-    """k₁ of a photo's lens and its focal length in pixels, by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and
-    COLMAP's SIMPLE_RADIAL have it: the scene's own photos were undistorted, one that comes is as its lens made it. k₁ is
-    0 where too few matches tell, or where it explains hardly anything.
+def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> float:
+    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and COLMAP's SIMPLE_RADIAL have
+    it: the scene's own photos were undistorted, one that comes is as its lens made it. 0 where too few matches tell, or
+    where it explains hardly anything.
 
     Args:
         pixels: float64 [M, 2], where the photo shows each match.
         points: float64 [M, 3], where it is in the world.
         solved: the pose.
     """
-    nothing = 0.0, solved.posed.camera.fx
     if solved.keypoints < _FEWEST_FOR_LENS:
-        return nothing
+        return 0.0
     rows, before = solved.inliers, solved.posed.camera
     camera = pycolmap.Camera(
         model="SIMPLE_RADIAL",
@@ -164,19 +160,19 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> tuple[flo
         params=[before.fx, before.cx, before.cy, 0.0],
     )
     options = pycolmap.AbsolutePoseRefinementOptions()
-    options.refine_focal_length = solved.focal_source == "estimated"
+    options.refine_focal_length = solved.focal_source in ("scene", "estimated")
     options.refine_extra_params, options.print_summary = True, False
     viewmat = pycolmap.Rigid3d(solved.posed.camera_from_world()[:3])
     mask = np.ones(len(rows), bool)
     answer = pycolmap.refine_absolute_pose(viewmat, pixels[rows], points[rows], mask, camera, options)
     if answer is None:
-        return nothing
+        return 0.0
     local = points[rows] @ answer["cam_from_world"].matrix()[:, :3].T + answer["cam_from_world"].matrix()[:, 3]
     after = np.linalg.norm(camera.img_from_cam(local) - pixels[rows], axis=1)
     first = np.linalg.norm(reprojected(solved.posed, points[rows]) - pixels[rows], axis=1)
     k1 = float(camera.params[3])
     explained = float(np.median(after)) < _EXPLAINED * float(np.median(first))
-    return (k1, float(camera.params[0])) if explained and abs(k1) < _STRONGEST_LENS else nothing
+    return k1 if explained and abs(k1) < _STRONGEST_LENS else 0.0
 
 
 def undistorted(pixels: F64, camera: Camera, k1: float) -> F64:

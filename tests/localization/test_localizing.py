@@ -68,7 +68,7 @@ def test_a_picture_of_the_scene_comes_back_to_its_place(
     placed = _place(drawn.colors(_BETWEEN), landmarks, drawn, focal)
     percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
     assert percent < 0.2 and degrees < 0.1
-    assert placed.focal_source == ("given" if focal else "estimated")
+    assert placed.focal_source == ("given" if focal else "scene")
     assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
 
 

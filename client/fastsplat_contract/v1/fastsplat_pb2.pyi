@@ -5935,6 +5935,7 @@ class LocalizeRequest(_message.Message):
     POSES_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
+    """which scene"""
     version: _builtins.str
     """of the scene; empty: the current one"""
     @_builtins.property
