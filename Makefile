@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs bench-localize
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -126,6 +126,9 @@ bench-methods: setup  ## our labels beside lifted and distilled language feature
 bench-choices: setup  ## the trainer's defaults against their neighbors on validation views, then on test views once: benchmarks/results/choices.json
 	$(BIN)/python -m benchmarks.choices
 	$(BIN)/python -m benchmarks.choices --split test
+
+bench-localize: setup  ## held-out photos localized in small scenes, photos of other places refused: benchmarks/results/localization.json
+	$(BIN)/python -m benchmarks.localization --split test
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade --split test

@@ -21,6 +21,7 @@ from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app, projects_app
 from fastsplat.cli.local_commands import ask, train, view
+from fastsplat.cli.localize import localize
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.mcp import mcp
 from fastsplat.cli.models import models_app
@@ -58,6 +59,7 @@ app.command()(foxglove)
 app.command()(import_splat)
 app.command()(tags)
 app.command()(check)
+app.command()(localize)
 app.command()(mcp)
 app.command()(train)
 app.command()(ask)

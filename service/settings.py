@@ -21,6 +21,7 @@ from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
 from fastsplat.service.instances.prompt_settings import PromptSettings
 from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
+from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.splat_import.settings import SplatImportSettings
@@ -280,6 +281,7 @@ class Settings(BaseSettings):
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()
     quotas: QuotaSettings = QuotaSettings()
+    localization: LocalizationSettings = LocalizationSettings()
 
     @classmethod
     def settings_customise_sources(

@@ -102,6 +102,7 @@ _CALLS: Mapping[str, tuple[Rule, tuple[str, ...]]] = {
     "ListNextPhotos": (_SHOW, ("GET /v1/scenes/{scene_id}/next-photos",)),
     "GetGoal": (_SHOW, ("GET /v1/scenes/{scene_id}/goal",)),
     "ListDetections": (_SHOW, ("GET /v1/scenes/{scene_id}/detections",)),
+    "Localize": (_SHOW, ("POST /v1/scenes/{scene_id}:localize",)),
     "ListBestViews": (_SHOW, ("GET /v1/scenes/{scene_id}/views",)),
     "DownloadScenePly": (_FETCH, ("GET /v1/scenes/{scene_id}/scene.ply",)),
     "CreateKey": (_ADMIN, ("POST /v1/keys",)),

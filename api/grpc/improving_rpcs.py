@@ -1,11 +1,12 @@
-"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; and
-where a robot stands, and what it needs to know of things."""
+"""The RPCs that make a scene better: train it further, put it into a map, say where to stand for the next photos; where
+a robot stands, what it needs to know of things, and where photos were taken."""
 
 from __future__ import annotations
 
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.grpc.guard import Context, guarded
 from fastsplat.api.grpc.messages import MessageServicer, as_message
+from fastsplat_contract.localize_messages import LocalizeRequest
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import AlignIn, Edit, SceneVersion
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -63,5 +64,14 @@ class ImprovingServicer(MessageServicer):
                     self._service.detections.all(
                         request.scene_id, request.version, request.page_size, request.page_token
                     ),
+                )
+            )
+
+    async def Localize(self, request: pb.LocalizeRequest, context: Context) -> pb.Localization:
+        """Where photos were taken."""
+        async with guarded(context, "Localize"):
+            return await self._threads.answer(
+                lambda: as_message(
+                    pb.Localization, self._service.localizing.localize(from_proto(LocalizeRequest, request))
                 )
             )

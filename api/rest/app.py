@@ -29,6 +29,7 @@ from fastsplat.api.rest.health import health_routes
 from fastsplat.api.rest.job_watching_routes import job_watching_routes
 from fastsplat.api.rest.key_routes import key_routes
 from fastsplat.api.rest.known_name_routes import known_name_routes
+from fastsplat.api.rest.localize_routes import localize_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
 from fastsplat.api.rest.photo_routes import photo_routes
@@ -145,6 +146,7 @@ def create_app(
     app.include_router(query_routes(service, threads), tags=["queries"])
     app.include_router(photo_routes(service, threads), tags=["queries"])
     app.include_router(detection_routes(service, threads), tags=["queries"])
+    app.include_router(localize_routes(service, settings, threads), tags=["queries"])
     app.include_router(export_routes(service, threads), tags=["queries"])
     app.include_router(key_routes(service, threads), tags=["keys"])
     app.include_router(known_name_routes(service, threads), tags=["known names"])

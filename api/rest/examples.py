@@ -16,6 +16,7 @@ from fastsplat.api.rest.change_examples import CHANGE_BODIES, DETECTIONS, GOAL, 
 from fastsplat.api.rest.example_parameters import IDS, PAGE_TOKEN, PARAMETERS
 from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
+from fastsplat.api.rest.localize_examples import LOCALIZATION, LOCALIZE_FORM
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -200,6 +201,7 @@ ANSWERS: Mapping[str, Any] = {
         NEXT_PHOTOS,
         GOAL,
         DETECTIONS,
+        LOCALIZATION,
         _VERSION,
         VersionList((_VERSION,)),
         *admin_answers(IDS, PAGE_TOKEN),
@@ -321,7 +323,7 @@ def add_examples(document: dict[str, Any]) -> None:
             parameter["example"] = PARAMETERS.get(f"{operation['operationId']} {name}", PARAMETERS.get(name))
         for media_type, content in operation.get("requestBody", {}).get("content", {}).items():
             if media_type == "multipart/form-data":
-                content["example"] = dict(FORM)
+                content["example"] = dict(LOCALIZE_FORM if operation["operationId"] == "localize" else FORM)
             elif (kind := _type_of(content)) is not None:
                 content["examples"] = {
                     name: {"summary": summary, "value": to_plain(value)}

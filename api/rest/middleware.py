@@ -18,7 +18,7 @@ from fastsplat.api.rest.request_heads import check_header_count, find_ambiguity
 from fastsplat_contract.errors import NotReadyNowError
 
 _log = logging.getLogger(__name__)
-_UPLOADS = re.compile(r"POST /v1/scenes|(POST|PATCH) /v1/uploads(/\w+)?")
+_UPLOADS = re.compile(r"POST /v1/scenes(/\w+:localize)?|(POST|PATCH) /v1/uploads(/\w+)?")
 
 MAX_BODY_BYTES = 4 * 2**20
 """What a request other than an upload may weigh: as much as a gRPC message."""

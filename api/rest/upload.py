@@ -1,15 +1,16 @@
-"""`POST /v1/scenes`: a form that streams into an upload session while it arrives."""
+"""`POST /v1/scenes`: a form that streams into an upload session while it arrives; and how forms are received at all."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
-from typing import Any
+from collections.abc import AsyncIterator, Callable, Sequence
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from starlette.requests import Request
 
 from fastsplat.api.access.caller import caller_project
+from fastsplat.api.receiving import Sink
 from fastsplat.api.rest.multipart import FormParser
 from fastsplat.api.rest.responses import while_connected
 from fastsplat.api.threads import Threads
@@ -24,6 +25,7 @@ from fastsplat_contract.operations import Operation, SceneOptions
 _FILE_FIELDS = ("capture", "images", "files")
 _MAX_TEXT_BYTES = 2**20
 _MAX_TEXT_PARTS = 2_000
+_R = TypeVar("_R")
 
 
 def _options() -> dict[str, Any]:
@@ -105,14 +107,34 @@ async def receive_scene(request: Request, service: SceneService, settings: Setti
     Raises:
         FastSplatError: what the form, the files or the service's limits have against it.
     """
-    body_read = asyncio.Event()
-    try:
+
+    def sink() -> _FormSink:
         announced = request.headers.get("content-length", "0")
         check_announced(int(announced) if announced.isdigit() else 0, settings.capture.max_upload_bytes)
-        form = _FormSink(service, settings, caller_project(), request.headers.get("content-type", ""))
-        return await while_connected(
-            request, threads.receive(_noting_end(request.stream(), body_read), form, size=len), body_read
-        )
+        return _FormSink(service, settings, caller_project(), request.headers.get("content-type", ""))
+
+    return await receive_form(request, sink, threads)
+
+
+async def receive_form(
+    request: Request, sink: Callable[[], Sink[bytes, _R]], threads: Threads, memory_bytes: int = 0
+) -> _R:
+    """What a sink makes of a request's body.
+
+    Args:
+        request: whose body.
+        sink: makes what takes it; what that raises is a refusal, too.
+        threads: where the sink runs.
+        memory_bytes: what the sink holds of the body.
+
+    Raises:
+        FastSplatError: whatever the sink has against it.
+    """
+    body_read = asyncio.Event()
+    try:
+        body = _noting_end(request.stream(), body_read)
+        received = threads.receive(body, sink(), size=len, memory_bytes=memory_bytes)
+        return await while_connected(request, received, body_read)
     except FastSplatError:
         if "expect" not in request.headers and not body_read.is_set():
             await _drain(request)

@@ -39,6 +39,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.keys import AccessKey, NewKey
+from fastsplat_contract.localize_messages import Localization, LocalizedPhoto
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
@@ -90,6 +91,8 @@ __all__ = [
     "KnownSize",
     "Length",
     "LimitExceededError",
+    "Localization",
+    "LocalizedPhoto",
     "LocatedPlace",
     "LookAgainResult",
     "Match",

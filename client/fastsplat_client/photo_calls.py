@@ -1,14 +1,19 @@
-"""The calls about photos of scenes, and about the cameras that show a thing best."""
+"""The calls about photos of scenes, photos that find their place in one, and cameras that show a thing best."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from fastsplat_client.errors import read
 from fastsplat_client.thing_calls import scene_path
 from fastsplat_client.transport import Transport
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.localize_messages import Localization
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.poses import Pose
 
 
 class PhotoCalls:
@@ -34,6 +39,39 @@ class PhotoCalls:
         """
         params = {"view": view, "version": version}
         return self._transport.call("GET", f"{scene_path(scene_id)}/photo.jpg", params=params).content
+
+    def localize(
+        self,
+        scene_id: str,
+        photos: Sequence[Path | bytes],
+        *,
+        focals: Sequence[float] = (),
+        poses: Sequence[Pose] = (),
+        version: str = "",
+        timeout_s: float | None = None,
+    ) -> Localization:
+        """Where photos were taken in a scene, how sure that is, what is seen from there, and what they show that the
+        scene does not; a photo without a sure place comes back with the reason.
+
+        Args:
+            scene_id: which scene.
+            photos: image files, or their bytes.
+            focals: focal length of each photo, pixels of the upright photo; one number is that of all; none: found out.
+            poses: roughly where each was taken, in any one frame, scene units, OpenCV camera axes: the photos find
+                their place together; none: each by itself.
+            version: of the scene; "" is the current one.
+            timeout_s: when to give up; the first request to a scene takes longer.
+        """
+        sent = [photo.read_bytes() if isinstance(photo, Path) else photo for photo in photos]
+        form: list[tuple[str, tuple[str | None, bytes | str]]] = [
+            ("photos", (f"photo{number}", content)) for number, content in enumerate(sent)
+        ]
+        form += [("focals", (None, repr(float(focal)))) for focal in focals]
+        form += [("poses", (None, json.dumps(to_plain(pose)))) for pose in poses]
+        form.append(("version", (None, version)))
+        path = f"{scene_path(scene_id)}:localize"
+        answer = self._transport.call("POST", path, content=lambda: {"files": form}, timeout_s=timeout_s)
+        return read(Localization, answer)
 
     def next_photos(self, scene_id: str, version: str = "") -> tuple[NextPhoto, ...]:
         """Where to stand for the next photos of a scene: at most three places, the most useful first."""

@@ -17,6 +17,7 @@ from fastsplat.service.application.answers import Answers
 from fastsplat.service.application.camera_files import camera_file
 from fastsplat.service.application.detection_lists import Detections
 from fastsplat.service.application.further_training import FurtherTraining
+from fastsplat.service.application.localizing import Localizing
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
@@ -92,6 +93,7 @@ class SceneService:
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
+        self.localizing = Localizing(self._store, settings, self._scenes, self._memory)
         self.photos = Photos(self._store, settings, self._scenes, self._memory)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.known_names = KnownNames(self._store, settings)
@@ -125,6 +127,7 @@ class SceneService:
         other.detections = Detections(other._store, self._settings, other._scenes)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
+        other.localizing = self.localizing.over(other._store, other._scenes)
         other.known_names = KnownNames(other._store, self._settings)
         other.jobs = RunningJobs(other._store, self._settings)
         other.training = FurtherTraining(other._store, self._settings, other._scenes, self._quotas, project)
@@ -139,6 +142,7 @@ class SceneService:
 
     def close(self) -> None:
         """Let go of scenes and connections."""
+        self.localizing.close()
         self._scenes.close()
         self._store.close()
 
@@ -366,8 +370,8 @@ class SceneService:
         """
         # On a full disk the row that frees space needs a little first.
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
-        self._scenes.forget(scene_id)
-        self.exports.forget(scene_id)
+        for kept in (self._scenes, self.exports, self.localizing):
+            kept.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)

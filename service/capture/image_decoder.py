@@ -30,6 +30,8 @@ from fastsplat_contract.errors import ResourceError
 
 _MAX_ERROR_BYTES = 1 << 16
 _ENDING_S = 10.0
+_HEADER_BYTES = 4 * 8
+_MAX_FOCAL = 2_000.0
 
 
 class ImageDecoder:
@@ -66,6 +68,21 @@ class ImageDecoder:
         pixels = self._decode("rgb", root, photo.path, photo, size, 3)
         return np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0], 3)
 
+    def header(self, root: Path, name: str) -> PhotoInfo:
+        """The size, orientation and focal length of an image below `root` that was not looked at before.
+
+        Raises:
+            CorruptImageError, LimitExceededError: as `check_image`, by its first bytes.
+            ResourceError: as `photo`, or the child said what no header can say.
+        """
+        unknown = PhotoInfo(name, 1, 1, 1, "", 0.0)
+        answer = self._decode("header", root, name, unknown, (1, 1), _HEADER_BYTES)
+        width, height, orientation, focal = np.frombuffer(answer, dtype=np.float64).tolist()
+        pixels = width * height
+        if not (1 <= pixels <= self._settings.max_image_pixels and 1 <= orientation <= 8 and 0 <= focal <= _MAX_FOCAL):
+            raise ResourceError(f"decoding {name} went wrong", field=name, hint="Save it again as JPEG or PNG.")
+        return PhotoInfo(name, int(width), int(height), int(orientation), "", focal)
+
     def ids(self, root: Path, name: str, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16]:
         """uint16 [H, W] of the label map or mask `name` of a photo, upright, sampled down to `size` (width, height).
 
@@ -88,7 +105,7 @@ class ImageDecoder:
 
     def _decode(
         self,
-        kind: Literal["rgb", "map", "depth"],
+        kind: Literal["rgb", "map", "depth", "header"],
         root: Path,
         name: str,
         photo: PhotoInfo,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.depth_files import DepthFile, read_depth, sample_depth
-from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, load_upright, open_map
+from fastsplat.service.capture.image_io import PhotoInfo, apply_orientation, load_upright, open_map, read_header
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import FastSplatError
 
@@ -30,8 +30,9 @@ def decode_requests(
     """Answer one request a line of stdin until it is closed.
 
     A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
-    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]) or "depth" (float32
-    [H, W], of the `DepthFile` that "depth" is).
+    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]), "depth" (float32 [H, W],
+    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of an image
+    without a `PhotoInfo`).
 
     Args:
         request: the task's: its "settings".
@@ -48,6 +49,10 @@ def decode_requests(
                 pixels = load_upright_map(root, asked["name"], photo, size, settings)
             elif asked["kind"] == "depth":
                 pixels = sample_depth(read_depth(root, DepthFile(**asked["depth"]), settings), size)
+            elif asked["kind"] == "header":
+                header = read_header(root, asked["name"], settings)
+                numbers = header.width, header.height, header.orientation, header.focal_35mm
+                pixels = np.array(numbers, np.float64)
             else:
                 pixels = reduce(load_upright(root, photo, settings), size)
         except (FastSplatError, MemoryError, OSError) as error:

@@ -60,6 +60,14 @@ class PhotoInfo:
         return (self.height, self.width) if self.orientation in _TRANSPOSED else (self.width, self.height)
 
     @property
+    def focal_of_side(self) -> float | None:
+        """Focal length over the longer side, by the diagonal of the frame that `focal_35mm` is of; None if unknown."""
+        if not self.focal_35mm:
+            return None
+        diagonal = math.hypot(self.width, self.height)
+        return self.focal_35mm / math.hypot(36.0, 24.0) * diagonal / max(self.width, self.height)
+
+    @property
     def mirrored(self) -> bool:
         """Whether applying the orientation mirrors the image."""
         return self.orientation in _MIRRORED
@@ -82,6 +90,12 @@ def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
         image.draft("RGB", (max(1, image.width // 8), max(1, image.height // 8)))
         _decode(image, name)
     return info
+
+
+def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
+    """The header of an image by its first bytes; its pixels are not decoded. Raises as `check_image`."""
+    with _open(root / name, name, settings) as image:
+        return _info(image, name)
 
 
 def read_size(root: Path, name: str, settings: CaptureSettings) -> tuple[int, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,13 @@ from fastsplat.service.store.name_repository import NewName, VersionNames, recor
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import add_photos, labelled_scene, store_scene
 
+
+def _png(picture: Image.Image) -> bytes:
+    content = io.BytesIO()
+    picture.save(content, "PNG")
+    return content.getvalue()
+
+
 ENCODER = "label_table:words"
 LABELS = ("mug", "ball", "story book")
 KINDRED = {"mug": ("cup", "beaker"), "ball": ("sphere", "balloon"), "story book": ("novel", "paperback")}
@@ -32,6 +40,8 @@ PHRASES = tuple(
 """Questions that say more than a name, as they are embedded, and what they are made of."""
 PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
 """Of the photos of its three cameras, which are each of one color."""
+PLAIN_PNG = _png(Image.new("RGB", (32, 24), (120, 130, 140)))
+"""An image file in which nothing is to be seen."""
 _PER_BLOB = 60
 _CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
 

@@ -24,7 +24,7 @@ from fastsplat.api.rest.app import create_app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.made_scene import add_known_name, add_scene
+from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
 from tests.api.training_job import add_training_job
 
@@ -58,6 +58,7 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:align": {"json": {"alignment": {"transform": _MOTION}}},
     "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
     "POST /v1/scenes/{scene_id}:measure": {"json": {"places": [{"thing": 1}]}},
+    "POST /v1/scenes/{scene_id}:localize": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
     "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
     "PATCH /v1/scenes/{scene_id}": {"json": {"name": "new"}},
     "POST /mcp": {
@@ -164,9 +165,10 @@ def test_what_changes_something_needs_an_editor_and_what_deletes_it_for_ever_an_
         "POST /v1/scenes/{scene_id}:pick",
         "POST /v1/scenes/{scene_id}:render",
         "POST /v1/scenes/{scene_id}:measure",
+        "POST /v1/scenes/{scene_id}:localize",
         "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
     )
-    looking = r"(Get|List|Pick|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
+    looking = r"(Get|List|Localize|Pick|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)"
     for context, method in _ROUTES:
         name = route_name(context, method)
         if method not in ("GET", "HEAD", "OPTIONS") and name not in asking:
@@ -270,6 +272,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         "kind": pb.PICTURE_KIND_RGB,
         "role": pb.ROLE_READER,  # of a new key: one that shows a scene alone may do no more
     }
+    values["photos"] = [PLAIN_PNG]
     values["places"] = [pb.Place(thing=1)]
     values["pixel"] = pb.Pixel(x=24.0, y=18.0)
     motion = pb.Pose(position=pb.Vector3(x=1.0), orientation=pb.Quaternion(w=1.0))

@@ -71,6 +71,7 @@ _TWINS = {
     "GET /v1/scenes/{scene_id}/next-photos": "ListNextPhotos",
     "GET /v1/scenes/{scene_id}/goal": "GetGoal",
     "GET /v1/scenes/{scene_id}/detections": "ListDetections",
+    "POST /v1/scenes/{scene_id}:localize": "Localize",
     "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
     "GET /v1/scenes/{scene_id}/versions": "ListVersions",
     "POST /v1/scenes/{scene_id}:edit": "EditScene",

@@ -18,7 +18,7 @@ from fastsplat.api.rest import openapi
 from fastsplat.api.rest.example_parameters import IDS
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
-from tests.api.made_scene import add_known_name, add_scene
+from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_training_job
 from tests.api.upright_scene import add_upright_scene
@@ -116,7 +116,7 @@ def _sent(place: _Place, name: str, body: Any, ids: dict[str, str]) -> httpx.Res
     return place.faces.rest.request(method, path.format(**in_path), params=params, json=body)
 
 
-@pytest.mark.parametrize("name", sorted(set(_OPERATIONS) - _TUS - {"create_scene"}))
+@pytest.mark.parametrize("name", sorted(set(_OPERATIONS) - _TUS - {"create_scene", "localize"}))
 def test_a_server_takes_every_example_and_answers_as_described(place: _Place, name: str) -> None:
     operation = _OPERATIONS[name][2]
     contents = operation.get("requestBody", {}).get("content", {})
@@ -162,3 +162,16 @@ def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
     assert response.status_code == 202, response.text
     described = _OPERATIONS["create_scene"][2]["responses"]["202"]["content"]["application/json"]
     _valid(response.json(), described["schema"])
+
+
+def test_the_form_of_the_example_localizes_photos(place: _Place) -> None:
+    form = next(_examples(_OPERATIONS["localize"][2]["requestBody"]["content"]["multipart/form-data"]))
+    photos = [("photos", (name, PLAIN_PNG)) for name in form["photos"]]  # an example has names for bytes
+    texts = [(key, (None, str(one))) for key in ("focals", "poses") for one in form[key]]
+    path = f"/v1/scenes/{place.ids()['scene_id']}:localize"
+    response = place.faces.rest.post(path, files=[*photos, *texts])
+    assert response.status_code == 200, response.text
+    answer = response.json()
+    assert [photo["refusal"] for photo in answer["photos"]] == ["no_keypoints"] * len(form["photos"])
+    described = _OPERATIONS["localize"][2]["responses"]["200"]["content"]["application/json"]
+    _valid(answer, described["schema"])

@@ -35,6 +35,7 @@ _SHOWN = {
     *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
+    "Localize",
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""
 

@@ -37,6 +37,7 @@ _SCALARS: Mapping[Any, tuple[str, tuple[str, ...]]] = {
 
 _NOT_IN_OPENAPI = {
     "SceneOptions",  # fields of a multipart form
+    "LocalizeRequest",  # fields of a multipart form
     "ListOperations",  # parameters of a URL
     "CameraFileRequest",
     "ExportRequest",

@@ -954,6 +954,70 @@ COVARIANCE_TERM_ALIGNMENT: CovarianceTerm.ValueType  # 4
 """how well the pairs of points fit that put the scene into a map"""
 Global___CovarianceTerm: _TypeAlias = CovarianceTerm  # noqa: Y015
 
+class _LocalizeRefusal:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _LocalizeRefusalEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_LocalizeRefusal.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    LOCALIZE_REFUSAL_UNSPECIFIED: _LocalizeRefusal.ValueType  # 0
+    """there is a pose"""
+    LOCALIZE_REFUSAL_NO_KEYPOINTS: _LocalizeRefusal.ValueType  # 1
+    LOCALIZE_REFUSAL_FEW_MATCHES: _LocalizeRefusal.ValueType  # 2
+    LOCALIZE_REFUSAL_NARROW: _LocalizeRefusal.ValueType  # 3
+    LOCALIZE_REFUSAL_LOOKS_DIFFERENT: _LocalizeRefusal.ValueType  # 4
+
+class LocalizeRefusal(_LocalizeRefusal, metaclass=_LocalizeRefusalEnumTypeWrapper): ...
+
+LOCALIZE_REFUSAL_UNSPECIFIED: LocalizeRefusal.ValueType  # 0
+"""there is a pose"""
+LOCALIZE_REFUSAL_NO_KEYPOINTS: LocalizeRefusal.ValueType  # 1
+LOCALIZE_REFUSAL_FEW_MATCHES: LocalizeRefusal.ValueType  # 2
+LOCALIZE_REFUSAL_NARROW: LocalizeRefusal.ValueType  # 3
+LOCALIZE_REFUSAL_LOOKS_DIFFERENT: LocalizeRefusal.ValueType  # 4
+Global___LocalizeRefusal: _TypeAlias = LocalizeRefusal  # noqa: Y015
+
+class _FocalSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _FocalSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_FocalSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    FOCAL_SOURCE_UNSPECIFIED: _FocalSource.ValueType  # 0
+    FOCAL_SOURCE_GIVEN: _FocalSource.ValueType  # 1
+    FOCAL_SOURCE_METADATA: _FocalSource.ValueType  # 2
+    FOCAL_SOURCE_SCENE: _FocalSource.ValueType  # 3
+    FOCAL_SOURCE_ESTIMATED: _FocalSource.ValueType  # 4
+
+class FocalSource(_FocalSource, metaclass=_FocalSourceEnumTypeWrapper):
+    """What said how long a photo's focal length is."""
+
+FOCAL_SOURCE_UNSPECIFIED: FocalSource.ValueType  # 0
+FOCAL_SOURCE_GIVEN: FocalSource.ValueType  # 1
+FOCAL_SOURCE_METADATA: FocalSource.ValueType  # 2
+FOCAL_SOURCE_SCENE: FocalSource.ValueType  # 3
+FOCAL_SOURCE_ESTIMATED: FocalSource.ValueType  # 4
+Global___FocalSource: _TypeAlias = FocalSource  # noqa: Y015
+
+class _DifferenceKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _DifferenceKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_DifferenceKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    DIFFERENCE_KIND_UNSPECIFIED: _DifferenceKind.ValueType  # 0
+    DIFFERENCE_KIND_NEW: _DifferenceKind.ValueType  # 1
+    DIFFERENCE_KIND_MISSING: _DifferenceKind.ValueType  # 2
+    DIFFERENCE_KIND_CHANGED: _DifferenceKind.ValueType  # 3
+
+class DifferenceKind(_DifferenceKind, metaclass=_DifferenceKindEnumTypeWrapper): ...
+
+DIFFERENCE_KIND_UNSPECIFIED: DifferenceKind.ValueType  # 0
+DIFFERENCE_KIND_NEW: DifferenceKind.ValueType  # 1
+DIFFERENCE_KIND_MISSING: DifferenceKind.ValueType  # 2
+DIFFERENCE_KIND_CHANGED: DifferenceKind.ValueType  # 3
+Global___DifferenceKind: _TypeAlias = DifferenceKind  # noqa: Y015
+
 class _NotPlaced:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -6149,6 +6213,248 @@ class BestView(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___BestView: _TypeAlias = BestView  # noqa: Y015
+
+@_typing.final
+class LocalizeRequest(_message.Message):
+    """Photos whose place in a scene is asked for."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    FOCALS_FIELD_NUMBER: _builtins.int
+    POSES_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bytes]:
+        """image files, as for a capture: JPEG, PNG, WebP, TIFF, BMP or HEIC"""
+
+    @_builtins.property
+    def focals(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """focal length of each photo, pixels of the upright photo as sent; one number is that of all; empty: by the photo's
+        metadata, the scene's own photos, or estimated
+        """
+
+    @_builtins.property
+    def poses(self) -> _containers.RepeatedCompositeFieldContainer[Global___Pose]:
+        """roughly where each photo was taken, in any one frame, scene units, OpenCV camera axes: the photos then find their
+        place together; empty: each by itself
+        """
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.bytes] | None = ...,
+        focals: _abc.Iterable[_builtins.float] | None = ...,
+        poses: _abc.Iterable[Global___Pose] | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["focals", b"focals", "photos", b"photos", "poses", b"poses", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___LocalizeRequest: _TypeAlias = LocalizeRequest  # noqa: Y015
+
+@_typing.final
+class ThingInView(_message.Message):
+    """A thing that is seen from a photo's place."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    SHARE_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    thing_id: _builtins.int
+    name: _builtins.str
+    """empty for a thing without one"""
+    share: _builtins.float
+    """of the picture's pixels that show it, 0..1"""
+    @_builtins.property
+    def box(self) -> Global___PixelBox:
+        """around it, in pixels of the photo"""
+
+    def __init__(
+        self,
+        *,
+        thing_id: _builtins.int = ...,
+        name: _builtins.str = ...,
+        share: _builtins.float = ...,
+        box: Global___PixelBox | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "name", b"name", "share", b"share", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ThingInView: _TypeAlias = ThingInView  # noqa: Y015
+
+@_typing.final
+class PhotoDifference(_message.Message):
+    """A region in which a photo does not show what the scene has."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    BOX_FIELD_NUMBER: _builtins.int
+    STRENGTH_FIELD_NUMBER: _builtins.int
+    kind: Global___DifferenceKind.ValueType
+    """new: only the photo has an outline there; missing: only the scene has; changed: both have, or neither"""
+    strength: _builtins.float
+    """mean difference of the color beyond exposure, 0..1"""
+    @_builtins.property
+    def box(self) -> Global___PixelBox:
+        """in pixels of the photo"""
+
+    def __init__(
+        self,
+        *,
+        kind: Global___DifferenceKind.ValueType = ...,
+        box: Global___PixelBox | None = ...,
+        strength: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "kind", b"kind", "strength", b"strength"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PhotoDifference: _TypeAlias = PhotoDifference  # noqa: Y015
+
+@_typing.final
+class LocalizedPhoto(_message.Message):
+    """What became of one photo."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    REFUSAL_FIELD_NUMBER: _builtins.int
+    EXPLANATION_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    COVARIANCE_FIELD_NUMBER: _builtins.int
+    FOCAL_SOURCE_FIELD_NUMBER: _builtins.int
+    INLIERS_FIELD_NUMBER: _builtins.int
+    INLIER_SHARE_FIELD_NUMBER: _builtins.int
+    SPREAD_FIELD_NUMBER: _builtins.int
+    AGREEMENT_FIELD_NUMBER: _builtins.int
+    REFINED_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    DIFFERENCES_FIELD_NUMBER: _builtins.int
+    RADIAL_FIELD_NUMBER: _builtins.int
+    refusal: Global___LocalizeRefusal.ValueType
+    """why no pose is said: too little detail in the photo; too few places of it found in the scene; these close together
+    in the photo; or the scene looks different from there. Absent where there is a pose
+    """
+    explanation: _builtins.str
+    """the same in one sentence"""
+    focal_source: Global___FocalSource.ValueType
+    """what said the focal length: the request, the photo's metadata, the scene's own photos, or the matches themselves;
+    absent without a pose
+    """
+    inliers: _builtins.int
+    """places of the photo that were found in the scene where the pose has them"""
+    inlier_share: _builtins.float
+    """of the places that were found at all, 0..1"""
+    spread: _builtins.float
+    """share of the picture inside their convex hull, 0..1"""
+    agreement: _builtins.float
+    """how like the scene's picture from there is to the photo, -1..1; absent where it was not compared"""
+    refined: _builtins.bool
+    """whether comparing the two pictures has made the pose better"""
+    radial: _builtins.float
+    """k1 of the photo's lens, as OpenCV's, by which it was undistorted; 0 where none was found"""
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """where the photo was taken, with the intrinsics of the upright, undistorted photo in its own size; absent without"""
+
+    @_builtins.property
+    def covariance(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """36 numbers, row by row, as geometry_msgs/PoseWithCovariance: x, y, z of the camera's center in scene units, then
+        small rotations about the world's x, y, z in radians; empty without a pose
+        """
+
+    @_builtins.property
+    def things(self) -> _containers.RepeatedCompositeFieldContainer[Global___ThingInView]:
+        """seen from there, those with most pixels first"""
+
+    @_builtins.property
+    def differences(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoDifference]:
+        """where the photo does not show what the scene has, the largest first, at most 16"""
+
+    def __init__(
+        self,
+        *,
+        refusal: Global___LocalizeRefusal.ValueType | None = ...,
+        explanation: _builtins.str = ...,
+        camera: Global___PosedCamera | None = ...,
+        covariance: _abc.Iterable[_builtins.float] | None = ...,
+        focal_source: Global___FocalSource.ValueType | None = ...,
+        inliers: _builtins.int = ...,
+        inlier_share: _builtins.float = ...,
+        spread: _builtins.float = ...,
+        agreement: _builtins.float | None = ...,
+        refined: _builtins.bool = ...,
+        things: _abc.Iterable[Global___ThingInView] | None = ...,
+        differences: _abc.Iterable[Global___PhotoDifference] | None = ...,
+        radial: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_agreement", b"_agreement", "_focal_source", b"_focal_source", "_refusal", b"_refusal", "agreement", b"agreement", "camera", b"camera", "focal_source", b"focal_source", "refusal", b"refusal"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_agreement", b"_agreement", "_focal_source", b"_focal_source", "_refusal", b"_refusal", "agreement", b"agreement", "camera", b"camera", "covariance", b"covariance", "differences", b"differences", "explanation", b"explanation", "focal_source", b"focal_source", "inlier_share", b"inlier_share", "inliers", b"inliers", "radial", b"radial", "refined", b"refined", "refusal", b"refusal", "spread", b"spread", "things", b"things"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__agreement: _TypeAlias = _typing.Literal["agreement"]  # noqa: Y015
+    _WhichOneofArgType__agreement: _TypeAlias = _typing.Literal["_agreement", b"_agreement"]  # noqa: Y015
+    _WhichOneofReturnType__focal_source: _TypeAlias = _typing.Literal["focal_source"]  # noqa: Y015
+    _WhichOneofArgType__focal_source: _TypeAlias = _typing.Literal["_focal_source", b"_focal_source"]  # noqa: Y015
+    _WhichOneofReturnType__refusal: _TypeAlias = _typing.Literal["refusal"]  # noqa: Y015
+    _WhichOneofArgType__refusal: _TypeAlias = _typing.Literal["_refusal", b"_refusal"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__agreement) -> _WhichOneofReturnType__agreement | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__focal_source) -> _WhichOneofReturnType__focal_source | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__refusal) -> _WhichOneofReturnType__refusal | None: ...
+
+Global___LocalizedPhoto: _TypeAlias = LocalizedPhoto  # noqa: Y015
+
+@_typing.final
+class Localization(_message.Message):
+    """Where photos were taken."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    meters: _builtins.bool
+    """whether a scene unit is a meter"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___LocalizedPhoto]:
+        """in the order of the request"""
+
+    def __init__(
+        self,
+        *,
+        photos: _abc.Iterable[Global___LocalizedPhoto] | None = ...,
+        meters: _builtins.bool = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["meters", b"meters", "photos", b"photos", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Localization: _TypeAlias = Localization  # noqa: Y015
 
 @_typing.final
 class PhotoVerdict(_message.Message):

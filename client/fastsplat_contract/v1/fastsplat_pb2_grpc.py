@@ -240,6 +240,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.FromString,
                 _registered_method=True)
+        self.Localize = channel.unary_unary(
+                '/fastsplat.v1.SceneService/Localize',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Localization.FromString,
+                _registered_method=True)
         self.ListBestViews = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListBestViews',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
@@ -585,6 +590,14 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def Localize(self, request, context):
+        """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+        message; REST takes larger ones.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListBestViews(self, request, context):
         """Which of the scene's cameras show some things, or the answer to a text, best.
         """
@@ -862,6 +875,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListDetections,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.SerializeToString,
+            ),
+            'Localize': grpc.unary_unary_rpc_method_handler(
+                    servicer.Localize,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Localization.SerializeToString,
             ),
             'ListBestViews': grpc.unary_unary_rpc_method_handler(
                     servicer.ListBestViews,
@@ -2021,6 +2039,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListDetections',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListDetectionsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def Localize(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/Localize',
+            fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Localization.FromString,
             options,
             channel_credentials,
             insecure,

@@ -136,6 +136,10 @@ class SceneServiceStub:
     """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
     carries them, and by which views they are known.
     """
+    Localize: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LocalizeRequest, _fastsplat_pb2.Localization]
+    """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+    message; REST takes larger ones.
+    """
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
@@ -251,6 +255,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     ListDetections: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListDetectionsRequest, _fastsplat_pb2.ListDetectionsResponse]  # type: ignore[assignment]
     """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
     carries them, and by which views they are known.
+    """
+    Localize: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LocalizeRequest, _fastsplat_pb2.Localization]  # type: ignore[assignment]
+    """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+    message; REST takes larger ones.
     """
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best."""
@@ -610,6 +618,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.ListDetectionsResponse, _abc.Awaitable[_fastsplat_pb2.ListDetectionsResponse]]:
         """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
         carries them, and by which views they are known.
+        """
+
+    @_abc_1.abstractmethod
+    def Localize(
+        self,
+        request: _fastsplat_pb2.LocalizeRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Localization, _abc.Awaitable[_fastsplat_pb2.Localization]]:
+        """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
+        message; REST takes larger ones.
         """
 
     @_abc_1.abstractmethod

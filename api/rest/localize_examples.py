@@ -1,0 +1,66 @@
+"""Examples of localizing photos, for the OpenAPI document."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, ThingInView
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.thing_prompts import PixelBox
+
+_ROUGH = (
+    Pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
+    Pose(Vector3(0.5, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
+)
+_COVARIANCE = np.diag([4e-6, 4e-6, 9e-6, 1e-6, 1e-6, 1e-6])
+
+LOCALIZE_FORM: Mapping[str, Any] = {
+    "photos": ["hall-left.jpg", "hall-right.jpg"],
+    "focals": [3024.0],
+    "poses": [json.dumps(to_plain(pose)) for pose in _ROUGH],
+}
+"""The form with two photos, here by their names, from one camera half a unit apart."""
+
+LOCALIZATION = Localization(
+    photos=(
+        LocalizedPhoto(
+            refusal=None,
+            explanation="214 places of the photo agree with the pose, and the scene's picture agrees by 0.81 of 1.",
+            camera=PosedCamera(Camera(4032, 3024, 3024.0, 3024.0, 2016.0, 1512.0), np.eye(4)),
+            radial=0.0,
+            covariance=tuple(_COVARIANCE.ravel().tolist()),
+            focal_source="given",
+            inliers=214,
+            inlier_share=0.71,
+            spread=0.62,
+            agreement=0.81,
+            refined=True,
+            things=(ThingInView(2, "ball", 0.043, PixelBox(1690.0, 1310.0, 2310.0, 1930.0)),),
+            differences=(PhotoDifference("new", PixelBox(310.0, 1840.0, 820.0, 2410.0), 0.31),),
+        ),
+        LocalizedPhoto(
+            refusal="few_matches",
+            explanation="Only 7 places of the photo were found together in the scene, fewer than 15: it shows another "
+            "place, or this one from where no photo of the scene was taken.",
+            camera=None,
+            radial=0.0,
+            covariance=(),
+            focal_source=None,
+            inliers=7,
+            inlier_share=0.12,
+            spread=0.01,
+            agreement=None,
+            refined=False,
+            things=(),
+            differences=(),
+        ),
+    ),
+    meters=True,
+    version="1",
+)

@@ -1,0 +1,175 @@
+"""`POST /v1/scenes/{id}:localize`: a form with photos, held in memory while it arrives."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from fastapi import APIRouter, Request
+from starlette.responses import Response
+
+from fastsplat.api.rest.multipart import FormParser
+from fastsplat.api.rest.responses import PROBLEMS, json_of_call
+from fastsplat.api.rest.upload import receive_form
+from fastsplat.api.threads import Threads
+from fastsplat.service.application.localizing import too_many_bytes
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.json_codec import from_plain, json_schema_of
+from fastsplat_contract.localize_messages import Localization, LocalizeRequest
+from fastsplat_contract.members import description_of
+from fastsplat_contract.poses import Pose
+
+_TEXTS = ("focals", "poses", "version")
+_MAX_TEXT_BYTES = 2**16
+_MAX_PARTS = 1_000
+
+
+def _property(name: str, items: dict[str, Any] | None) -> dict[str, Any]:
+    said = {"description": description_of(LocalizeRequest, name)}
+    return {"type": "string", **said} if items is None else {"type": "array", "items": items, **said}
+
+
+_POSE_TEXT = {
+    "type": "string",
+    "contentMediaType": "application/json",
+    "description": 'one as JSON: {"position": {"x", "y", "z"}, "orientation": {"x", "y", "z", "w"}}',
+}
+BODY_SCHEMA: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["photos"],
+                    "properties": {
+                        "photos": _property("photos", {"type": "string", "format": "binary"}),
+                        "focals": _property("focals", {"type": "number"}),
+                        "poses": _property("poses", _POSE_TEXT),
+                        "version": _property("version", None),
+                    },
+                }
+            }
+        },
+    }
+}
+"""What OpenAPI says of the form, which no FastAPI parameter describes because the route reads the stream itself."""
+
+
+def localize_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:
+    """Photos that find their place in finished scenes."""
+    router = APIRouter(prefix="/v1", responses=PROBLEMS)
+
+    @router.post("/scenes/{scene_id}:localize", response_model=Localization, openapi_extra=BODY_SCHEMA)
+    async def localize(request: Request, scene_id: str) -> Response:
+        """Where photos were taken in a scene, what is seen from there, and what has changed."""
+        limits = settings.localization
+        content_type = request.headers.get("content-type", "")
+        asked = await receive_form(
+            request, lambda: _PhotoSink(scene_id, limits, content_type), threads, memory_bytes=limits.max_bytes
+        )
+        return await json_of_call(request, threads.answer, lambda: service.localizing.localize(asked))
+
+    return router
+
+
+class _PhotoSink:
+    """Takes the form's parts into memory."""
+
+    slow_finish = False
+
+    def __init__(self, scene_id: str, limits: LocalizationSettings, content_type: str) -> None:
+        self._scene_id = scene_id
+        self._limits = limits
+        self._parser = FormParser(content_type, self, _MAX_PARTS)
+        self._photos: list[bytearray] = []
+        self._texts: dict[str, list[bytearray]] = {name: [] for name in _TEXTS}
+        self._size = self._text_size = 0
+        self._part: bytearray | None = None
+        self._field = ""
+
+    def open(self) -> None:
+        """See `Sink`."""
+
+    def write(self, items: Sequence[bytes]) -> None:
+        """See `Sink`."""
+        for chunk in items:
+            self._parser.write(chunk)
+
+    def finish(self) -> LocalizeRequest:
+        """See `Sink`."""
+        self._parser.finish()
+        texts = {name: [part.decode(errors="replace") for part in parts] for name, parts in self._texts.items()}
+        if len(texts["version"]) > 1:
+            raise InvalidInputError(f"version is there {len(texts['version'])} times", field="version")
+        plain = {
+            "scene_id": self._scene_id,
+            "photos": [bytes(photo) for photo in self._photos],
+            "focals": [_number(text, f"focals[{number}]") for number, text in enumerate(texts["focals"])],
+            "poses": [_json(text, f"poses[{number}]") for number, text in enumerate(texts["poses"])],
+            "version": "".join(texts["version"]),
+        }
+        return from_plain(LocalizeRequest, plain)
+
+    def close(self) -> None:
+        """See `Sink`."""
+        self._photos.clear()
+
+    def begin_part(self, field: str, filename: str | None) -> None:
+        """See `PartReceiver`."""
+        self._field, self._part = field, bytearray()
+        if field == "photos":
+            if len(self._photos) == self._limits.max_photos:
+                raise LimitExceededError(
+                    f"more than {self._limits.max_photos} photos",
+                    field="photos",
+                    limit=f"{self._limits.max_photos} photos (FASTSPLAT_LOCALIZATION__MAX_PHOTOS)",
+                    hint="Send them in several requests.",
+                )
+            self._photos.append(self._part)
+        elif field in _TEXTS and filename is None:
+            self._texts[field].append(self._part)
+        else:
+            raise InvalidInputError(
+                f"the form has no field {field[:80]!r}",
+                field=field[:80],
+                hint='Send image files as "photos", and "focals", "poses" and "version" as texts.',
+            )
+
+    def part_data(self, data: bytes) -> None:
+        """See `PartReceiver`."""
+        assert self._part is not None
+        if self._field == "photos":
+            self._size += len(data)
+            if self._size > self._limits.max_bytes:
+                raise too_many_bytes(self._size, self._limits.max_bytes)
+        else:
+            self._text_size += len(data)
+            if self._text_size > _MAX_TEXT_BYTES:
+                raise LimitExceededError(
+                    "the form's text fields are too long", field=self._field, limit=f"{_MAX_TEXT_BYTES} bytes together"
+                )
+        self._part += data
+
+    def end_part(self) -> None:
+        """See `PartReceiver`."""
+        self._part = None
+
+
+def _number(text: str, field: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInputError(f"{text[:80]!r} is no number", field=field, hint="Send pixels, e.g. 1200.5.") from None
+
+
+def _json(text: str, field: str) -> Any:
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        known = ", ".join(json_schema_of(Pose)["properties"])
+        raise InvalidInputError(f"{text[:80]!r} is no JSON", field=field, hint=f"Send an object of {known}.") from None

@@ -1,0 +1,192 @@
+"""Held-out photos localized in small scenes, and photos of other places that must be refused.
+
+    python -m benchmarks.localization [NAME ...] [--split test] [--iterations 1500] [--gaussians 20000]
+        [--max-side 360] [--others 100] [--cache DIR]
+
+NAME is `sample` (the demo's), `tabletop` or `plush` (of FASTSPLAT_TEST_DATA); all by default. Each scene is trained on
+its training views with the service's own pipeline, bounded by steps, and keeps the photos that the service would keep.
+Its held-out photos, as files, are decoded by the confined child, localized without any word of their focal length, and
+compared with their poses: of sample and tabletop the true ones, of plush those that structure from motion over all its
+photos found, which is the frame that its scene was trained in. "Right" is accepted, within 1 % of the scene's size (the
+diagonal of the box with nine tenths of its landmarks along each axis) and 1 degree. The others are photos of kitchen,
+skull and the other scenes. `inside_95` is the share of the accepted poses whose errors are inside the 95 % ellipsoid of
+their covariance. With `--split validation` (the default) training views are held out, and the other halves of the other
+photos: thresholds are chosen on these. Every row replaces itself in benchmarks/results/localization.json.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
+from benchmarks.provenance import begin, provenance, write_json
+from benchmarks.splits import add_split, results_file
+from fastsplat.service.capture.sent_photos import SparePhotoDecoder
+from fastsplat.service.localization.differences import find_differences
+from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
+from fastsplat.service.localization.localizing import Photo, PlacedPhoto, place_photos
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.planning.presets import apply_preset, override_training
+from fastsplat.service.query import SceneIndex
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat_contract.camera import PosedCamera
+
+NAMES = (*POSED, UNPOSED)
+_ELSEWHERE = ("kitchen", "skull")
+_CHOSEN_ON = (
+    "acceptance and the covariance's factor: on validation views of these scenes, and other halves of the others"
+)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
+    parser.add_argument("--iterations", type=int, default=1_500)
+    parser.add_argument("--gaussians", type=int, default=20_000)
+    parser.add_argument("--max-side", type=int, default=360)
+    parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
+    parser.add_argument("--cache", type=Path, default=Path(".bench-localization"), help="folder of the trained scenes")
+    parser.add_argument("--rows", action="store_true", help="print a line a photo")
+    parser.add_argument("--out", type=Path)
+    add_split(parser)
+    options = parser.parse_args()
+    bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
+    settings = override_training(apply_preset(load_settings(), "balanced"), **bounds, held_out_every=0, evaluations=0)
+    training = settings.training.model_copy(update={"time_budget_s": None})
+    discovery = settings.discovery.model_copy(update={"things": "off"})
+    settings = settings.model_copy(update={"training": training, "discovery": discovery})
+    out = options.out or results_file("localization", options.split)
+    for name in options.names or NAMES:
+        place = trained_place(name, options.split, settings, options.cache.resolve())
+        row = measure(name, place, settings, options)
+        rows = json.loads(out.read_text()) if out.is_file() else {}
+        write_json(out, {**rows, name: row})
+        print(f"{name}: {json.dumps({key: row[key] for key in ('held_out', 'others', 'seconds_a_photo')})}", flush=True)
+
+
+def measure(name: str, place: TrainedPlace, settings: Settings, options: argparse.Namespace) -> dict[str, Any]:
+    """One row: held-out photos and others, their errors, what a photo takes, and where all of it comes from."""
+    start, others = begin(), [one for one in NAMES if one != name]
+    encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+    index = SceneIndex(place.scene, encoder, settings.query)
+    began = time.perf_counter(), time.process_time()
+    landmarks = _landmarks(place, index, settings)
+    landmark_s = {"wall": round(time.perf_counter() - began[0], 2), "cpu": round(time.process_time() - began[1], 2)}
+    decoder = SparePhotoDecoder(settings.capture)
+    wall, cpu = [], []
+
+    def placed(path: Path) -> PlacedPhoto:
+        decoder.prepare()
+        before = time.perf_counter(), time.process_time()
+        (sent,) = decoder.decode([path.read_bytes()], settings.localization.max_side)
+        (one,) = place_photos(
+            [Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry, settings.localization
+        )
+        wall.append(time.perf_counter() - before[0])
+        cpu.append(time.process_time() - before[1])
+        return one
+
+    measured = []
+    for held in place.held_out:
+        one = placed(held.path)
+        measured.append({"name": held.name, **_outcome(one, held.posed, landmarks.size)})
+        if options.rows:
+            print(json.dumps(measured[-1]), flush=True)
+    half = options.split == "test"
+    wrong = other_photos([*_ELSEWHERE, *others], options.others, odd=half)
+    refused: Counter[str] = Counter()
+    accepted = []
+    for path in wrong:
+        one = placed(path)
+        refused[one.refusal or "accepted"] += 1
+        if one.refusal is None:
+            accepted.append(f"{path.parent.parent.name}/{path.name}")
+        if options.rows:
+            print(json.dumps({"other": path.name, "refusal": one.refusal, **vars(one.evidence)}), flush=True)
+    decoder.close()
+    found = [one for one in measured if one["refusal"] is None]
+    right = sum(one["size_percent"] <= 1 and one["degrees"] <= 1 for one in found)
+    return {
+        "held_out": {
+            "photos": len(measured),
+            "accepted": len(found),
+            "right": right,
+            "right_share": round(right / len(measured), 4),
+            "size_percent_median": _median([one["size_percent"] for one in found]),
+            "degrees_median": _median([one["degrees"] for one in found]),
+            "inside_95": round(float(np.mean([one["inside_95"] for one in found])), 4) if found else None,
+            "differences_a_photo": round(float(np.mean([one["differences"] for one in found])), 2) if found else None,
+        },
+        "others": {"photos": len(wrong), "accepted": len(accepted), "names": accepted, "outcomes": dict(refused)},
+        "seconds_a_photo": {
+            "wall_median": _median(wall),
+            "wall_p95": round(float(np.quantile(wall, 0.95)), 3),
+            "cpu_median": _median(cpu),
+            "note": "decoding in the confined child, started ahead, is in the wall seconds; the machine was not quiet",
+        },
+        "landmarks": {"count": len(landmarks), "photos": len(landmarks.views), "seconds": landmark_s},
+        "photos": measured,
+        "split": options.split,
+        **provenance(
+            start,
+            settings={**vars(options), "localization": settings.localization.model_dump(mode="json")},
+            chosen_on=_CHOSEN_ON,
+        ),
+    }
+
+
+def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> Landmarks:
+    from fastsplat.service.application.kept_landmarks import photos_of  # as the service reads them
+
+    return find_landmarks(
+        photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),
+        index.geometry,
+        settings.localization,
+    )
+
+
+def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any]:
+    evidence = {
+        "inliers": one.evidence.inliers,
+        "spread": round(one.evidence.spread, 3),
+        "agreement": None if one.evidence.agreement is None else round(one.evidence.agreement, 3),
+    }
+    if one.posed is None or one.covariance is None or one.comparison is None:
+        return {"refusal": one.refusal, **evidence}
+    off = one.posed.world_from_camera[:3, 3] - truth.world_from_camera[:3, 3]
+    turn = Rotation.from_matrix(one.posed.world_from_camera[:3, :3] @ truth.world_from_camera[:3, :3].T).as_rotvec()
+    error = np.concatenate([off, turn])
+    distance = float(error @ np.linalg.solve(one.covariance, error))
+    longer = max(one.posed.camera.width, one.posed.camera.height)
+    true_focal = truth.camera.fx / max(truth.camera.width, truth.camera.height)
+    return {
+        "refusal": None,
+        **evidence,
+        "size_percent": round(100 * float(np.linalg.norm(off)) / size, 4),
+        "degrees": round(float(np.degrees(np.linalg.norm(turn))), 4),
+        "focal_ratio": round(one.posed.camera.fx / longer / true_focal, 4),
+        "focal_source": one.focal_source,
+        "radial": round(one.radial, 4),
+        "refined": one.refined,
+        "mahalanobis_squared": round(distance, 2),
+        "inside_95": bool(distance <= chi2.ppf(0.95, 6)),
+        "differences": len(find_differences(one.comparison, (1, 1))),
+    }
+
+
+def _median(values: list[float]) -> float | None:
+    return round(float(np.median(values)), 4) if values else None
+
+
+if __name__ == "__main__":
+    main()

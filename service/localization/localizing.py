@@ -1,0 +1,241 @@
+"""Photos to poses in a scene, in one call: keypoints, matches, pose, refinement, acceptance, covariance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.localization.acceptance import (
+    FEWEST_KEYPOINTS,
+    Evidence,
+    agreement_of,
+    refusal_of,
+    spread_of,
+)
+from fastsplat.service.localization.joint_solving import solve_jointly
+from fastsplat.service.localization.keypoints import find_keypoints
+from fastsplat.service.localization.landmarks import Landmarks
+from fastsplat.service.localization.matching import Matches, find_matches
+from fastsplat.service.localization.photometric_refinement import (
+    COMPARED_SIDE,
+    COMPARISON_DEVIATION_PX,
+    Comparison,
+    Geometry,
+    compared,
+    refine_photometrically,
+)
+from fastsplat.service.localization.pose_covariance import pose_covariance, shown_deviation
+from fastsplat.service.localization.pose_solving import (
+    SolvedPose,
+    error_px,
+    pinhole,
+    radial_distortion,
+    refine_pose,
+    solve_pose,
+    undistorted,
+)
+from fastsplat.service.localization.projection import reprojected
+from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.localize_messages import FocalSource, LocalizeRefusal
+
+F64 = NDArray[np.float64]
+
+_NOTHING = Evidence(0, 0.0, 0.0, None)
+_KEPT_INLIERS = 0.8
+"""Share of the inliers that a comparison of pictures may not go below."""
+_FEWEST_OF_GROUP = 6
+"""Keypoints of its own that a photo of a group needs, so that its covariance can be said."""
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photo that is to find its place.
+
+    Attributes:
+        picture: uint8 [H, W, 3], upright, undistorted as far as that is known.
+        focal: over the longer side, as `focal_source` has it; None for unknown.
+        focal_source: "given" or "metadata".
+    """
+
+    picture: NDArray[np.uint8]
+    focal: float | None = None
+    focal_source: FocalSource = "given"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height."""
+        return self.picture.shape[1], self.picture.shape[0]
+
+
+@dataclass(frozen=True)
+class PlacedPhoto:
+    """What became of a photo.
+
+    Attributes:
+        refusal: why it has no pose; None where it has one.
+        evidence: what speaks for the pose.
+        posed: its camera, of the picture's size; None where it is refused.
+        covariance: float64 [6, 6], see `pose_covariance`; None where it is refused.
+        focal_source: what said the focal length.
+        refined: whether the comparison with the scene's picture has improved the pose.
+        comparison: photo and scene from there; None where it is refused.
+        radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.
+    """
+
+    refusal: LocalizeRefusal | None
+    evidence: Evidence
+    posed: PosedCamera | None = None
+    covariance: F64 | None = None
+    focal_source: FocalSource = "scene"
+    refined: bool = False
+    comparison: Comparison | None = None
+    radial: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Matched:
+    photo: Photo
+    keypoints: int
+    matches: Matches
+    pixels: F64
+    points: F64
+    focals: tuple[tuple[FocalSource, float], ...]
+
+
+def place_photos(
+    photos: Sequence[Photo],
+    landmarks: Landmarks,
+    geometry: Geometry,
+    settings: LocalizationSettings,
+    rough: Sequence[F64] = (),
+) -> tuple[PlacedPhoto, ...]:
+    """Where photos were taken.
+
+    Args:
+        photos: each by itself, or together if there are rough poses.
+        landmarks: of the scene.
+        geometry: what a camera sees of the scene.
+        settings: see there.
+        rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
+            none where nothing is known.
+
+    Raises:
+        CancelledError: see `service.common.cancellation`.
+    """
+    matched = []
+    for photo in photos:
+        check_cancelled()
+        matched.append(_match(photo, landmarks, settings))
+    alone = [solve_pose(one.pixels, one.points, one.matches, one.photo.size, one.focals) for one in matched]
+    solved: Sequence[SolvedPose | None] = alone
+    if rough:
+        cameras = [_camera_of(one, own) for one, own in zip(matched, alone, strict=True)]
+        together = solve_jointly(
+            [one.pixels for one in matched],
+            [one.points for one in matched],
+            [one.matches for one in matched],
+            cameras,
+            rough,
+        )
+        solved = [group or own for group, own in zip(together, alone, strict=True)]
+        inliers = sum(one.keypoints for one in together if one is not None)
+    placed = []
+    for one, pose in zip(matched, solved, strict=True):
+        check_cancelled()
+        placed.append(_placed(one, pose, geometry, inliers if rough and pose is not None else None))
+    return tuple(placed)
+
+
+def _match(photo: Photo, landmarks: Landmarks, settings: LocalizationSettings) -> _Matched:
+    keypoints = find_keypoints(photo.picture, settings.keypoints)
+    matches = find_matches(landmarks, keypoints, settings.matched_views)
+    longer = max(photo.size)
+    focals: list[tuple[FocalSource, float]] = []
+    if photo.focal is not None:
+        focals.append((photo.focal_source, photo.focal * longer))
+    focals.append(("scene", landmarks.focal * longer))
+    return _Matched(
+        photo,
+        len(keypoints),
+        matches,
+        keypoints.points[matches.keypoints].astype(np.float64),
+        landmarks.points[matches.landmarks].astype(np.float64),
+        tuple(focals),
+    )
+
+
+def _camera_of(one: _Matched, own: SolvedPose | None) -> tuple[FocalSource, Camera]:
+    if own is not None:
+        return own.focal_source, own.posed.camera
+    source, focal = one.focals[0]
+    return source, pinhole(one.photo.size, focal)
+
+
+def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group: int | None) -> PlacedPhoto:
+    """`of_group`: the keypoints of all photos of a group that agree with its pose."""
+    if one.keypoints < FEWEST_KEYPOINTS and of_group is None:
+        return PlacedPhoto("no_keypoints", _NOTHING)
+    if pose is None or pose.keypoints < _FEWEST_OF_GROUP:
+        return PlacedPhoto("few_matches", _NOTHING)
+    matched = len(np.unique(one.matches.keypoints))
+    spread = spread_of(one.pixels[pose.inliers], one.photo.size)
+    evidence = Evidence(pose.keypoints, pose.keypoints / max(matched, 1), spread, None)
+    counted = evidence if of_group is None else replace(evidence, inliers=of_group, spread=1.0)
+    if (refusal := refusal_of(replace(counted, agreement=1.0))) is not None:
+        return PlacedPhoto(refusal, evidence)
+    one, pose, radial = _straightened(one, pose)
+    covariance = _covariance(one, pose)
+    posed, comparison, refined = _refined(one, pose, covariance, geometry)
+    agreement = agreement_of(comparison)
+    evidence = replace(evidence, agreement=agreement)
+    if (refusal := refusal_of(replace(counted, agreement=agreement))) is not None:
+        return PlacedPhoto(refusal, evidence)
+    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial)
+
+
+def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
+    """The photo without its lens's distortion, its pose anew, and that distortion; what was there, and 0, without."""
+    radial = radial_distortion(one.pixels, one.points, pose)
+    if not radial:
+        return one, pose, 0.0
+    camera = pose.posed.camera
+    pixels = undistorted(one.pixels, camera, radial)
+    straight = refine_pose(pixels, one.points, one.matches, pose)
+    if straight is None:
+        return one, pose, 0.0
+    # OpenCV's pixel centers are whole numbers.
+    matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1.0]])
+    picture = cv2.undistort(one.photo.picture, matrix, np.array([radial, 0.0, 0.0, 0.0]))
+    photo = replace(one.photo, picture=np.asarray(picture, np.uint8))
+    return replace(one, photo=photo, pixels=pixels), straight, radial
+
+
+def _covariance(one: _Matched, pose: SolvedPose) -> F64:
+    rows = pose.inliers
+    estimated = pose.focal_source != "given"  # metadata and other photos may be a few percent off
+    return pose_covariance(pose.posed, one.pixels[rows], one.points[rows], focal_estimated=estimated)
+
+
+def _refined(
+    one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
+) -> tuple[PosedCamera, Comparison, bool]:
+    """The pose, how the photo compares from there, and whether the comparison has made it better.
+
+    Many matches are several times as exact as the pictures' comparison: only a pose that is less sure than that is
+    refined, and its covariance stays that of the matches.
+    """
+    picture, first = one.photo.picture, pose.posed
+    longer = max(first.camera.width, first.camera.height)
+    if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:
+        posed, comparison, refined = refine_photometrically(picture, first, geometry)
+        off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
+        # What looks likest may contradict the matches, where a blurred or changed place draws it away.
+        if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
+            return posed, comparison, refined
+    return first, compared(picture, first, geometry), False

@@ -1,0 +1,21 @@
+"""Where cameras show points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat_contract.camera import PosedCamera
+
+F64 = NDArray[np.float64]
+
+
+def reprojected(posed: PosedCamera, points: F64) -> F64:
+    """float64 [M, 2]: where a camera shows points [M, 3], pixels; infinite for those behind it."""
+    viewmat = posed.camera_from_world()
+    local = points @ viewmat[:3, :3].T + viewmat[:3, 3]
+    camera, z = posed.camera, local[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shown = np.stack([camera.fx * local[:, 0] / z + camera.cx, camera.fy * local[:, 1] / z + camera.cy], axis=1)
+    shown[z <= 0] = np.inf
+    return np.asarray(shown)

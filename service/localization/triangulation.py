@@ -1,0 +1,171 @@
+"""Places of keypoints that several photos show, by the rays from all of these and the scene's own depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.localization.keypoints import Keypoints, unit_rows
+from fastsplat.service.localization.projection import reprojected
+from fastsplat_contract.camera import PosedCamera
+
+F64 = NDArray[np.float64]
+
+_NEIGHBORS = 6
+_SAMPLES = 100
+_ANGLES_DEG = (2.0, 40.0)
+"""Between the rays of two photos to a place: less does not tell its depth; with more, SIFT does not know it again."""
+_RADIUS_SHARE = 0.02
+"""Of a picture's longer side: how far the keypoint of another photo may be from where the scene's depth has it."""
+_NEAREST = 6
+_ALIKE = 0.85
+"""Product of descriptors of length 1 from which on two keypoints may be the same place."""
+_CLEAR = 0.03
+"""By so much another one around there must be less alike."""
+_DEVIATION_PX = 1.0
+_FITS_PX = 3.0
+_DEPTH_DEVIATION = 0.04
+"""Of the scene's own depth, as a share of it; see docs/localizing.md."""
+
+
+@dataclass(frozen=True)
+class SeenKeypoints:
+    """The keypoints of one photo, and where the scene's own depth has them.
+
+    Attributes:
+        posed: the camera, of the photo's size.
+        keypoints: K of them.
+        depths: float64 [K], camera z, scene units; 0 where the scene has no surface.
+    """
+
+    posed: PosedCamera
+    keypoints: Keypoints
+    depths: F64
+
+    @property
+    def places(self) -> F64:
+        """float64 [K, 3], world frame; without depth, the camera's center."""
+        points = self.keypoints.points
+        pose = self.posed.world_from_camera
+        local = self.posed.camera.rays(points[:, 0], points[:, 1]) * self.depths[:, None]
+        return np.asarray(local @ pose[:3, :3].T + pose[:3, 3])
+
+
+def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.intp]]]:
+    """Of each photo's keypoints the places, float64 [K, 3], and how many other photos say so, [K].
+
+    A keypoint is looked for in six other photos, around where the scene's depth has it. Its place is the point with the
+    least squared distance from the rays of all photos, in their pixels, and from that depth along its own ray, each in
+    terms of its deviation; photos whose ray is more than 3 pixels off are then left out, once.
+
+    Args:
+        photos: of one scene.
+
+    Raises:
+        CancelledError: see `service.common.cancellation`.
+    """
+    trees = [cKDTree(photo.keypoints.points) if len(photo.keypoints) else None for photo in photos]
+    units = [unit_rows(photo.keypoints.descriptors) for photo in photos]
+    results = []
+    for number, photo in enumerate(photos):
+        check_cancelled()
+        places = photo.places
+        seen = []
+        for other in _neighbors(photos, number, places):
+            tree = trees[other]
+            if tree is not None:
+                rows = _same(units[number], units[other], tree, reprojected(photos[other].posed, places), photos[other])
+                seen.append((other, np.where(photo.depths > 0, rows, -1)))
+        first = _solved(photos, number, seen)
+        kept = [(other, _fitting(photos[other], rows, first)) for other, rows in seen]
+        counts = np.zeros(len(places), np.intp)
+        for _, rows in kept:
+            counts += rows >= 0
+        results.append((_solved(photos, number, kept), counts))
+    return results
+
+
+def _neighbors(photos: Sequence[SeenKeypoints], number: int, places: F64) -> list[int]:
+    """The photos that show most of the same places from another side."""
+    rows = np.nonzero(photos[number].depths > 0)[0]
+    if not len(rows):
+        return []
+    sample = places[rows[:: max(1, len(rows) // _SAMPLES)]]
+    own = _directions(photos[number].posed, sample)
+    scores = np.zeros(len(photos))
+    for other, photo in enumerate(photos):
+        if other != number:
+            shown, camera = reprojected(photo.posed, sample), photo.posed.camera
+            inside = (shown >= 0).all(axis=1) & (shown < np.array([camera.width, camera.height])).all(axis=1)
+            angles = np.degrees(np.arccos(np.clip((own * _directions(photo.posed, sample)).sum(axis=1), -1, 1)))
+            scores[other] = (inside & (angles > _ANGLES_DEG[0]) & (angles < _ANGLES_DEG[1])).sum()
+    order = np.argsort(-scores, kind="stable")[:_NEIGHBORS]
+    return [int(other) for other in order if scores[other] > 0]
+
+
+def _same(
+    own: NDArray[np.float32], others: NDArray[np.float32], tree: cKDTree, shown: F64, photo: SeenKeypoints
+) -> NDArray[np.intp]:
+    """[K]: for each keypoint the one of another photo that shows the same, -1 for none."""
+    camera = photo.posed.camera
+    radius = _RADIUS_SHARE * max(camera.width, camera.height)
+    finite = np.asarray(np.isfinite(shown).all(axis=1))
+    _, near = tree.query(np.where(finite[:, None], shown, -1e9), k=_NEAREST, distance_upper_bound=radius)
+    there = np.asarray(near < len(others))
+    alike = np.einsum("kd,knd->kn", own, others[np.where(there, near, 0)])
+    alike = np.where(there, alike, -1.0)
+    best = alike.argmax(axis=1)
+    every = np.arange(len(own))
+    highest, winner = alike[every, best], near[every, best]
+    alike[every, best] = -1.0
+    # A place with two orientations is there twice: the next best must be another place.
+    clear = (highest > _ALIKE) & (highest - alike.max(axis=1) > _CLEAR)
+    return np.asarray(np.where(clear, winner, -1), np.intp)
+
+
+def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[int, NDArray[np.intp]]]) -> F64:
+    photo = photos[number]
+    depths = np.where(photo.depths > 0, photo.depths, 1.0)
+    every = np.arange(len(depths))
+    places = photo.places
+    directions = _directions(photo.posed, np.where(photo.depths[:, None] > 0, places, places + np.eye(3)[0]))
+    information, vector = _ray_terms(photo, every, directions, places)
+    along = (1 / (_DEPTH_DEVIATION * depths) ** 2)[:, None, None] * directions[:, :, None] * directions[:, None, :]
+    information += along
+    vector += (along @ places[:, :, None])[:, :, 0]
+    for other, rows in seen:
+        keypoints = np.flatnonzero(rows >= 0)
+        if len(keypoints):
+            points = photos[other].keypoints.points[rows[keypoints]]
+            pose = photos[other].posed.world_from_camera
+            rays = photos[other].posed.camera.rays(points[:, 0], points[:, 1]) @ pose[:3, :3].T
+            rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+            more, its = _ray_terms(photos[other], keypoints, rays, places[keypoints])
+            information[keypoints] += more
+            vector[keypoints] += its
+    return np.asarray(np.linalg.solve(information, vector[:, :, None])[:, :, 0])
+
+
+def _ray_terms(photo: SeenKeypoints, rows: NDArray[np.intp], rays: F64, places: F64) -> tuple[F64, F64]:
+    """Information [P, 3, 3] of rays [P, 3] from a photo about places near to given ones, and its product with a point
+    on the ray."""
+    center = photo.posed.world_from_camera[:3, 3]
+    away = np.maximum(np.linalg.norm(places - center, axis=1), 1e-9)
+    weight = (photo.posed.camera.fx / (away * _DEVIATION_PX)) ** 2
+    across = weight[:, None, None] * (np.eye(3) - rays[:, :, None] * rays[:, None, :])
+    return across, across @ center
+
+
+def _fitting(photo: SeenKeypoints, rows: NDArray[np.intp], places: F64) -> NDArray[np.intp]:
+    off = np.linalg.norm(reprojected(photo.posed, places) - photo.keypoints.points[np.maximum(rows, 0)], axis=1)
+    return np.asarray(np.where((rows >= 0) & (off < _FITS_PX), rows, -1), np.intp)
+
+
+def _directions(posed: PosedCamera, places: F64) -> F64:
+    away = places - posed.world_from_camera[:3, 3]
+    return np.asarray(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12))

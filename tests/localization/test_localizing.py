@@ -1,0 +1,168 @@
+"""A picture of a scene finds its place in it again, whatever its exposure; one of another scene finds none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fastsplat.service.localization.differences import find_differences
+from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
+from fastsplat.service.localization.localizing import Photo, PlacedPhoto, place_photos
+from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.query.scene_renderer import Renderer
+from fastsplat.service.scene import Scene
+from fastsplat.service.splatting.photometric import correct
+from fastsplat_contract.camera import PosedCamera
+from tests.localization.textured_room import CAMERA, looking, renderer, textured_room
+
+_SETTINGS = LocalizationSettings(max_side=480)
+_FOCAL = CAMERA.fx / CAMERA.width
+_BETWEEN = looking(0.11, height=1.15, away=2.45)
+
+
+@pytest.fixture(scope="module")
+def room() -> Scene:
+    return textured_room()
+
+
+@pytest.fixture(scope="module")
+def drawn(room: Scene) -> Renderer:
+    return renderer(room)
+
+
+@pytest.fixture(scope="module")
+def landmarks(room: Scene, drawn: Renderer) -> Landmarks:
+    return landmarks_of(room, drawn)
+
+
+def landmarks_of(scene: Scene, drawn: Renderer) -> Landmarks:
+    """Of the scene's own pictures, in place of photos."""
+    photos = [(posed, lambda posed=posed: drawn.colors(posed)) for posed in scene.cameras]
+    return find_landmarks(photos, drawn.geometry, _SETTINGS)
+
+
+def _place(
+    picture: NDArray[np.uint8], landmarks: Landmarks, drawn: Renderer, focal: float | None = None
+) -> PlacedPhoto:
+    (placed,) = place_photos([Photo(picture, focal)], landmarks, drawn.geometry, _SETTINGS)
+    return placed
+
+
+def _errors(placed: PlacedPhoto, truth: PosedCamera, size: float) -> tuple[float, float]:
+    """Percent of the scene's size, and degrees."""
+    assert placed.posed is not None, placed
+    off = np.linalg.norm(placed.posed.world_from_camera[:3, 3] - truth.world_from_camera[:3, 3])
+    turn = placed.posed.world_from_camera[:3, :3] @ truth.world_from_camera[:3, :3].T
+    return 100 * float(off) / size, float(np.degrees(Rotation.from_matrix(turn).magnitude()))
+
+
+@pytest.mark.parametrize("focal", [_FOCAL, None])
+def test_a_picture_of_the_scene_comes_back_to_its_place(
+    landmarks: Landmarks, drawn: Renderer, focal: float | None
+) -> None:
+    placed = _place(drawn.colors(_BETWEEN), landmarks, drawn, focal)
+    percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
+    assert percent < 0.2 and degrees < 0.1
+    assert placed.focal_source == ("given" if focal else "scene")
+    assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
+
+
+def test_a_lens_that_the_scene_has_not_seen_is_found_out(landmarks: Landmarks, drawn: Renderer) -> None:
+    zoomed = replace(looking(0.05), camera=replace(CAMERA, fx=640.0, fy=640.0))
+    placed = _place(drawn.colors(zoomed), landmarks, drawn)
+    percent, degrees = _errors(placed, zoomed, landmarks.size)
+    assert placed.focal_source == "estimated" and placed.posed is not None
+    assert placed.posed.camera.fx == pytest.approx(640, rel=0.02)
+    assert percent < 2 and degrees < 0.5
+
+
+@pytest.mark.parametrize("correction", [(-1.5, 0.0, 0.0), (0.7, 0.0, 0.0), (0.0, 0.4, -0.4)])
+def test_exposure_and_white_balance_change_nothing(
+    landmarks: Landmarks, drawn: Renderer, correction: tuple[float, float, float]
+) -> None:
+    picture = drawn.colors(_BETWEEN)
+    exposed = correct(torch.from_numpy(picture.astype(np.float32) / 255), torch.tensor(correction)).clamp(0, 1)
+    placed = _place((exposed.numpy() * 255).round().astype(np.uint8), landmarks, drawn)
+    percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
+    assert percent < 0.3 and degrees < 0.15
+    assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
+
+
+def test_another_room_and_an_empty_picture_are_refused(landmarks: Landmarks, drawn: Renderer) -> None:
+    elsewhere = renderer(textured_room(seed=1))
+    for angle in (-0.3, 0.0, 0.3):
+        placed = _place(elsewhere.colors(looking(angle)), landmarks, drawn)
+        assert placed.refusal in ("few_matches", "narrow", "looks_different")
+        assert placed.posed is placed.covariance is placed.comparison is None
+    assert _place(np.full((360, 480, 3), 128, np.uint8), landmarks, drawn).refusal == "no_keypoints"
+
+
+def test_a_match_without_the_scene_around_it_is_refused(landmarks: Landmarks, drawn: Renderer) -> None:
+    """A poster of the room in another room has its keypoints, and its picture around them does not agree."""
+    picture = renderer(textured_room(seed=1)).colors(_BETWEEN)
+    picture[120:240, 160:320] = drawn.colors(_BETWEEN)[120:240, 160:320]
+    placed = _place(picture, landmarks, drawn, _FOCAL)
+    assert placed.refusal == "looks_different" and placed.evidence.inliers > 15
+
+
+def test_the_frame_of_the_scene_changes_nothing(room: Scene, landmarks: Landmarks, drawn: Renderer) -> None:
+    turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turn, [5.0, -3.0, 1.0]
+    gaussians = replace(room.gaussians, means=(room.gaussians.means @ turn.T + motion[:3, 3]).astype(np.float32))
+    cameras = tuple(replace(posed, world_from_camera=motion @ posed.world_from_camera) for posed in room.cameras)
+    moved = replace(room, gaussians=gaussians, cameras=cameras)
+    there = renderer(moved)
+    placed = _place(drawn.colors(_BETWEEN), landmarks_of(moved, there), there, _FOCAL)
+    truth = replace(_BETWEEN, world_from_camera=motion @ _BETWEEN.world_from_camera)
+    percent, degrees = _errors(placed, truth, landmarks.size)
+    assert percent < 0.2 and degrees < 0.1
+
+
+@pytest.fixture(scope="module")
+def beside_block() -> tuple[Renderer, Landmarks]:
+    scene = textured_room(block=True)
+    drawn = renderer(scene)
+    return drawn, landmarks_of(scene, drawn)
+
+
+@pytest.mark.parametrize("kind", ["new", "missing"])
+def test_what_came_and_what_went_is_boxed(
+    landmarks: Landmarks, drawn: Renderer, beside_block: tuple[Renderer, Landmarks], kind: str
+) -> None:
+    with_block = beside_block[0].colors(_BETWEEN)
+    without = drawn.colors(_BETWEEN)
+    truth = (np.abs(with_block.astype(int) - without) > 40).any(axis=2)
+    rows, columns = np.nonzero(truth)
+    if kind == "new":
+        placed = _place(with_block, landmarks, drawn, _FOCAL)
+    else:
+        placed = _place(without, beside_block[1], beside_block[0], _FOCAL)
+    assert placed.comparison is not None
+    found = find_differences(placed.comparison, (480, 360))
+    left, top, right, bottom = found[0].box
+    across = min(right, columns.max()) - max(left, columns.min())
+    down = min(bottom, rows.max()) - max(top, rows.min())
+    assert across > 0.6 * np.ptp(columns) and down > 0.6 * np.ptp(rows)
+    assert all(0 < difference.strength <= 1 for difference in found)
+
+
+def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Landmarks, drawn: Renderer) -> None:
+    """The second one shows too little by itself."""
+    poses = [_BETWEEN, looking(-0.15, height=1.2)]
+    first, second = (drawn.colors(posed) for posed in poses)
+    second = second[156:204, 216:264]
+    rough = [np.linalg.inv(poses[0].world_from_camera) @ posed.world_from_camera for posed in poses]
+    rough[1] = rough[1].copy()
+    rough[1][:3, 3] += 0.01
+    photos = [Photo(first, _FOCAL), Photo(second, CAMERA.fx / 48)]
+    assert place_photos(photos[1:], landmarks, drawn.geometry, _SETTINGS)[0].refusal is not None
+    together = place_photos(photos, landmarks, drawn.geometry, _SETTINGS, rough)
+    for placed, posed in zip(together, poses, strict=True):
+        percent, degrees = _errors(placed, posed, landmarks.size)
+        assert percent < 1 and degrees < 0.5

@@ -1,0 +1,89 @@
+"""A corner of a room whose walls are covered with drawn patterns, as Gaussians, and cameras in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from fastsplat.service.query.scene_renderer import Renderer
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import SH_C0
+from fastsplat_contract.camera import Camera, PosedCamera
+from tests.scenes import labelled_scene
+
+CAMERA = Camera(480, 360, 420.0, 420.0, 240.0, 180.0)
+WALLS = ("left wall", "back wall", "floor")
+_SIDE = 110
+_LENGTH = 2.0
+
+
+def textured_room(
+    seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
+) -> Scene:
+    """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
+    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside.
+
+    `others`: as for `labelled_scene`.
+    """
+    rng = np.random.default_rng(seed)
+    steps = (np.arange(_SIDE) + 0.5) * _LENGTH / _SIDE
+    across, down = np.meshgrid(steps, steps, indexing="ij")
+    points, colors = [], []
+    for axis in range(3):
+        wall = np.zeros((_SIDE * _SIDE, 3))
+        wall[:, (axis + 1) % 3], wall[:, (axis + 2) % 3] = across.ravel(), down.ravel()
+        points.append(wall)
+        colors.append(_pattern(rng).reshape(-1, 3))
+    if block:
+        cells = np.stack(np.meshgrid(*[np.arange(16)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        shell = cells[(cells == 0).any(axis=1) | (cells == 15).any(axis=1)]
+        points.append(np.array([0.8, 0.8, 0.02]) + shell * 0.03)
+        colors.append(np.broadcast_to([0.95, 0.9, 0.1], (len(shell), 3)))
+    means, rgb = np.concatenate(points), np.concatenate(colors)
+    ids = np.concatenate([np.full(len(part), row + 1) for row, part in enumerate(points)])
+    return labelled_scene(
+        means,
+        np.minimum(ids, 3),
+        labels,
+        scales=0.6 * _LENGTH / _SIDE,
+        sh=((rgb - 0.5) / SH_C0)[:, None, :],
+        logit_opacities=8.0,
+        cameras=[looking(angle, name=f"{number}.png") for number, angle in enumerate(np.linspace(-0.4, 0.4, cameras))],
+        **others,
+    )
+
+
+def looking(angle: float, *, height: float = 1.3, away: float = 2.7, name: str = "") -> PosedCamera:
+    """A camera `away` units from the corner's middle, turned by `angle` radians about the vertical."""
+    middle = np.array([0.7, 0.7, 0.5])
+    direction = np.pi / 4 + angle
+    center = middle + away * np.array([np.cos(direction), np.sin(direction), 0.0]) + [0, 0, height - 0.5]
+    ahead = (middle - center) / np.linalg.norm(middle - center)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = right, np.cross(ahead, right), ahead, center
+    return PosedCamera(CAMERA, pose, name)
+
+
+def renderer(scene: Scene) -> Renderer:
+    """What draws a scene."""
+    return Renderer(scene, QuerySettings())
+
+
+def _pattern(rng: np.random.Generator) -> np.ndarray:
+    """float64 [side, side, 3]: blots of several sizes, each of one color."""
+    pattern = np.full((_SIDE, _SIDE, 3), 0.5, np.float32)
+    for size in (12, 6, 3):
+        for _ in range(60 * 12 // size):
+            at = rng.integers(0, _SIDE, 2).tolist()
+            color = rng.uniform(0.1, 0.9, 3).tolist()
+            if rng.random() < 0.5:
+                cv2.circle(pattern, at, int(size), color, -1)
+            else:
+                cv2.rectangle(pattern, at, (at[0] + int(size), at[1] + int(size)), color, -1)
+    return pattern.astype(np.float64)
