@@ -26,7 +26,8 @@ FARTHEST = 3.0
 def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, version: str = "") -> Goal:
     """The free place nearest to a thing from which a robot sees it.
 
-    All cells within `robot_radius` and `MARGIN` of it are free, it is at most `FARTHEST` from the box, and the line
+    All cells within `robot_radius` and `MARGIN` of it are free, so is the thing's box, unless it is all above the band
+    of the map; it is at most `FARTHEST` from the box, and the line
     from the top of the band over it to the top of the box passes over all that stands between, but the thing itself.
     What reaches the top of the band hides everything behind it.
 
@@ -52,7 +53,11 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
     places = np.stack([columns + 0.5, rows + 0.5], axis=1) * known.resolution + known.origin
     distances = _distances(places, box)
     order = np.lexsort((columns, rows, distances.round(9)))
-    for row in order[distances[order] <= FARTHEST].tolist():
+    # What is lower than the map's surfaces begin, or was not seen well, still takes up the room of its box.
+    overhead = box.center.position.z - box.size.z / 2 > known.floor + known.height
+    nearest = 0.0 if overhead else robot_radius + MARGIN
+    near_enough = (distances[order] >= nearest) & (distances[order] <= FARTHEST)
+    for row in order[near_enough].tolist():
         if _sees(known, places[row], box):
             x, y = places[row].tolist()
             yaw = math.atan2(box.center.position.y - y, box.center.position.x - x)

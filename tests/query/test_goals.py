@@ -114,3 +114,17 @@ def test_far_things_and_bad_radii_and_things_without_a_box_are_refused() -> None
     with pytest.raises(InvalidInputError) as refused:
         goal_near(known, dataclasses.replace(_thing(_CHEST), box=None), 0.2)
     assert refused.value.field == "thing_id"
+
+
+def test_a_robot_does_not_stand_on_what_is_too_low_for_the_map() -> None:
+    tray = Solid((0.4, 0.1, 0.0), (1.1, 0.7, 0.04), 1)
+    goal = goal_near(_map([tray]), _thing(tray), 0.2)
+    assert goal.distance >= 0.2 + MARGIN
+    lamp = dataclasses.replace(_thing(tray), box=_lifted(_thing(tray).box, 2.0))
+    assert goal_near(_map([tray]), lamp, 0.2).distance == 0.0  # under what hangs above the robot it may stand
+
+
+def _lifted(box: Box | None, height: float) -> Box:
+    assert box is not None
+    x, y, z = box.center.position
+    return dataclasses.replace(box, center=Pose(Vector3(x, y, z + height), box.center.orientation))
