@@ -71,7 +71,6 @@ class SceneService:
     """Scenes, operations and questions of one project. Synchronous; every method is safe from any thread.
 
     What is another project's does not exist here; see `in_project`. It begins in the default project.
-
     Raises nothing but `FastSplatError`s for anything a user can cause. Any number of these, in any number of
     processes, may share a data folder.
     """
@@ -89,7 +88,6 @@ class SceneService:
         self.exports = Exports(self._store, self._scenes, self._memory)
         """Finished scenes as files for other programs."""
         self.detections = Detections(self._store, settings, self._scenes)
-        """Things of finished scenes as robots need them."""
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
@@ -97,9 +95,7 @@ class SceneService:
         self.photos = Photos(self._store, settings, self._scenes, self._memory)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.known_names = KnownNames(self._store, settings)
-        """What people named in the project's scenes."""
         self.keys = ProjectKeys(self._store, settings, self.project)
-        """Who may call about this project."""
         self.jobs = RunningJobs(self._store, settings)
         """What jobs show of their scenes while they run."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
