@@ -38,12 +38,7 @@ def main() -> None:
     output: Path = options.output
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir(parents=True)
-    models = Path(os.environ.get("FASTSPLAT_MODELS") or _ROOT / ".models").resolve()
-    subprocess.run(
-        [Path(sys.executable).parent / "fastsplat", "models", "pull"],
-        env={**os.environ, "FASTSPLAT_MODELS": str(models)},
-        check=True,
-    )
+    models = _models(Path(os.environ.get("FASTSPLAT_MODELS") or _ROOT / ".models").resolve(), _ROOT / ".models")
     started = time.monotonic()
     ports = {"http_port": options.http_port, "grpc_port": options.grpc_port}
     with (
@@ -61,6 +56,30 @@ def main() -> None:
             raise SystemExit(f"{error.reason}: {error.message} {error.details()}") from error
     console.print(f"{time.monotonic() - started:.0f} s in all, downloads aside; everything is in {output}/")
     console.print(f"{how_to_look(output)}    then the scene is at http://localhost:8000/", soft_wrap=True)
+
+
+def _models(folder: Path, own: Path) -> Path:
+    """A folder with the default models: `folder`, or a copy in `own` where that is marked read-only and lacks some."""
+
+    def pulled(into: Path) -> bool:
+        command = [Path(sys.executable).parent / "fastsplat", "models", "pull"]
+        return subprocess.run(command, env={**os.environ, "FASTSPLAT_MODELS": str(into)}).returncode == 0
+
+    if pulled(folder):
+        return folder
+    if folder == own or not folder.is_dir() or folder.stat().st_mode & 0o222:
+        raise SystemExit("the models could not be fetched, see above")
+    print(
+        f"{folder} is left as it is; its models are copied to {own}, and what is missing is fetched there", flush=True
+    )
+    for path in folder.rglob("*"):
+        copy = own / path.relative_to(folder)
+        if path.is_file() and not copy.is_file():
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(path, copy)
+    if not pulled(own):
+        raise SystemExit("the models could not be fetched, see above")
+    return own
 
 
 def how_to_look(output: Path) -> str:
