@@ -62,7 +62,7 @@ def _models(folder: Path, own: Path) -> Path:
     """A folder with the default models: `folder`, or a copy in `own` where that is marked read-only and lacks some."""
 
     def pulled(into: Path) -> bool:
-        command = [Path(sys.executable).parent / "fastsplat", "models", "pull"]
+        command = [str(Path(sys.executable).parent / "fastsplat"), "models", "pull"]
         return subprocess.run(command, env={**os.environ, "FASTSPLAT_MODELS": str(into)}).returncode == 0
 
     if pulled(folder):
