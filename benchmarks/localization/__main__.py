@@ -33,7 +33,7 @@ from benchmarks.splits import add_split, results_file
 from fastsplat.service.capture.sent_photos import SparePhotoDecoder
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
-from fastsplat.service.localization.localizing import Photo, PlacedPhoto, place_photos
+from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query import SceneIndex

@@ -17,7 +17,7 @@ from fastsplat.service.capture.sent_photos import DECODER_BYTES, SentPhoto, Spar
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.localization.acceptance import explanation_of
 from fastsplat.service.localization.differences import find_differences
-from fastsplat.service.localization.localizing import Photo, PlacedPhoto, place_photos
+from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.settings import Settings

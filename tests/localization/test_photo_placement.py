@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
-from fastsplat.service.localization.localizing import Photo, PlacedPhoto, place_photos
+from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.scene import Scene
