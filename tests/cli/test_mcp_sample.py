@@ -95,7 +95,9 @@ def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
 def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
     where = answers[f"where_is {name}"]
     assert where["verdict"] == "exact" and where["unit"] == "m"
-    assert np.allclose(where["places"][0]["center"][:2], _MIDDLES[name], atol=0.05)
+    assert np.allclose(
+        where["places"][0]["center"][:2], _MIDDLES[name], atol=0.06
+    )  # backs that no photo shows are not there
 
 
 def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
