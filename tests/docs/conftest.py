@@ -62,7 +62,7 @@ class Home:
         return f"http://localhost:{self.ports[8000]}"
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def small_environment(models_dir: Path) -> Iterator[dict[str, str]]:
     """Variables of a process whose trainings are short, with the default models; this process has them, too."""
     with pytest.MonkeyPatch.context() as patch:
@@ -74,7 +74,7 @@ def small_environment(models_dir: Path) -> Iterator[dict[str, str]]:
         yield dict(os.environ)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Some of the sample's photos with their poses and label maps: a capture that trains in seconds."""
     source, target = ROOT / "demo" / "sample", tmp_path_factory.mktemp("capture") / "photos"
@@ -90,7 +90,7 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def home(photos: Path, small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
     """`fastsplat serve` over a data folder with one scene, which every page begins with."""
     data_dir = tmp_path_factory.mktemp("home") / "fastsplat-data"

@@ -140,7 +140,7 @@ def test_what_the_scale_leaves_unsure_grows_with_the_distance_from_where_lengths
     # The frame of a map: lengths are still scaled from where the trained scene has its origin.
     shifted = Pose(Vector3(100.0, 0.0, 0.0), quaternion_of(np.eye(3)))
     far = made(apply_edit(index, Edit("align", alignment=Alignment("map", shifted))))
-    np.testing.assert_allclose(_position(_of(far, "book")), _position(book), rtol=0.05, atol=1e-6)
+    np.testing.assert_allclose(_position(_of(far, "book")), _position(book), rtol=0.1, atol=1e-6)
 
 
 def test_pairs_of_points_that_fit_badly_make_positions_unsure(made: Made) -> None:
