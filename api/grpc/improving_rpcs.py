@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from fastsplat.api.access.caller import caller_id
 from fastsplat.api.grpc.guard import Context, guarded
-from fastsplat.api.grpc.messages import MessageServicer, as_message
+from fastsplat.api.grpc.messages import MessageServicer
 from fastsplat_contract.localize_messages import LocalizeRequest
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import AlignIn, Edit, SceneVersion
@@ -37,41 +37,33 @@ class ImprovingServicer(MessageServicer):
     async def ListNextPhotos(self, request: pb.ListNextPhotosRequest, context: Context) -> pb.ListNextPhotosResponse:
         """Where to stand for the next photos."""
         async with guarded(context, "ListNextPhotos"):
-            return await self._threads.answer(
-                lambda: as_message(
-                    pb.ListNextPhotosResponse, self._service.photos.next_photos(request.scene_id, request.version)
-                )
+            return await self._answer(
+                pb.ListNextPhotosResponse, lambda: self._service.photos.next_photos(request.scene_id, request.version)
             )
 
     async def GetGoal(self, request: pb.GetGoalRequest, context: Context) -> pb.Goal:
         """Where a robot stands to see a thing."""
         async with guarded(context, "GetGoal"):
-            return await self._threads.answer(
-                lambda: as_message(
-                    pb.Goal,
-                    self._service.exports.goal(
-                        request.scene_id, request.thing_id, request.robot_radius, request.version
-                    ),
-                )
+            return await self._answer(
+                pb.Goal,
+                lambda: self._service.exports.goal(
+                    request.scene_id, request.thing_id, request.robot_radius, request.version
+                ),
             )
 
     async def ListDetections(self, request: pb.ListDetectionsRequest, context: Context) -> pb.ListDetectionsResponse:
         """The things of a scene as a robot needs them, in pages."""
         async with guarded(context, "ListDetections"):
-            return await self._threads.answer(
-                lambda: as_message(
-                    pb.ListDetectionsResponse,
-                    self._service.detections.all(
-                        request.scene_id, request.version, request.page_size, request.page_token
-                    ),
-                )
+            return await self._answer(
+                pb.ListDetectionsResponse,
+                lambda: self._service.detections.all(
+                    request.scene_id, request.version, request.page_size, request.page_token
+                ),
             )
 
     async def Localize(self, request: pb.LocalizeRequest, context: Context) -> pb.Localization:
         """Where photos were taken."""
         async with guarded(context, "Localize"):
-            return await self._threads.answer(
-                lambda: as_message(
-                    pb.Localization, self._service.localizing.localize(from_proto(LocalizeRequest, request))
-                )
+            return await self._answer(
+                pb.Localization, lambda: self._service.localizing.localize(from_proto(LocalizeRequest, request))
             )

@@ -29,3 +29,7 @@ class MessageServicer(pb_grpc.SceneServiceServicer):
     async def _message(self, kind: type[M], function: Callable[[], object]) -> M:
         """A service call's result as its message, both made on a thread."""
         return await self._threads.call(lambda: as_message(kind, function()))
+
+    async def _answer(self, kind: type[M], function: Callable[[], object]) -> M:
+        """The same for a question or a picture, see `Threads.answer`."""
+        return await self._threads.answer(lambda: as_message(kind, function()))

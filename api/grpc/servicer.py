@@ -122,15 +122,15 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
     async def PickThing(self, request: pb.PickThingRequest, context: Context) -> pb.PickedThing:
         """The thing at a place."""
         async with guarded(context, "PickThing"):
-            return await self._threads.answer(
-                lambda: as_message(pb.PickedThing, self._service.answers.pick(from_proto(PickRequest, request)))
+            return await self._answer(
+                pb.PickedThing, lambda: self._service.answers.pick(from_proto(PickRequest, request))
             )
 
     async def MeasureScene(self, request: pb.MeasureRequest, context: Context) -> pb.Measurement:
         """What is between two places."""
         async with guarded(context, "MeasureScene"):
-            return await self._threads.answer(
-                lambda: as_message(pb.Measurement, self._service.answers.measure(from_proto(MeasureRequest, request)))
+            return await self._answer(
+                pb.Measurement, lambda: self._service.answers.measure(from_proto(MeasureRequest, request))
             )
 
     async def EditScene(self, request: pb.EditSceneRequest, context: Context) -> pb.SceneVersion:
@@ -314,13 +314,11 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
     async def ListBestViews(self, request: pb.ListBestViewsRequest, context: Context) -> pb.ListBestViewsResponse:
         """Which cameras show some things best."""
         async with guarded(context, "ListBestViews"):
-            return await self._threads.answer(
-                lambda: as_message(
-                    pb.ListBestViewsResponse,
-                    self._service.photos.best_views(
-                        request.scene_id, request.things, request.text, request.max_views, request.version
-                    ),
-                )
+            return await self._answer(
+                pb.ListBestViewsResponse,
+                lambda: self._service.photos.best_views(
+                    request.scene_id, request.things, request.text, request.max_views, request.version
+                ),
             )
 
     async def _file(self, path: Path, offset: int) -> AsyncIterator[pb.Chunk]:
