@@ -3,33 +3,20 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.json_codec import to_plain
-from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.made_scene import add_scene
 from tests.api.upright_scene import add_upright_scene
 from tests.interop.rrd import components_of
-
-
-@pytest.fixture
-def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SceneService]:
-    write_words(tmp_path / "models")
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    load_settings.cache_clear()
-    with open_service(load_settings()) as service:
-        yield service
-    load_settings.cache_clear()
 
 
 def test_a_scene_is_written_as_its_ending_says(service: SceneService, tmp_path: Path) -> None:

@@ -25,30 +25,18 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from fastsplat.cli.main import app
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import MissingPackageError, NotFoundError, ResourceError
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.scenes import Edit
-from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.made_scene import add_scene
 from tests.api.served import served
 from tests.api.upright_scene import add_upright_scene
 
 _PATIENCE_S = 120.0
 _MESSAGE = struct.Struct("<BIQ")
 """What is before the content of a binary message: its kind, the subscription, nanoseconds since 1970."""
-
-
-@pytest.fixture
-def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SceneService]:
-    write_words(tmp_path / "models")
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    load_settings.cache_clear()
-    with open_service(load_settings()) as service:
-        yield service
-    load_settings.cache_clear()
 
 
 @contextmanager

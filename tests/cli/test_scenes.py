@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import LimitExceededError, NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from tests.api.made_scene import ENCODER, add_scene, write_words
+from tests.api.made_scene import add_scene
 from tests.scenes import queued_job
-
-
-@pytest.fixture
-def service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SceneService]:
-    write_words(tmp_path / "models")
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    monkeypatch.setenv("COLUMNS", "160")
-    load_settings.cache_clear()
-    with open_service(load_settings()) as opened:
-        yield opened
-    load_settings.cache_clear()
 
 
 @pytest.fixture

@@ -13,7 +13,6 @@ import pytest
 from google.protobuf.message import Message
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from PIL import Image
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
@@ -27,39 +26,20 @@ from fastsplat.service.query.occupancy import FREE, OCCUPIED, UNKNOWN, Occupancy
 from fastsplat.service.scene import Scene
 from fastsplat.service.scene.alignment import frame_of
 from fastsplat.service.scene.scaling import ScaledLength, combined, scaled
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
-from tests.query.wall import wall_index
+from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall
 
-_START = 1_700_000_000_250_000_000
 _NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}
-_HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
 
 
 def _index() -> SceneIndex:
-    """The wall, seen by three cameras that differ in pose and lens."""
-    cameras = []
-    for number, angle in enumerate((-0.1, 0.0, 0.15)):
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix()
-        pose[:3, 3] = 2 * angle, -angle, 0.1
-        cameras.append(PosedCamera(Camera(64, 48 + number, 60.0 + number, 61.0, 31.0, 25.0), pose, f"{number}.png"))
-    return wall_index(cameras=cameras)
-
-
-def _photo(color: tuple[int, int, int]) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGB", (32, 24), color).save(file, "JPEG")
-    return file.getvalue()
-
-
-_PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}
+    return seen_wall(lambda angle: Rotation.from_euler("xyz", [angle / 2, angle, angle / 3]).as_matrix())
 
 
 def _written(index: SceneIndex, things: Sequence[int] = (), name: str = "wall") -> bytes:
     points = points_file(index, name, things, 0.05)
-    return foxglove_file(index, SceneRecording("an-id", "v7", name, _START, points, _PHOTOS, 1), things)
+    return foxglove_file(index, SceneRecording("an-id", "v7", name, START, points, PHOTOS, 1), things)
 
 
 def _messages(content: bytes) -> dict[str, list[tuple[int, Any]]]:
@@ -91,7 +71,7 @@ def _matrix(translation: Message, rotation: Message) -> np.ndarray:
 def test_each_thing_is_a_box_with_its_name() -> None:
     index = _index()
     ((at, update),) = _messages(_written(index))["/things"]
-    assert at == _START and len(update.entities) == len(index.things.listed) == 2
+    assert at == START and len(update.entities) == len(index.things.listed) == 2
     for entity, thing in zip(update.entities, index.things.listed, strict=True):
         assert (entity.id, entity.frame_id, thing.box is None) == (str(thing.id), "scene", False)
         (cube,), (text,) = entity.cubes, entity.texts
@@ -136,9 +116,9 @@ def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
     index = _index()
     cells = np.array([[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, FREE]], np.int8)
     floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", 1.5)
-    recording = SceneRecording("an-id", "v7", "wall", _START, points_file(index, "wall", (), 0.05), {}, floor=floor)
+    recording = SceneRecording("an-id", "v7", "wall", START, points_file(index, "wall", (), 0.05), {}, floor=floor)
     ((at, grid),) = _messages(foxglove_file(index, recording))["/map"]
-    assert (at, grid.frame_id, grid.column_count) == (_START, "scene", 3)
+    assert (at, grid.frame_id, grid.column_count) == (START, "scene", 3)
     assert _numbers(grid.pose.position) == [-1.5, 2.0, 0.12] and (grid.cell_size.x, grid.cell_size.y) == (0.05, 0.05)
     offsets = {field.name: field.offset for field in grid.fields}
     assert {field.name: field.type for field in grid.fields}["occupancy"] == 2  # signed, as in nav_msgs/OccupancyGrid
@@ -153,7 +133,7 @@ def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
 def test_cameras_follow_one_another_with_their_photos() -> None:
     index = _index()
     read = _messages(_written(index))
-    assert [at for at, _ in read["/camera/calibration"]] == [_START + number * STEP_NS for number in range(3)]
+    assert [at for at, _ in read["/camera/calibration"]] == [START + number * STEP_NS for number in range(3)]
     for number, posed in enumerate(index.scene.cameras):
         at, transform = read["/tf"][number]
         later, lens = read["/camera/calibration"][number]
@@ -168,9 +148,9 @@ def test_cameras_follow_one_another_with_their_photos() -> None:
         camera = posed.camera.scaled_to(lens.width, lens.height)
         pixel = camera.fx * 0.1 + camera.cx, camera.fy * -0.05 + camera.cy
         assert (u / w + 0.5, v / w + 0.5) == pytest.approx(pixel)  # there the middle of the first pixel is 0, here 0.5
-        assert (lens.width, lens.height) == ((32, 24) if number in _PHOTOS else (64, 48 + number))
+        assert (lens.width, lens.height) == ((32, 24) if number in PHOTOS else (64, 48 + number))
     assert [(at, image.data) for at, image in read["/camera/image"]] == [
-        (_START + number * STEP_NS, photo) for number, photo in _PHOTOS.items()
+        (START + number * STEP_NS, photo) for number, photo in PHOTOS.items()
     ]
     ((_, poses),) = read["/cameras"]
     for pose, posed in zip(poses.poses, index.scene.cameras, strict=True):
@@ -223,11 +203,11 @@ def _renamed(index: SceneIndex, name: str) -> Scene:
 
 def test_names_are_text_whatever_they_hold() -> None:
     index = _index()
-    named = index.after(_renamed(index, _HOSTILE))
-    content = _written(named, name=_HOSTILE)
+    named = index.after(_renamed(index, HOSTILE))
+    content = _written(named, name=HOSTILE)
     entity = _messages(content)["/things"][0][1].entities[0]
-    assert entity.texts[0].text == _HOSTILE == _metadata(content)["scene"]["name"]
-    assert _metadata(content)["things"]["1"] == _HOSTILE and entity.id == "1"
+    assert entity.texts[0].text == HOSTILE == _metadata(content)["scene"]["name"]
+    assert _metadata(content)["things"]["1"] == HOSTILE and entity.id == "1"
 
 
 def test_the_same_version_is_the_same_bytes() -> None:

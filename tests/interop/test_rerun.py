@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.application.rerun_file import rerun_file
@@ -18,38 +16,19 @@ from fastsplat.service.application.scene_exports import _rows, thing_rows
 from fastsplat.service.application.scene_recording import SceneRecording
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.scene.types import SH_C0
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import MissingPackageError
 from tests.interop.rrd import Components, components_of, recording_of
-from tests.query.wall import wall_index
-
-_START = 1_700_000_000_250_000_000
-_HOSTILE = '<img src=x onerror=alert(1)>\n"; DROP TABLE\u202e \U0001f9f8'
+from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall
 
 
 def _index(tilt: float = 0.0) -> SceneIndex:
-    """The wall, seen by three cameras that differ in pose and lens; y is down, but for the tilt."""
-    cameras = []
-    for number, angle in enumerate((-0.1, 0.0, 0.15)):
-        pose = np.eye(4)
-        pose[:3, :3] = Rotation.from_euler("zy", [tilt, angle]).as_matrix()
-        pose[:3, 3] = 2 * angle, -angle, 0.1
-        cameras.append(PosedCamera(Camera(64, 48 + number, 60.0 + number, 61.0, 31.0, 25.0), pose, f"{number}.png"))
-    return wall_index(cameras=cameras)
-
-
-def _photo(color: tuple[int, int, int]) -> bytes:
-    file = io.BytesIO()
-    Image.new("RGB", (32, 24), color).save(file, "JPEG")
-    return file.getvalue()
-
-
-_PHOTOS = {0: _photo((200, 10, 10)), 2: _photo((10, 10, 200))}
+    """The wall of `seen_wall`; y is down, but for the tilt."""
+    return seen_wall(lambda angle: Rotation.from_euler("zy", [tilt, angle]).as_matrix())
 
 
 def _read(folder: Path, index: SceneIndex, things: Sequence[int] = (), name: str = "wall") -> Components:
     """The components of each entity."""
-    recording = SceneRecording("an-id", "v7", name, _START, b"", _PHOTOS, 1)
+    recording = SceneRecording("an-id", "v7", name, START, b"", PHOTOS, 1)
     path = folder / "scene.rrd"
     path.write_bytes(rerun_file(index, _rows(index.scene.gaussians, thing_rows(index, things)), recording, things))
     assert recording_of(path) == ("fastsplat", "an-id-v7")
@@ -113,7 +92,7 @@ def test_cameras_see_what_the_scenes_cameras_see_and_have_their_photos(tmp_path:
         pose[:3, :3] = Rotation.from_quat(entity["Transform3D:quaternion"][0]).as_matrix()
         pose[:3, 3] = entity["Transform3D:translation"][0]
         np.testing.assert_allclose(pose, posed.world_from_camera, atol=1e-6)
-        size = [32, 24] if number in _PHOTOS else [posed.camera.width, posed.camera.height]
+        size = [32, 24] if number in PHOTOS else [posed.camera.width, posed.camera.height]
         camera = posed.camera.scaled_to(*size)
         intrinsics = np.array(entity["Pinhole:image_from_camera"][0]).reshape(3, 3).T  # columns first there
         np.testing.assert_allclose(
@@ -122,7 +101,7 @@ def test_cameras_see_what_the_scenes_cameras_see_and_have_their_photos(tmp_path:
         assert entity["Pinhole:resolution"] == [size]
         assert entity["Pinhole:camera_xyz"] == [[3, 2, 5]]  # right, down, forward
     photos = {path: bytes(entity["EncodedImage:blob"][0]) for path, entity in read.items() if path.endswith("/photo")}
-    assert photos == {f"/cameras/{number}/photo": photo for number, photo in _PHOTOS.items()}
+    assert photos == {f"/cameras/{number}/photo": photo for number, photo in PHOTOS.items()}
 
 
 def test_what_is_up_is_said_where_an_axis_is(tmp_path: Path) -> None:
@@ -133,9 +112,9 @@ def test_what_is_up_is_said_where_an_axis_is(tmp_path: Path) -> None:
 def test_properties_say_what_the_scene_is_and_that_lengths_are_not_metres(tmp_path: Path) -> None:
     index = _index()
     arbitrary = index.after(dataclasses.replace(index.scene, scale="ARBITRARY"))
-    about = _read(tmp_path, arbitrary, name=_HOSTILE)["/__properties/scene"]
+    about = _read(tmp_path, arbitrary, name=HOSTILE)["/__properties/scene"]
     assert about["scene:scene_id"] == ["an-id"] and about["scene:version"] == ["v7"]
-    assert about["scene:name"] == [_HOSTILE] and about["scene:unit"] == ["arbitrary"]
+    assert about["scene:name"] == [HOSTILE] and about["scene:unit"] == ["arbitrary"]
     assert "not metres" in about["scene:warning"][0] and json.loads(about["scene:photos_left_out"][0]) == 1
     info = _read(tmp_path, index)["/__properties"]
     assert "scene:warning" not in _read(tmp_path, index)["/__properties/scene"]
