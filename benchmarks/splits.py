@@ -11,6 +11,8 @@ from benchmarks.provenance import RESULTS
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.evaluation.validation_split import Split, validation_names
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.planning.presets import apply_preset, override_training
+from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError
 
 HELD_OUT = 5
@@ -25,6 +27,23 @@ def add_split(parser: argparse.ArgumentParser) -> None:
         default="validation",
         help="views of the training split, to choose settings by (the default); or the test views, once",
     )
+
+
+def add_training_bounds(parser: argparse.ArgumentParser, *, iterations: int, gaussians: int, max_side: int) -> None:
+    """The options --iterations, --gaussians and --max-side, with these defaults: see `bounded_settings`."""
+    parser.add_argument("--iterations", type=int, default=iterations)
+    parser.add_argument("--gaussians", type=int, default=gaussians)
+    parser.add_argument("--max-side", type=int, default=max_side)
+
+
+def bounded_settings(options: argparse.Namespace) -> Settings:
+    """The balanced preset with so many steps, Gaussians and pixels whatever time they take, so that figures do not
+    depend on the machine; nothing is held out by number, and things are not looked for."""
+    bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
+    settings = override_training(apply_preset(load_settings(), "balanced"), **bounds, held_out_every=0, evaluations=0)
+    training = settings.training.model_copy(update={"time_budget_s": None})
+    discovery = settings.discovery.model_copy(update={"things": "off"})
+    return settings.model_copy(update={"training": training, "discovery": discovery})
 
 
 def results_file(name: str, split: Split) -> Path:

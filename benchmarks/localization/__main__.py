@@ -29,15 +29,14 @@ from scipy.stats import chi2
 
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
 from benchmarks.provenance import begin, provenance, write_json
-from benchmarks.splits import add_split, results_file
+from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
 from fastsplat.service.capture.sent_photos import SparePhotoDecoder
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera
 
 NAMES = (*POSED, UNPOSED)
@@ -51,20 +50,14 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
-    parser.add_argument("--iterations", type=int, default=1_500)
-    parser.add_argument("--gaussians", type=int, default=20_000)
-    parser.add_argument("--max-side", type=int, default=360)
+    add_training_bounds(parser, iterations=1_500, gaussians=20_000, max_side=360)
     parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
     parser.add_argument("--cache", type=Path, default=Path(".bench-localization"), help="folder of the trained scenes")
     parser.add_argument("--rows", action="store_true", help="print a line a photo")
     parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
-    bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
-    settings = override_training(apply_preset(load_settings(), "balanced"), **bounds, held_out_every=0, evaluations=0)
-    training = settings.training.model_copy(update={"time_budget_s": None})
-    discovery = settings.discovery.model_copy(update={"things": "off"})
-    settings = settings.model_copy(update={"training": training, "discovery": discovery})
+    settings = bounded_settings(options)
     out = options.out or results_file("localization", options.split)
     for name in options.names or NAMES:
         place = trained_place(name, options.split, settings, options.cache.resolve())

@@ -38,7 +38,7 @@ from benchmarks.methods.fields import FeatureField, Field, HardField, Vocabulary
 from benchmarks.methods.lifting import distill_features, lift_features, majority_labels
 from benchmarks.methods.scoring import ProductField, score
 from benchmarks.provenance import ROOT, begin, chosen_on, provenance, write_json
-from benchmarks.splits import add_split, results_file
+from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
@@ -48,11 +48,10 @@ from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene
-from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.embeddings import embed_names
 from fastsplat.service.scene import Scene, SemanticHead
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import TrainingView, load_views
 from fastsplat.service.splatting.view_evidence import views_evidence
 
@@ -79,20 +78,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
     parser.add_argument("--rows", nargs="+", choices=ROWS, default=list(ROWS))
-    parser.add_argument("--iterations", type=int, default=4_000)
-    parser.add_argument("--gaussians", type=int, default=40_000)
-    parser.add_argument("--max-side", type=int, default=640)
+    add_training_bounds(parser, iterations=4_000, gaussians=40_000, max_side=640)
     parser.add_argument("--feature-size", type=int, default=16)
     parser.add_argument("--feature-steps", type=int, default=1_000)
     parser.add_argument("--feature-side", type=int, default=240, help="pixels of the pictures that are distilled from")
     parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
-    bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians, "max_side": options.max_side}
-    settings = override_training(apply_preset(load_settings(), "balanced"), **bounds, held_out_every=0, evaluations=0)
-    training = settings.training.model_copy(update={"time_budget_s": None})
-    discovery = settings.discovery.model_copy(update={"things": "off"})
-    settings = settings.model_copy(update={"training": training, "discovery": discovery})
+    settings = bounded_settings(options)
     out = options.out or results_file("methods", options.split)
     for name in options.names or NAMES:
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:

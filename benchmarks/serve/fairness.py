@@ -12,10 +12,8 @@ import argparse
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -30,10 +28,8 @@ import numpy as np
 from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
-from benchmarks.serve.stored_scenes import add_scene, room
-from benchmarks.serve.training_beside import training_beside
+from benchmarks.serve.room_beside_training import served_room
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.json_codec import to_plain
 
@@ -53,18 +49,9 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "fairness.json")
     options = parser.parse_args()
     start = begin()
-    models = Path(os.environ.get("FASTSPLAT_MODELS", ".models")).resolve()
-    folder = Path(tempfile.mkdtemp(prefix="fastsplat-fairness-"))
-    try:
-        settings = Settings(data_dir=folder / "data", models=models)
-        store = open_store(settings.data_dir, settings.database_url)
-        scene = add_scene(store, room(20_000, models))
-        store.close()
-        with Api(settings, {}) as api, training_beside(api, settings, wanted=not options.no_training):
-            quiet, loud = _key(settings, "quiet"), _key(settings, "loud")
-            figures = _measure(api, scene, quiet, loud, options.seconds, options.loud)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with served_room(20_000, training=not options.no_training) as served:
+        quiet, loud = _key(served.settings, "quiet"), _key(served.settings, "loud")
+        figures = _measure(served.api, served.scene, quiet, loud, options.seconds, options.loud)
     row = {"training": not options.no_training, "loud_requests": options.loud, **figures}
     print(json.dumps(row, indent=1))
     write_json(options.out, {**provenance(start, settings=options, chosen_on=MADE_FAST_HERE), **row})

@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import shutil
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
@@ -24,10 +21,7 @@ import numpy as np
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
 from benchmarks.serve.api_process import Api
-from benchmarks.serve.stored_scenes import add_scene, room
-from benchmarks.serve.training_beside import training_beside
-from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from benchmarks.serve.room_beside_training import served_room
 from fastsplat_client import Client, QueryRequest, StandingQuestion
 from fastsplat_contract.camera import Camera, PosedCamera
 
@@ -47,21 +41,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS / "standing.json")
     options = parser.parse_args()
     start = begin()
-    models = Path(os.environ.get("FASTSPLAT_MODELS", ".models")).resolve()
-    folder = Path(tempfile.mkdtemp(prefix="fastsplat-standing-"))
-    try:
-        settings = Settings(data_dir=folder / "data", models=models)
-        store = open_store(settings.data_dir, settings.database_url)
-        scene = add_scene(store, room(options.gaussians, models))
-        store.close()
-        with Api(settings, {}) as api, training_beside(api, settings, wanted=not options.no_training) as trains:
-            _walk(api, scene, _WARM_S, options.rate)
-            before = api.resident_mib()
-            walks = _walk(api, scene, options.seconds, options.rate)
-            after = api.resident_mib()
-            trained = trains()
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+    with served_room(options.gaussians, training=not options.no_training) as served:
+        api, scene = served.api, served.scene
+        _walk(api, scene, _WARM_S, options.rate)
+        before = api.resident_mib()
+        walks = _walk(api, scene, options.seconds, options.rate)
+        after = api.resident_mib()
+        trained = served.trains()
     row = {
         "training_throughout": trained,
         "picture": [_CAMERA.width, _CAMERA.height],
