@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastsplat.service.query.label_meanings import Comparison
+from fastsplat.service.query.label_meanings import BASE, Comparison
 from fastsplat.service.query.name_matching import NameMatch
 from fastsplat_contract.queries import Relation, RelationSubject, Verdict
 
@@ -45,4 +45,9 @@ def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Co
         return "part_of", "question"
     if relations.whole[row] > 0:
         return "part_of", "label"
+    known = dict(zip(BASE, comparison.columns[row].tolist(), strict=True))
+    if known["known_kind"]:
+        return "kind_of", "label"
+    if known["known_below"]:
+        return "kind_of", "question"
     return "related", None

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.query.common_things import COLUMNS, KnownLabels
 from fastsplat.service.query.compounds import Compounds, compounds
 from fastsplat.service.query.definition_words import DefinitionWords, verbs_of
-from fastsplat.service.query.embeddings import TextCache, TextCaches
+from fastsplat.service.query.embeddings import TextCaches
+from fastsplat.service.query.label_texts import LabelTexts
 from fastsplat.service.query.name_matching import NameMatch
 from fastsplat.service.query.noun_phrases import parse_noun_phrase, split_modifiers
 from fastsplat.service.query.relevancy import F32, F64
@@ -50,8 +52,6 @@ _PER_KEY = 512
 """Bytes of a sense or a word by which labels are looked up: two arrays, mostly of one number, and their place."""
 _WORD_SENSES = 3
 """Senses of a label whose definitions' words count."""
-_NO_PURPOSE = "thing"
-"""Embedded where no definition says what a label is for; masked."""
 _UNKNOWN = 0.6
 """Share of a neighboring cosine that stands in for one with a definition that the lexicon lacks."""
 
@@ -65,6 +65,7 @@ BASE = (
     *(f"is_{name}" for name in _CLASSES),
     "is_other",
     *("compound", "feigned", "other_name", "purpose", "shared_words", "done", "done_with"),
+    *COLUMNS,
 )
 """The columns of `Comparison`; `LabelMeanings.compare` says what they are."""
 
@@ -133,10 +134,12 @@ class LabelMeanings:
             [[float(any(s.lexical_class == name for s in m.senses)) for name in sorted(SOLID)] for m in meanings]
         ).reshape(self._count, len(SOLID))
         self._meanings = meanings
-        self._definitions, self._starts = self._embed_definitions(
-            [each[0] for each in names], meanings, caches.definitions
+        self._definitions = LabelTexts(
+            [definitions(each[0], m.senses, lexicon) for each, m in zip(names, meanings, strict=True)],
+            caches.definitions,
         )
-        self._purposes, self._purpose_starts, self._has_purpose = self._embed_purposes(meanings, caches.definitions)
+        self._purposes = LabelTexts([purposes(m.senses, lexicon) for m in meanings], caches.definitions)
+        self._known_things = KnownLabels(names, caches.definitions)
         self._definition_words = DefinitionWords(
             [
                 [*(s.definition for s in m.senses[:_WORD_SENSES]), *above_definitions(m.senses, lexicon)]
@@ -163,33 +166,13 @@ class LabelMeanings:
         self._last = _inverted((row, each[-1], 1.0) for row, each in enumerate(words))
         self._words = _inverted((row, word, 1.0) for row, each in enumerate(words) for word in each)
 
-    def _embed_definitions(
-        self, labels: Sequence[str], meanings: Sequence[Meaning], cache: TextCache
-    ) -> tuple[F32, Rows]:
-        """The definitions of all labels [M, E], those of a label side by side, and where each label's begin. A label
-        without a sense has its name there, which is masked by `_known`."""
-        texts = [
-            definitions(label, meaning.senses, self._lexicon) or [label]
-            for label, meaning in zip(labels, meanings, strict=True)
-        ]
-        starts = np.cumsum([0, *(len(each) for each in texts)])[:-1].astype(np.intp)
-        flat = [text for each in texts for text in each]
-        return cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32), starts
-
-    def _embed_purposes(self, meanings: Sequence[Meaning], cache: TextCache) -> tuple[F32, Rows, NDArray[np.bool_]]:
-        """What the labels are for, as `_embed_definitions`; and the labels [N] whose definitions say it."""
-        texts = [purposes(meaning.senses, self._lexicon) for meaning in meanings]
-        starts = np.cumsum([0, *(len(each) or 1 for each in texts)])[:-1].astype(np.intp)
-        flat = [text for each in texts for text in each or [_NO_PURPOSE]]
-        known = np.array([bool(each) for each in texts], dtype=np.bool_)
-        return cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32), starts, known
-
     @property
     def nbytes(self) -> int:
         """What it weighs, estimated."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
         keys += len(self._last) + len(self._words)
-        return self._definitions.nbytes + self._purposes.nbytes + _PER_KEY * keys
+        texts = self._definitions.nbytes + self._purposes.nbytes + self._known_things.nbytes
+        return texts + _PER_KEY * keys
 
     def is_of(self, dictionary: Dictionary) -> bool:
         """Whether these are the labels and aliases of a dictionary, in order."""
@@ -220,7 +203,7 @@ class LabelMeanings:
         phrase = parse_noun_phrase(text).text
         meaning = self.meaning(text)
         own = meaning.senses[:_QUESTION_DEFINITIONS] if meaning.whole else ()
-        question = self._cache.embed([phrase])[0]
+        question = self._cache.embed([phrase])
         glosses = (
             self._cache.embed(
                 [shortened(sense.definition, _QUESTION_WORDS, _QUESTION_CLAUSES) for sense in own], ("{}",)
@@ -234,17 +217,15 @@ class LabelMeanings:
         if not count:
             return Comparison(columns.T, meaning, relations, named_last)
         place = {name: number for number, name in enumerate(BASE)}
-        definition = self._by_label(self._definitions @ question)
         columns[place["similarity"]] = similarity
-        columns[place["definition"]] = np.where(self._known, definition, _UNKNOWN * similarity)
+        columns[place["definition"]] = self._definitions.nearest(question, _UNKNOWN * similarity)
         if glosses is None:
             columns[place["defined"]] = _UNKNOWN * similarity
             columns[place["definitions"]] = _UNKNOWN * columns[place["definition"]]
         else:
             defined = (labels @ glosses.T).max(axis=1)
-            both = self._by_label((self._definitions @ glosses.T).max(axis=1))
             columns[place["defined"]] = defined
-            columns[place["definitions"]] = np.where(self._known, both, _UNKNOWN * defined)
+            columns[place["definitions"]] = self._definitions.nearest(glosses, _UNKNOWN * defined)
         first = place["same"] if meaning.whole else place["head_same"]
         columns[first : first + 4] = relations.same, relations.wider, relations.narrower, relations.kinship
         if meaning.whole:
@@ -267,12 +248,12 @@ class LabelMeanings:
         columns[place["compound"]] = named_last.kept
         columns[place["feigned"]] = named_last.feigned
         columns[place["other_name"]] = named_last.other
-        purpose = np.maximum.reduceat(self._purposes @ question, self._purpose_starts)
-        columns[place["purpose"]] = np.where(self._has_purpose, purpose, _UNKNOWN * similarity)
+        columns[place["purpose"]] = self._purposes.nearest(question, _UNKNOWN * similarity)
         verbs, glosses_of_verbs = verbs_of(self._verbs_in(words), self._lexicon)
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)
         columns[place["done_with"]] = self._definition_words.mentioned(glosses_of_verbs)
+        columns[place[COLUMNS[0]] :] = self._known_things.compare(phrase, question, similarity).T
         return Comparison(columns.T, meaning, relations, named_last)
 
     def relations(self, meaning: Meaning) -> Relations:
@@ -294,9 +275,6 @@ class LabelMeanings:
 
     def _depth(self, sense_id: int) -> int:
         return max(self._lexicon.wider(sense_id).values())
-
-    def _by_label(self, values: F32) -> F64:
-        return np.asarray(np.maximum.reduceat(values, self._starts), dtype=np.float64)
 
     def _is_verb_phrase(self, phrase: str) -> bool:
         """Whether the question says what is done: "sweep the floor"."""

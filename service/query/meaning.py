@@ -23,7 +23,7 @@ from fastsplat.service.query.settings import QuerySettings
 FILE = Path(__file__).with_name("meaning.json")
 """Written by benchmarks/calibration."""
 
-_LEADS = {"similarity": 0.2, "definition": 0.2, "kinship": 0.0}
+_LEADS = {"similarity": 0.2, "definition": 0.2, "kinship": 0.0, "named": 0.2, "use": 0.2}
 """Columns of which the lead over the best other label counts, with what stands in for a label where there is none."""
 _LEAD_LIMIT = 0.4
 _LIMIT = 5.0
@@ -122,6 +122,8 @@ def expanded(base: F64) -> F64:
         column["kinship"] * known * (1.0 - related),
         column["purpose"] * column["verb_phrase"],
         column["shared_words"] * column["verb_phrase"],
+        column["use"] * column["verb_phrase"],
+        column["named"] * column["asked_known"],
     ]
     return np.vstack([base.T, *leads, *products]).T
 

@@ -1,0 +1,52 @@
+"""Texts about the labels of a dictionary, embedded: what a question lies nearest to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.relevancy import F32, F64
+
+_NOTHING = "thing"
+"""Embedded where there is no text of a label; masked."""
+
+
+class LabelTexts:
+    """Some texts of each of N labels. Threads may share it.
+
+    Args:
+        texts: of each label.
+        cache: embeds them as they are.
+
+    Attributes:
+        known: bool [N], labels with any text.
+
+    Raises:
+        ModelUnavailableError: the encoder answers with something else than embeddings.
+    """
+
+    def __init__(self, texts: Sequence[Sequence[str]], cache: TextCache) -> None:
+        flat = [text for each in texts for text in each or (_NOTHING,)]
+        self._embedded = cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32)
+        self._starts = np.cumsum([0, *(len(each) or 1 for each in texts)])[:-1].astype(np.intp)
+        self.known: NDArray[np.bool_] = np.array([bool(each) for each in texts], dtype=np.bool_)
+
+    @property
+    def nbytes(self) -> int:
+        """What the embeddings weigh."""
+        return self._embedded.nbytes
+
+    def nearest(self, questions: F32, otherwise: F64) -> F64:
+        """float64 [N]: the cosine of the nearest pair of a label's texts and these questions.
+
+        Args:
+            questions: float32 [Q, E], unit length.
+            otherwise: float64 [N], what stands in for labels without a text.
+        """
+        if not len(self.known):
+            return otherwise
+        cosines = (self._embedded @ questions.T).max(axis=1)
+        return np.where(self.known, np.maximum.reduceat(cosines, self._starts), otherwise)
