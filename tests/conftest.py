@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fastsplat.service.settings import load_settings
+
 if TYPE_CHECKING:
     from tests.postgres import PostgresServer
 
@@ -21,6 +23,12 @@ def _folder(variable: str, what: str) -> Path:
     if not path.is_dir():
         pytest.fail(f"{variable}={value} is not a folder")
     return path
+
+
+@pytest.fixture(autouse=True)
+def _settings_of_this_test() -> None:
+    """A process reads its settings once; those that the test before has read are forgotten."""
+    load_settings.cache_clear()
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from benchmarks.raster.garden import garden
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query import QuerySettings, embed_labels
+from fastsplat.service.query.common_things import FILE
 from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat_contract.camera import PosedCamera
@@ -21,8 +22,8 @@ _VIEWS = 40
 def labelled_garden(
     count: int, labels: int, encoder: TextEncoder, mode: str = "codes", width: int = 640, height: int = 480
 ) -> Scene:
-    """`count` Gaussians; each has the label of the nearest of `labels` random places, as a code of 8 numbers and as
-    evidence; forty cameras around the garden's own, which is the first."""
+    """`count` Gaussians; each has the label of the nearest of `labels` random places, a common thing's name, as a code
+    of 8 numbers and as evidence; forty cameras around the garden's own, which is the first."""
     view = garden(count, width, height, 1)
     random = np.random.default_rng(0)
     means = view.splats.means.numpy()
@@ -31,7 +32,8 @@ def labelled_garden(
     anchors = random.standard_normal((labels + 1, CODE)).astype(np.float32)
     sums = np.zeros((count, labels + 1), dtype=np.float32)
     sums[np.arange(count), ids] = 5.0
-    dictionary = dictionary_of(f"{_WORDS[i % len(_WORDS)]} {i}x" for i in range(labels))
+    names = dictionary_of(line.split(" | ")[0] for line in FILE.read_text("ascii").splitlines()).entries
+    dictionary = dictionary_of(names[place].label for place in random.permutation(len(names))[:labels])
     pose = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
     return Scene(
         gaussians=Gaussians(
@@ -61,6 +63,3 @@ def _turned(pose: np.ndarray, angle: float) -> np.ndarray:
     turn = np.eye(4)
     turn[:2, :2] = [[c, -s], [s, c]]
     return np.asarray(turn @ pose)
-
-
-_WORDS = "mug spoon bed tree lamp chair stone fence rose bottle table window brick cable helmet drum".split()

@@ -24,7 +24,7 @@ FILE = Path(__file__).with_name("common_things.txt")
 """A line for each thing: name | other names | kinds | uses; names and kinds, divided by commas, as `label_key` has
 them, uses divided by semicolons."""
 
-_MOST_TEXTS = 8
+_MOST_TEXTS = 5
 """Other names of a label that are embedded, and uses: scenes are opened while somebody waits."""
 _NONE = np.zeros(0, dtype=np.intp)
 _Key = TypeVar("_Key", bound=Hashable)
@@ -88,11 +88,12 @@ class KnownLabels:
         kinds = [frozenset[str]().union(*(thing.kinds for thing in each)) for each in things]
         self._kinds = np.array([len(each) for each in kinds], dtype=np.float64)
         self._by_kind = _rows(kinds)
-        self._by_name = _rows([{label_key(name) for name in each} for each in names])
+        keys = [{label_key(name) for name in each} for each in names]
+        self._by_name = _rows(keys)
         self._by_thing = _rows([each if sure else () for each, sure in zip(things, whole, strict=True)])
         others = [
-            _first(name for thing in each for name in thing.names) if sure else ()
-            for each, sure in zip(things, whole, strict=True)
+            _first(other for thing in each for other in thing.names if other not in own) if sure else ()
+            for each, sure, own in zip(things, whole, keys, strict=True)
         ]
         self._others = LabelTexts(others, cache)
         self._uses = LabelTexts([_first(use for thing in each for use in thing.uses) for each in things], cache)
@@ -112,7 +113,7 @@ class KnownLabels:
 
         Args:
             phrase: the question without question words and articles.
-            question: float32 [1, E], its embedding.
+            question: float32 [E], its embedding.
             similarity: float64 [N], cosines with the labels.
         """
         asked, whole = common_things(phrase)

@@ -26,7 +26,7 @@ _DEFAULTS = QuerySettings()
 _BATCH = 16
 """Sentences that are encoded between two looks whether anybody waits for them."""
 _CACHED_DEFINITIONS = 16_384
-"""What is said of some 800 labels: 25 MB of 384 numbers each."""
+"""What is said of some 1,600 labels: 25 MB of 384 numbers each."""
 
 
 def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[str]) -> F32:

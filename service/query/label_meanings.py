@@ -19,7 +19,7 @@ from fastsplat.service.query.embeddings import TextCaches
 from fastsplat.service.query.label_texts import LabelTexts
 from fastsplat.service.query.name_matching import NameMatch
 from fastsplat.service.query.noun_phrases import parse_noun_phrase, split_modifiers
-from fastsplat.service.query.relevancy import F32, F64
+from fastsplat.service.query.relevancy import F64
 from fastsplat.service.query.word_senses import (
     SOLID,
     Meaning,
@@ -27,9 +27,7 @@ from fastsplat.service.query.word_senses import (
     definitions,
     head_meaning,
     label_meaning,
-    purposes,
     ranked,
-    shortened,
 )
 
 if TYPE_CHECKING:
@@ -38,9 +36,6 @@ if TYPE_CHECKING:
 Rows = NDArray[np.intp]
 _Key = TypeVar("_Key", bound=Hashable)
 
-_QUESTION_DEFINITIONS = 2
-_QUESTION_WORDS, _QUESTION_CLAUSES = 14, 1
-"""Of a question's definition, as far as it is embedded: every word of it costs time with the question."""
 _CLASSES = ("artifact", "food", "animal", "plant", "person", "act")
 _SPECIFIC_DEPTH = 5
 """Steps below the top from which a common hypernym says anything: above are entity, object, whole, artifact."""
@@ -56,7 +51,7 @@ _UNKNOWN = 0.6
 """Share of a neighboring cosine that stands in for one with a definition that the lexicon lacks."""
 
 BASE = (
-    *("similarity", "definition", "defined", "definitions"),
+    *("similarity", "definition"),
     *("same", "wider", "narrower", "kinship", "part", "whole"),
     *("head_same", "head_wider", "head_narrower", "head_kinship"),
     *("class_shared", "in_lexicon", "has_sense", "label_has_sense", "label_in_lexicon"),
@@ -64,7 +59,7 @@ BASE = (
     *("verb_phrase", "verb_first", "words"),
     *(f"is_{name}" for name in _CLASSES),
     "is_other",
-    *("compound", "feigned", "other_name", "purpose", "shared_words", "done", "done_with"),
+    *("compound", "feigned", "other_name", "shared_words", "done", "done_with"),
     *COLUMNS,
 )
 """The columns of `Comparison`; `LabelMeanings.compare` says what they are."""
@@ -138,7 +133,6 @@ class LabelMeanings:
             [definitions(each[0], m.senses, lexicon) for each, m in zip(names, meanings, strict=True)],
             caches.definitions,
         )
-        self._purposes = LabelTexts([purposes(m.senses, lexicon) for m in meanings], caches.definitions)
         self._known_things = KnownLabels(names, caches.definitions)
         self._definition_words = DefinitionWords(
             [
@@ -171,7 +165,7 @@ class LabelMeanings:
         """What it weighs, estimated."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
         keys += len(self._last) + len(self._words)
-        texts = self._definitions.nbytes + self._purposes.nbytes + self._known_things.nbytes
+        texts = self._definitions.nbytes + self._known_things.nbytes
         return texts + _PER_KEY * keys
 
     def is_of(self, dictionary: Dictionary) -> bool:
@@ -187,45 +181,29 @@ class LabelMeanings:
             return Meaning((), False)
         return head_meaning(phrase.heads[0], self._lexicon)
 
-    def compare(self, text: str, match: NameMatch, similarity: F64, labels: F32) -> Comparison:
+    def compare(self, text: str, match: NameMatch, similarity: F64) -> Comparison:
         """What stands in the columns `BASE`, and the relations behind it.
 
-        Cosines: of question and label (`similarity`); of the question with the label's definitions, of the question's
-        definitions with the label, and of definitions. Then the lexicon's relations of the question, or, where it lacks
-        the question, of its head (see `Relations`); what both are; the words that they share; the form of the question.
+        Cosines of the question with the label (`similarity`) and its definitions. Then the lexicon's relations of the
+        question, or, where it lacks the question, of its head (see `Relations`); what both are; the words that they
+        share; the form of the question; what the list of common things says of both (see `KnownLabels.compare`).
 
         Args:
             text: the question.
             match: what it names.
             similarity: float64 [N], see `text_similarity`.
-            labels: float32 [N, E], unit length, by the templates that the question is embedded with.
         """
         phrase = parse_noun_phrase(text).text
         meaning = self.meaning(text)
-        own = meaning.senses[:_QUESTION_DEFINITIONS] if meaning.whole else ()
-        question = self._cache.embed([phrase])
-        glosses = (
-            self._cache.embed(
-                [shortened(sense.definition, _QUESTION_WORDS, _QUESTION_CLAUSES) for sense in own], ("{}",)
-            )
-            if own
-            else None
-        )
         count, columns = self._count, np.zeros((len(BASE), self._count))
         relations = self.relations(meaning)
         named_last = self._compounds(text, match, meaning, relations)
         if not count:
             return Comparison(columns.T, meaning, relations, named_last)
+        question = self._cache.embed([phrase])[0]
         place = {name: number for number, name in enumerate(BASE)}
         columns[place["similarity"]] = similarity
         columns[place["definition"]] = self._definitions.nearest(question, _UNKNOWN * similarity)
-        if glosses is None:
-            columns[place["defined"]] = _UNKNOWN * similarity
-            columns[place["definitions"]] = _UNKNOWN * columns[place["definition"]]
-        else:
-            defined = (labels @ glosses.T).max(axis=1)
-            columns[place["defined"]] = defined
-            columns[place["definitions"]] = self._definitions.nearest(glosses, _UNKNOWN * defined)
         first = place["same"] if meaning.whole else place["head_same"]
         columns[first : first + 4] = relations.same, relations.wider, relations.narrower, relations.kinship
         if meaning.whole:
@@ -248,7 +226,6 @@ class LabelMeanings:
         columns[place["compound"]] = named_last.kept
         columns[place["feigned"]] = named_last.feigned
         columns[place["other_name"]] = named_last.other
-        columns[place["purpose"]] = self._purposes.nearest(question, _UNKNOWN * similarity)
         verbs, glosses_of_verbs = verbs_of(self._verbs_in(words), self._lexicon)
         columns[place["shared_words"]] = self._definition_words.shared(phrase)
         columns[place["done"]] = self._definition_words.done(verbs)

@@ -39,14 +39,13 @@ class LabelTexts:
         """What the embeddings weigh."""
         return self._embedded.nbytes
 
-    def nearest(self, questions: F32, otherwise: F64) -> F64:
-        """float64 [N]: the cosine of the nearest pair of a label's texts and these questions.
+    def nearest(self, question: F32, otherwise: F64) -> F64:
+        """float64 [N]: the cosine of a question with the nearest text of each label.
 
         Args:
-            questions: float32 [Q, E], unit length.
+            question: float32 [E], unit length.
             otherwise: float64 [N], what stands in for labels without a text.
         """
         if not len(self.known):
             return otherwise
-        cosines = (self._embedded @ questions.T).max(axis=1)
-        return np.where(self.known, np.maximum.reduceat(cosines, self._starts), otherwise)
+        return np.where(self.known, np.maximum.reduceat(self._embedded @ question, self._starts), otherwise)

@@ -284,7 +284,7 @@ class Ranker:
         model = self._model
         if self._meanings is None or model is None or context.templates != model.templates:
             return None
-        comparison = self._meanings.compare(text, match, similarity, context.entries.labels)
+        comparison = self._meanings.compare(text, match, similarity)
         logits = model.logits(comparison.columns)
         likely = np.where(excluded, 0.0, model.likely(logits))
         return _Meant(likely, model.presence(logits[~excluded], likely[~excluded]), comparison, model)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -19,8 +18,7 @@ _RARENESS = 0.5
 _DEFINITIONS = 4
 _WORDS, _CLAUSES = 26, 3
 """Of a label's definition, as far as it is embedded: what a thing is for often stands in its second clause."""
-_PURPOSE_SENSES, _PURPOSE_STEPS, _PURPOSE_WORDS = 3, 2, 14
-_PURPOSE = re.compile(r"\b(?:used|for|designed|intended|in which|on which|with which|that|which|where|to)\s.*")
+_ABOVE_STEPS = 2
 
 
 @dataclass(frozen=True)
@@ -75,23 +73,15 @@ def definitions(label: str, senses: Sequence[Sense], lexicon: Lexicon) -> list[s
     texts = [sense.definition for sense in senses[:_DEFINITIONS]]
     for above in (lexicon.sense(sense_id) for sense in senses[:1] for sense_id in sense.wider[:1]):
         texts.append(f"{above.words[0]}, {above.definition}")
-    return [f"{label}: {shortened(text, _WORDS, _CLAUSES)}" for text in texts]
-
-
-def purposes(senses: Sequence[Sense], lexicon: Lexicon) -> list[str]:
-    """What definitions say that a thing is for: "used as a cutting instrument". Of its first senses, and of what it is
-    a kind of in its first one."""
-    texts = [sense.definition for sense in senses[:_PURPOSE_SENSES]] + above_definitions(senses, lexicon)
-    found = (_PURPOSE.search(text) for text in texts)
-    return list(dict.fromkeys(" ".join(each[0].split()[:_PURPOSE_WORDS]) for each in found if each))
+    return [f"{label}: {_shortened(text, _WORDS, _CLAUSES)}" for text in texts]
 
 
 def above_definitions(senses: Sequence[Sense], lexicon: Lexicon) -> list[str]:
     """The definitions of what a thing is a kind of in its first sense, up to two steps above it."""
     steps = {up: far for sense in senses[:1] for up, far in lexicon.wider(sense.id).items()}
-    return [lexicon.sense(up).definition for up, far in steps.items() if 0 < far <= _PURPOSE_STEPS]
+    return [lexicon.sense(up).definition for up, far in steps.items() if 0 < far <= _ABOVE_STEPS]
 
 
-def shortened(definition: str, words: int, clauses: int) -> str:
+def _shortened(definition: str, words: int, clauses: int) -> str:
     """The first clauses of a definition, and of these the first words."""
     return " ".join("; ".join(definition.split("; ")[:clauses]).split()[:words])

@@ -23,7 +23,7 @@ def _columns(encoder: DrawnEncoder, question: str, labels: Sequence[str] = _LABE
     cache = TextCache(encoder, QuerySettings().templates, 999)
     embedded = cache.embed([question])
     similarity = (cache.embed(labels) @ embedded[0]).astype(np.float64)
-    found = KnownLabels([(label,) for label in labels], cache).compare(question, embedded, similarity)
+    found = KnownLabels([(label,) for label in labels], cache).compare(question, embedded[0], similarity)
     assert found.shape == (len(labels), len(COLUMNS)) and np.isfinite(found).all()
     return {"similarity": similarity} | dict(zip(COLUMNS, found.T, strict=True))
 
@@ -87,5 +87,5 @@ def test_the_order_of_labels_changes_nothing(calibrated_encoder: DrawnEncoder, q
 
 def test_no_labels_are_no_rows(calibrated_encoder: DrawnEncoder) -> None:
     known = KnownLabels([], TextCache(calibrated_encoder, QuerySettings().templates, 9))
-    question = np.zeros((1, 8), dtype=np.float32)
+    question = np.zeros(8, dtype=np.float32)
     assert known.compare("mug", question, np.zeros(0)).shape == (0, len(COLUMNS))

@@ -92,15 +92,11 @@ def test_a_label_is_known_by_its_aliases_too(lexicon: Lexicon, calibrated_encode
 
 
 @pytest.mark.parametrize("question", ["sofa", "fruit", "something to sit on", "wall clock", "hit a nail", "xyzzy"])
-def test_the_order_of_labels_changes_no_feature(
-    meanings: Callable[..., LabelMeanings], calibrated_encoder: DrawnEncoder, question: str
-) -> None:
-    cache = TextCache(calibrated_encoder, QuerySettings().templates, 99)
-
+def test_the_order_of_labels_changes_no_feature(meanings: Callable[..., LabelMeanings], question: str) -> None:
     def columns(labels: Sequence[str]) -> np.ndarray:
         names, made = NameIndex(dictionary_of(labels)), meanings(labels)
         similarity = np.array([len(label) / 20 for label in labels])
-        return made.compare(question, names.match(question), similarity, cache.embed(labels)).columns
+        return made.compare(question, names.match(question), similarity).columns
 
     order = [3, 0, 7, 1, 6, 2, 5, 4]
     straight, turned = columns(LABELS), columns([LABELS[place] for place in order])
@@ -281,25 +277,22 @@ def test_the_relation_is_said_in_field_and_sentence(
 )
 def test_words_before_a_name_leave_it_what_it_is_or_do_not(
     meanings: Callable[..., LabelMeanings],
-    calibrated_encoder: DrawnEncoder,
     question: str,
     kept: str,
     feigned: str,
     other: str,
     before: str,
 ) -> None:
-    found = _compounds(meanings(LABELS), calibrated_encoder, LABELS, question)
+    found = _compounds(meanings(LABELS), LABELS, question)
     for mask, label in ((found.kept, kept), (found.feigned, feigned), (found.other, other)):
         assert [each for each, there in zip(LABELS, mask, strict=True) if there] == ([label] if label else [])
     assert list(found.before.values()) == ([before] if before else [])
 
 
-def test_the_lexicon_knows_names_that_end_in_a_name(
-    meanings: Callable[..., LabelMeanings], calibrated_encoder: DrawnEncoder
-) -> None:
+def test_the_lexicon_knows_names_that_end_in_a_name(meanings: Callable[..., LabelMeanings]) -> None:
     labels = ("clock", "dog", "table", "wall")
     for question, kept, other in (("wall clock", 0, None), ("prairie dog", None, 1), ("water table", None, 2)):
-        found = _compounds(meanings(labels), calibrated_encoder, labels, question)
+        found = _compounds(meanings(labels), labels, question)
         assert np.flatnonzero(found.kept).tolist() == ([] if kept is None else [kept])
         assert np.flatnonzero(found.other).tolist() == ([] if other is None else [other])
 
@@ -315,10 +308,9 @@ def test_a_name_with_a_word_before_it_is_answered_and_the_word_not_checked(
     assert ask(LABELS, "toy car").relation != "kind_of"
 
 
-def _compounds(made: LabelMeanings, encoder: DrawnEncoder, labels: Sequence[str], question: str) -> Compounds:
-    names, cache = NameIndex(dictionary_of(labels)), TextCache(encoder, QuerySettings().templates, 99)
-    similarity = np.zeros(len(labels))
-    return made.compare(question, names.match(question), similarity, cache.embed(labels)).compounds
+def _compounds(made: LabelMeanings, labels: Sequence[str], question: str) -> Compounds:
+    names = NameIndex(dictionary_of(labels))
+    return made.compare(question, names.match(question), np.zeros(len(labels))).compounds
 
 
 @pytest.mark.parametrize("text", ["submarine", "toilet", "piano", "violin", "hammer throw champion", "banana republic"])
