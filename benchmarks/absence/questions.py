@@ -13,10 +13,10 @@ FILE = Path(__file__).with_name("questions.txt")
 FITTED = FILE.parents[1] / "calibration" / "lists.txt"
 """Cases of the same six lists that may fit the answers."""
 COMPOUNDS = FITTED.with_name("compounds.txt")
-"""Cases that may fit them, too, of four lists more."""
+"""Cases that may fit them, too, of five lists more."""
 PRESENT = ("synonym", "kind", "use")
 ABSENT = ("far", "household", "near")
-_PRESENT_TOO = ("compound",)
+_PRESENT_TOO = ("compound", "standin")
 _ABSENT_TOO = ("feigned", "other", "sibling")
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.definition_words import stems
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.label_texts import LabelTexts
 from fastsplat.service.query.relevancy import F32, F64
@@ -31,7 +32,10 @@ _Key = TypeVar("_Key", bound=Hashable)
 _UNKNOWN = 0.6
 """Share of the cosine with a label's name that stands in for one with what is not known of it."""
 
-COLUMNS = ("known_as", "known_kind", "known_below", "kinds_shared", "named", "use", "asked_known", "label_known")
+COLUMNS = (
+    *("known_as", "known_kind", "known_below", "kinds_shared", "uses_shared"),
+    *("named", "use", "asked_known", "label_known"),
+)
 """What `KnownLabels.compare` says of each label."""
 
 
@@ -88,6 +92,7 @@ class KnownLabels:
         kinds = [frozenset[str]().union(*(thing.kinds for thing in each)) for each in things]
         self._kinds = np.array([len(each) for each in kinds], dtype=np.float64)
         self._by_kind = _rows(kinds)
+        self._by_use_word = _rows([_use_words(each) for each in things])
         keys = [{label_key(name) for name in each} for each in names]
         self._by_name = _rows(keys)
         self._by_thing = _rows([each if sure else () for each, sure in zip(things, whole, strict=True)])
@@ -108,8 +113,9 @@ class KnownLabels:
 
         known_as: 1 where the list calls one thing by the question and the label. known_kind: 1 where it counts the
         label among what is asked for. known_below: the other way. kinds_shared: the share of the kinds of both that
-        are the same. named, use: cosines of the question with the label's other names and uses. asked_known,
-        label_known: 1 where the list has the question and the label, 0.5 where their last words.
+        are the same. uses_shared: the share of the words of the question's uses that stand in the label's. named, use:
+        cosines of the question with the label's other names and uses. asked_known, label_known: 1 where the list has
+        the question and the label, 0.5 where their last words.
 
         Args:
             phrase: the question without question words and articles.
@@ -128,11 +134,18 @@ class KnownLabels:
             columns[2, self._by_name.get(kind, _NONE)] = float(whole)
             columns[3, self._by_kind.get(kind, _NONE)] += 1.0
         columns[3] /= np.maximum(len(above) + self._kinds - columns[3], 1.0)
-        columns[4] = np.maximum(self._others.nearest(question, similarity), similarity)
-        columns[5] = self._uses.nearest(question, _UNKNOWN * similarity)
-        columns[6] = 0.5 * (bool(asked) + whole)
-        columns[7] = self._label_known
+        used = _use_words(asked) if whole else frozenset[str]()
+        for word in used:
+            columns[4, self._by_use_word.get(word, _NONE)] += 1.0 / len(used)
+        columns[5] = np.maximum(self._others.nearest(question, similarity), similarity)
+        columns[6] = self._uses.nearest(question, _UNKNOWN * similarity)
+        columns[7] = 0.5 * (bool(asked) + whole)
+        columns[8] = self._label_known
         return columns.T
+
+
+def _use_words(things: Iterable[CommonThing]) -> frozenset[str]:
+    return frozenset[str]().union(*(stems(use) for thing in things for use in thing.uses))
 
 
 def _rows(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:

@@ -21,9 +21,6 @@ class LabelTexts:
         texts: of each label.
         cache: embeds them as they are.
 
-    Attributes:
-        known: bool [N], labels with any text.
-
     Raises:
         ModelUnavailableError: the encoder answers with something else than embeddings.
     """
@@ -32,7 +29,7 @@ class LabelTexts:
         flat = [text for each in texts for text in each or (_NOTHING,)]
         self._embedded = cache.embed(flat, ("{}",)) if flat else np.zeros((0, 0), dtype=np.float32)
         self._starts = np.cumsum([0, *(len(each) or 1 for each in texts)])[:-1].astype(np.intp)
-        self.known: NDArray[np.bool_] = np.array([bool(each) for each in texts], dtype=np.bool_)
+        self._known: NDArray[np.bool_] = np.array([bool(each) for each in texts], dtype=np.bool_)
 
     @property
     def nbytes(self) -> int:
@@ -46,6 +43,6 @@ class LabelTexts:
             question: float32 [E], unit length.
             otherwise: float64 [N], what stands in for labels without a text.
         """
-        if not len(self.known):
+        if not len(self._known):
             return otherwise
-        return np.where(self.known, np.maximum.reduceat(self._embedded @ question, self._starts), otherwise)
+        return np.where(self._known, np.maximum.reduceat(self._embedded @ question, self._starts), otherwise)

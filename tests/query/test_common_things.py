@@ -64,6 +64,7 @@ def test_other_names_kinds_and_their_opposites(calibrated_encoder: DrawnEncoder)
     assert rows("xyzzy", "known_as") == {"xyzzy"}
     assert rows("cookware", "known_kind") == {"frying pan"} and rows("cookware", "known_as") == set()
     assert rows("armchair", "known_below") == {"chair"}
+    assert rows("mallet", "uses_shared") == {"hammer"}
     assert "frying pan" in rows("saucepan", "kinds_shared") and "hammer" not in rows("saucepan", "kinds_shared")
 
 
