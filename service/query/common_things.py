@@ -6,19 +6,17 @@ definitions. The list is of this project's own words, and was written without a 
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.definition_words import stems
+from fastsplat.service.query.definition_words import NO_ROWS, rows_by_key, stems
 from fastsplat.service.query.embeddings import TextCache
-from fastsplat.service.query.label_texts import LabelTexts
+from fastsplat.service.query.label_texts import UNKNOWN, LabelTexts
 from fastsplat.service.query.relevancy import F32, F64
 
 FILE = Path(__file__).with_name("common_things.txt")
@@ -27,10 +25,6 @@ them, uses divided by semicolons."""
 
 _MOST_TEXTS = 5
 """Other names of a label that are embedded, and uses: scenes are opened while somebody waits."""
-_NONE = np.zeros(0, dtype=np.intp)
-_Key = TypeVar("_Key", bound=Hashable)
-_UNKNOWN = 0.6
-"""Share of the cosine with a label's name that stands in for one with what is not known of it."""
 
 COLUMNS = (
     *("known_as", "known_kind", "known_below", "kinds_shared", "uses_shared"),
@@ -91,11 +85,11 @@ class KnownLabels:
         self._label_known = 0.5 * (np.array([bool(each) for each in things]) + whole.astype(np.float64))
         kinds = [frozenset[str]().union(*(thing.kinds for thing in each)) for each in things]
         self._kinds = np.array([len(each) for each in kinds], dtype=np.float64)
-        self._by_kind = _rows(kinds)
-        self._by_use_word = _rows([_use_words(each) for each in things])
+        self._by_kind = rows_by_key(kinds)
+        self._by_use_word = rows_by_key([_use_words(each) for each in things])
         keys = [{label_key(name) for name in each} for each in names]
-        self._by_name = _rows(keys)
-        self._by_thing = _rows([each if sure else () for each, sure in zip(things, whole, strict=True)])
+        self._by_name = rows_by_key(keys)
+        self._by_thing = rows_by_key([each if sure else () for each, sure in zip(things, whole, strict=True)])
         others = [
             _first(other for thing in each for other in thing.names if other not in own) if sure else ()
             for each, sure, own in zip(things, whole, keys, strict=True)
@@ -105,8 +99,13 @@ class KnownLabels:
 
     @property
     def nbytes(self) -> int:
-        """What it weighs, estimated."""
+        """What the embeddings weigh."""
         return self._others.nbytes + self._uses.nbytes
+
+    @property
+    def keys(self) -> int:
+        """By how many names, kinds, things and words labels are looked up."""
+        return sum(len(rows) for rows in (self._by_name, self._by_kind, self._by_thing, self._by_use_word))
 
     def compare(self, phrase: str, question: F32, similarity: F64) -> F64:
         """float64 [N, C], by `COLUMNS`.
@@ -127,18 +126,18 @@ class KnownLabels:
         above = frozenset[str]().union(*(thing.kinds for thing in asked))
         columns = np.zeros((len(COLUMNS), len(self._kinds)))
         for thing in asked if whole else ():
-            columns[0, self._by_thing.get(thing, _NONE)] = 1.0
-        columns[0, self._by_name.get(key, _NONE)] = 1.0
-        columns[1, self._by_kind.get(key, _NONE)] = 1.0
+            columns[0, self._by_thing.get(thing, NO_ROWS)] = 1.0
+        columns[0, self._by_name.get(key, NO_ROWS)] = 1.0
+        columns[1, self._by_kind.get(key, NO_ROWS)] = 1.0
         for kind in above:
-            columns[2, self._by_name.get(kind, _NONE)] = float(whole)
-            columns[3, self._by_kind.get(kind, _NONE)] += 1.0
+            columns[2, self._by_name.get(kind, NO_ROWS)] = float(whole)
+            columns[3, self._by_kind.get(kind, NO_ROWS)] += 1.0
         columns[3] /= np.maximum(len(above) + self._kinds - columns[3], 1.0)
         used = _use_words(asked) if whole else frozenset[str]()
         for word in used:
-            columns[4, self._by_use_word.get(word, _NONE)] += 1.0 / len(used)
+            columns[4, self._by_use_word.get(word, NO_ROWS)] += 1.0 / len(used)
         columns[5] = np.maximum(self._others.nearest(question, similarity), similarity)
-        columns[6] = self._uses.nearest(question, _UNKNOWN * similarity)
+        columns[6] = self._uses.nearest(question, UNKNOWN * similarity)
         columns[7] = 0.5 * (bool(asked) + whole)
         columns[8] = self._label_known
         return columns.T
@@ -146,15 +145,6 @@ class KnownLabels:
 
 def _use_words(things: Iterable[CommonThing]) -> frozenset[str]:
     return frozenset[str]().union(*(stems(use) for thing in things for use in thing.uses))
-
-
-def _rows(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:
-    """By key, the rows that have it."""
-    found: dict[_Key, list[int]] = {}
-    for row, each in enumerate(keys):
-        for key in each:
-            found.setdefault(key, []).append(row)
-    return {key: np.array(rows, dtype=np.intp) for key, rows in found.items()}
 
 
 def _first(texts: Iterable[str]) -> tuple[str, ...]:

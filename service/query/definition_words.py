@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fastsplat.service.query.relevancy import F64
 
 if TYPE_CHECKING:
     from fastsplat.service.perception.lexicon import Lexicon, Verb
 
+NO_ROWS: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+_Key = TypeVar("_Key", bound=Hashable)
 _WORD = re.compile(r"[a-z]+")
 _EMPTY = frozenset(
     "a an the my your our it its into in on up from with some for at of to out off through down before who what when "
@@ -48,8 +51,8 @@ class DefinitionWords:
 
     def __init__(self, definitions: Sequence[Iterable[str]], names: Sequence[Iterable[str]]) -> None:
         self._count = len(definitions)
-        self._rows = _by_stem([[stems(text) for text in each] for each in definitions])
-        self._named = _by_stem([[stems(text) for text in each] for each in names])
+        self._rows = _by_stem(definitions)
+        self._named = _by_stem(names)
 
     def shared(self, question: str) -> F64:
         """float64 [N], 0..1: the share of the question's words that a label's definitions have, each counting less the
@@ -57,7 +60,7 @@ class DefinitionWords:
         asked = stems(question)
         values = np.zeros(self._count)
         for stem in asked:
-            rows = self._rows.get(stem, [])
+            rows = self._rows.get(stem, NO_ROWS)
             values[rows] += 1.0 - len(rows) / (self._count + 1)
         return values / max(len(asked), 1)
 
@@ -70,7 +73,7 @@ class DefinitionWords:
         values = np.zeros(self._count)
         for verb, steps in verbs.items():
             for stem in stems(verb):
-                rows = self._rows.get(stem, [])
+                rows = self._rows.get(stem, NO_ROWS)
                 value = (1.0 - len(rows) / (self._count + 1)) / (1.0 + steps)
                 values[rows] = np.maximum(values[rows], value)
         return values
@@ -79,7 +82,7 @@ class DefinitionWords:
         """float64 [N], 0 or 1: whether a verb's definition names the label: to sweep is "with a broom"."""
         values = np.zeros(self._count)
         for stem in frozenset[str]().union(*map(stems, definitions)):
-            values[self._named.get(stem, [])] = 1.0
+            values[self._named.get(stem, NO_ROWS)] = 1.0
         return values
 
 
@@ -99,9 +102,14 @@ def verbs_of(words: Sequence[str], lexicon: Lexicon) -> tuple[dict[str, int], li
     return found, definitions
 
 
-def _by_stem(texts: Sequence[Iterable[frozenset[str]]]) -> dict[str, list[int]]:
-    rows: dict[str, list[int]] = {}
-    for row, each in enumerate(texts):
-        for stem in frozenset[str]().union(*each):
-            rows.setdefault(stem, []).append(row)
-    return rows
+def rows_by_key(keys: Sequence[Iterable[_Key]]) -> dict[_Key, NDArray[np.intp]]:
+    """By key, the rows that have it, in order."""
+    found: dict[_Key, list[int]] = {}
+    for row, each in enumerate(keys):
+        for key in each:
+            found.setdefault(key, []).append(row)
+    return {key: np.array(rows, dtype=np.intp) for key, rows in found.items()}
+
+
+def _by_stem(texts: Sequence[Iterable[str]]) -> dict[str, NDArray[np.intp]]:
+    return rows_by_key([frozenset[str]().union(*map(stems, each)) for each in texts])

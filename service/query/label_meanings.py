@@ -16,7 +16,7 @@ from fastsplat.service.query.common_things import COLUMNS, KnownLabels
 from fastsplat.service.query.compounds import Compounds, compounds
 from fastsplat.service.query.definition_words import DefinitionWords, verbs_of
 from fastsplat.service.query.embeddings import TextCaches
-from fastsplat.service.query.label_texts import LabelTexts
+from fastsplat.service.query.label_texts import UNKNOWN, LabelTexts
 from fastsplat.service.query.name_matching import NameMatch
 from fastsplat.service.query.noun_phrases import parse_noun_phrase, split_modifiers
 from fastsplat.service.query.relevancy import F64
@@ -47,8 +47,6 @@ _PER_KEY = 512
 """Bytes of a sense or a word by which labels are looked up: two arrays, mostly of one number, and their place."""
 _WORD_SENSES = 3
 """Senses of a label whose definitions' words count."""
-_UNKNOWN = 0.6
-"""Share of a neighboring cosine that stands in for one with a definition that the lexicon lacks."""
 
 BASE = (
     *("similarity", "definition"),
@@ -164,7 +162,7 @@ class LabelMeanings:
     def nbytes(self) -> int:
         """What it weighs, estimated."""
         keys = sum(len(rows) for rows in (self._by_sense, self._lines, self._above, self._parts))
-        keys += len(self._last) + len(self._words)
+        keys += len(self._last) + len(self._words) + self._known_things.keys
         texts = self._definitions.nbytes + self._known_things.nbytes
         return texts + _PER_KEY * keys
 
@@ -203,7 +201,7 @@ class LabelMeanings:
         question = self._cache.embed([phrase])[0]
         place = {name: number for number, name in enumerate(BASE)}
         columns[place["similarity"]] = similarity
-        columns[place["definition"]] = self._definitions.nearest(question, _UNKNOWN * similarity)
+        columns[place["definition"]] = self._definitions.nearest(question, UNKNOWN * similarity)
         first = place["same"] if meaning.whole else place["head_same"]
         columns[first : first + 4] = relations.same, relations.wider, relations.narrower, relations.kinship
         if meaning.whole:

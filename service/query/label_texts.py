@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.relevancy import F32, F64
 
+UNKNOWN = 0.6
+"""Share of the cosine with a label's name that stands in for one with what is not known of it."""
 _NOTHING = "thing"
 """Embedded where there is no text of a label; masked."""
 
