@@ -20,7 +20,7 @@ export function JobPreview({ operationId, info }: { operationId: string; info: I
       () => undefined, // the next picture will do
     );
     return () => controller.abort();
-  }, [operationId, info.number]); // eslint-disable-line react-hooks/exhaustive-deps
+  }, [operationId, info.number]); // eslint-disable-line react-hooks/exhaustive-deps -- info is a new object at each report
   useEffect(() => () => (shown ? URL.revokeObjectURL(shown.address) : undefined), [shown]);
   if (!shown) return null;
   const { step, seconds, gaussians, psnr } = shown.info;

@@ -23,7 +23,7 @@ export function useLoaded<T>(
   latest.current = { load, pause };
   useEffect(() => {
     setState({ value: null, error: null });
-  }, inputs); // eslint-disable-line react-hooks/exhaustive-deps
+  }, inputs); // eslint-disable-line react-hooks/exhaustive-deps -- the caller says what it depends on
   useEffect(() => {
     const controller = new AbortController();
     let timer = 0;
@@ -56,7 +56,7 @@ export function useLoaded<T>(
       controller.abort();
       window.clearTimeout(timer);
     };
-  }, [...inputs, round]); // eslint-disable-line react-hooks/exhaustive-deps
+  }, [...inputs, round]); // eslint-disable-line react-hooks/exhaustive-deps -- as above
   const reload = useCallback(() => setRound((number) => number + 1), []);
   return { ...state, reload };
 }

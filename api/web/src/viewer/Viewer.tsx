@@ -139,7 +139,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       serverView.peek()?.destroy();
       splatView.value = serverView.value = null;
     };
-  }, [state]); // eslint-disable-line react-hooks/exhaustive-deps
+  }, [state]); // eslint-disable-line react-hooks/exhaustive-deps -- handle and signals live as long as the viewer
 
   // Load the Gaussians of the version on show.
   useSignalEffect(() => {
