@@ -19,7 +19,7 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
     Args:
         name: an entry of the manifest, or "clip:my_folder".
         models: the model directory.
-        threads: threads of one run; 0: all cores.
+        threads: texts that are embedded at a time; 0: as many as there are cores.
 
     Raises:
         ModelUnavailableError: unknown name, missing or damaged file, broken contract.
