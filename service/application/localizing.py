@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
-import dataclasses
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,32 +13,21 @@ from fastsplat.service.application.kept_landmarks import KeptLandmarks
 from fastsplat.service.application.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.validate import check_texts
-from fastsplat.service.capture.sent_photos import DECODER_BYTES, SentPhoto, SparePhotoDecoder
+from fastsplat.service.capture.sent_photos import DECODER_BYTES, SparePhotoDecoder
 from fastsplat.service.common.call_scheduling import charge
-from fastsplat.service.localization.acceptance import explanation_of
-from fastsplat.service.localization.differences import find_differences
-from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.localization.photometric_refinement import small_camera
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
-from fastsplat_contract.localize_messages import (
-    Localization,
-    LocalizedPhoto,
-    LocalizeRequest,
-    PhotoDifference,
-    ThingInView,
-)
-from fastsplat_contract.thing_prompts import PixelBox
+from fastsplat_contract.localize_messages import Localization, LocalizeRequest
+
+if TYPE_CHECKING:  # torch and pycolmap load when they are used
+    from fastsplat.service.query import SceneIndex
 
 _PHOTO_COST = 2.0**23
 """Finding a photo's keypoints takes about as long as rendering so many pixels, and its pose as long again."""
 _WORK_BYTES = 192 << 20
 """Of finding keypoints and matches of one photo after the other, at the default sizes."""
-_LEAST_SHARE = 0.001
-_VIEW_SIDE = 256
 
 
 class Localizing:
@@ -85,6 +74,8 @@ class Localizing:
             LimitExceededError: too many photos, or too large ones.
             ResourceError: decoding a photo took more than it may.
         """
+        from fastsplat.service.application.localized_photos import localized_photos
+
         check_photos(request, self._settings)
         side = self._settings.localization.max_side
         square = Camera(side, side, float(side), float(side), side / 2, side / 2)
@@ -97,10 +88,8 @@ class Localizing:
                 folder = self._scenes.folder(request.scene_id, version)
                 landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
                 sent = self._decoder.decode(request.photos, side)
-                photos = [_photo(one, focal) for one, focal in zip(sent, _focals(request), strict=True)]
                 rough = [pose.matrix() for pose in request.poses]
-                placed = place_photos(photos, landmarks, index.geometry, self._settings.localization, rough)
-                answers = tuple(_answer(index, one, own) for one, own in zip(sent, placed, strict=True))
+                answers = localized_photos(index, landmarks, sent, _focals(request), rough, self._settings.localization)
             return Localization(answers, index.scene.scale == "METRIC", version)
 
         try:
@@ -172,53 +161,3 @@ def _focals(request: LocalizeRequest) -> Sequence[float | None]:
     if not request.focals:
         return [None] * len(request.photos)
     return list(request.focals) * (len(request.photos) if len(request.focals) == 1 else 1)
-
-
-def _photo(sent: SentPhoto, focal: float | None) -> Photo:
-    if focal is not None:
-        return Photo(sent.pixels, focal / max(sent.size), "given")
-    return Photo(sent.pixels, sent.focal, "metadata")
-
-
-def _answer(index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto) -> LocalizedPhoto:
-    evidence = placed.evidence
-    camera: PosedCamera | None = None
-    differences: tuple[PhotoDifference, ...] = ()
-    things: tuple[ThingInView, ...] = ()
-    if placed.posed is not None and placed.comparison is not None:
-        camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
-        differences = tuple(
-            PhotoDifference(found.kind, PixelBox(*found.box), found.strength)
-            for found in find_differences(placed.comparison, sent.size)
-        )
-        things = _things(index, camera)
-    return LocalizedPhoto(
-        refusal=placed.refusal,
-        explanation=explanation_of(placed.refusal, evidence),
-        camera=camera,
-        radial=placed.radial,
-        covariance=() if placed.covariance is None else tuple(placed.covariance.ravel().tolist()),
-        focal_source=None if camera is None else placed.focal_source,
-        inliers=evidence.inliers,
-        inlier_share=evidence.inlier_share,
-        spread=evidence.spread,
-        agreement=evidence.agreement,
-        refined=placed.refined,
-        things=things,
-        differences=differences,
-    )
-
-
-def _things(index: SceneIndex, posed: PosedCamera) -> tuple[ThingInView, ...]:
-    small = small_camera(posed, _VIEW_SIDE)
-    ids = index.things.map(small)
-    x, y = posed.camera.width / small.camera.width, posed.camera.height / small.camera.height
-    seen = []
-    for thing_id, pixels in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True):
-        share = float(pixels / ids.size)
-        if share < _LEAST_SHARE:
-            continue
-        rows, columns = np.nonzero(ids == thing_id)
-        box = PixelBox(columns.min() * x, rows.min() * y, (columns.max() + 1) * x, (rows.max() + 1) * y)
-        seen.append(ThingInView(int(thing_id), index.things.get(int(thing_id)).name, share, PixelBox(*map(float, box))))
-    return tuple(sorted(seen, key=lambda thing: (-thing.share, thing.thing_id)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,10 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.localization.triangulation import SeenKeypoints, triangulate
-from fastsplat.service.query.view_geometry import ViewGeometry
 from fastsplat_contract.camera import PosedCamera
+
+if TYPE_CHECKING:  # torch loads when it is used
+    from fastsplat.service.query.view_geometry import ViewGeometry
 
 BYTES_PER_LANDMARK = DESCRIPTOR_BYTES + 3 * 4
 

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.localization.keypoints import Keypoints, unit_rows
 from fastsplat.service.localization.projection import reprojected
 from fastsplat_contract.camera import PosedCamera
+
+if TYPE_CHECKING:  # scipy loads when it is used
+    from scipy.spatial import cKDTree
 
 F64 = NDArray[np.float64]
 
@@ -69,6 +72,8 @@ def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.i
     Raises:
         CancelledError: see `service.common.cancellation`.
     """
+    from scipy.spatial import cKDTree
+
     trees = [cKDTree(photo.keypoints.points) if len(photo.keypoints) else None for photo in photos]
     units = [unit_rows(photo.keypoints.descriptors) for photo in photos]
     results = []
