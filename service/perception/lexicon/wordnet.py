@@ -88,6 +88,7 @@ class Lexicon:
         self.senses = lru_cache(50_000)(self._senses)
         self.sense = lru_cache(50_000)(self._sense)
         self.wider = lru_cache(20_000)(self._wider)
+        self.is_verb = lru_cache(5_000)(self._is_verb)
         self.verbs = lru_cache(5_000)(self._verbs)
         self.verb = lru_cache(20_000)(self._verb)
 
@@ -95,7 +96,7 @@ class Lexicon:
         """Give the files back; nothing can be asked any more."""
         self._opened.close()
 
-    def is_verb(self, word: str) -> bool:
+    def _is_verb(self, word: str) -> bool:
         """Whether the word, as it stands, is a verb."""
         return self._line("index.verb", word) is not None
 
