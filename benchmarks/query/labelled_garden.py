@@ -32,8 +32,8 @@ def labelled_garden(
     anchors = random.standard_normal((labels + 1, CODE)).astype(np.float32)
     sums = np.zeros((count, labels + 1), dtype=np.float32)
     sums[np.arange(count), ids] = 5.0
-    names = dictionary_of(line.split(" | ")[0] for line in FILE.read_text("ascii").splitlines()).entries
-    dictionary = dictionary_of(names[place].label for place in random.permutation(len(names))[:labels])
+    names = common_names()
+    dictionary = dictionary_of(names[place] for place in random.permutation(len(names))[:labels])
     pose = np.linalg.inv(view.viewmat.numpy().astype(np.float64))
     return Scene(
         gaussians=Gaussians(
@@ -56,6 +56,12 @@ def labelled_garden(
         evidence=evidence_from_dense(sums),
         label_mode="evidence" if mode == "evidence" else "codes",
     )
+
+
+def common_names() -> list[str]:
+    """Of common things, each once."""
+    lines = FILE.read_text("ascii").splitlines()
+    return [entry.label for entry in dictionary_of(line.split(" | ")[0] for line in lines).entries]
 
 
 def _turned(pose: np.ndarray, angle: float) -> np.ndarray:
