@@ -47,8 +47,14 @@ def test_callers_take_turns_however_much_one_has_queued() -> None:
 
 
 def test_a_cancelled_call_is_not_run_and_holds_nothing(pool: FairPool) -> None:
-    release, ran = threading.Event(), []
-    held = [pool.submit("a", lambda: release.wait(30)) for _ in range(2)]
+    begun, release, ran = threading.Barrier(3), threading.Event(), []
+
+    def hold() -> bool:
+        begun.wait(60)
+        return release.wait(60)
+
+    held = [pool.submit("a", hold) for _ in range(2)]
+    begun.wait(60)  # what waits now is given up below
     given_up = [pool.submit("a", lambda: ran.append(1)) for _ in range(100)]
     for future in given_up:
         assert future.cancel()

@@ -28,6 +28,8 @@ def run(models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("FASTSPLAT_TRAINING__ITERATIONS", "40")
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__MAX_VIEWS", "2")
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__PROPOSAL_VIEWS", "2")
     load_settings.cache_clear()
 
     def call(*words: object) -> Result:

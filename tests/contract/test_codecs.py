@@ -23,9 +23,9 @@ from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.wire import Request
 from tests.contract.catalog import TYPES
-from tests.contract.values import JSON_ONLY, values_of
+from tests.contract.values import EXAMPLES, JSON_ONLY, values_of
 
-_RANDOM = settings(max_examples=15, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+_RANDOM = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
 _REQUESTS = [kind for kind in TYPES.values() if issubclass(kind, Request)]
 
 

@@ -12,6 +12,7 @@ from fastsplat_contract.pieces import CHUNK_BYTES, answers_of, messages_of
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match
 from fastsplat_contract.scenes import Box, SceneObject
+from tests.contract.values import EXAMPLES
 
 _GRPC_BYTES = 4 * 2**20
 _ALL = frozenset({"mask2d", "mask3d", "objects"})
@@ -38,7 +39,7 @@ def _answer(**more: Any) -> Answer:
     )
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=min(EXAMPLES, 8), deadline=None)
 @given(
     sizes=st.lists(st.integers(0, 3 * CHUNK_BYTES), max_size=3),
     pictures=st.lists(st.integers(1, 3 * CHUNK_BYTES), max_size=2),

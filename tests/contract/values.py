@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from datetime import datetime, timezone
 from typing import Any, Literal, get_args, get_origin
@@ -15,6 +16,9 @@ from fastsplat_contract.problems import Problem
 from fastsplat_contract.proto_codec import message_class
 from fastsplat_contract.queries import QueryOut
 from fastsplat_contract.server_info import ServerInfo
+
+EXAMPLES = int(os.environ.get("CONTRACT_EXAMPLES", "15"))
+"""Random values of each type; fewer where the same tests run on several interpreters."""
 
 JSON_ONLY = {Problem, QueryOut, ServerInfo}
 """What has no message of its own."""

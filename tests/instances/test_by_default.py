@@ -14,12 +14,12 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 
 _SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
-_VIEWS = 4
+_VIEWS = 3
 
 
 @pytest.fixture
 def settings(models_dir: Path) -> Settings:
-    training = TrainingSettings(iterations=60, time_budget_s=None, max_gaussians=2_000, held_out_every=0)
+    training = TrainingSettings(iterations=60, time_budget_s=None, max_gaussians=2_000, max_side=256, held_out_every=0)
     return Settings(models=models_dir, training=training)
 
 
