@@ -55,7 +55,7 @@ class Builder:
     def build(self, target: str) -> Image:
         """One target of docker/Dockerfile. Its `pip`, `npm` and TLS see this machine's package settings and network."""
         self._buildah(
-            *("bud", "--isolation=chroot", "--format=docker", "--layers", "--pull-never"),
+            *("bud", "--isolation=chroot", "--format=docker", "--layers", "--pull-never", "--jobs=2"),
             *(f"--volume={source}:{target}:ro" for source, target in _package_settings(self._folder).items()),
             *(
                 "--build-arg",
