@@ -15,6 +15,22 @@ if TYPE_CHECKING:
     from tests.postgres import PostgresServer
 
 
+class _FailuresAtOnce:
+    """Shows a failure when it happens: a run that is cut off never comes to its summary."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._config = config
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        reporter = self._config.pluginmanager.get_plugin("terminalreporter")
+        if report.failed and reporter is not None:
+            reporter.write_line(f"\n{report.nodeid} failed in {report.when}:\n{report.longreprtext[-3000:]}")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(_FailuresAtOnce(config))
+
+
 def _folder(variable: str, what: str) -> Path:
     value = os.environ.get(variable, "")
     if not value:

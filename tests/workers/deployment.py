@@ -67,7 +67,7 @@ class Deployment:
     """One data folder with a service and the processes that a test starts."""
 
     def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
-        jobs = JobSettings(poll_interval_s=0.1, heartbeat_interval_s=0.3, stalled_worker_timeout_s=2.0, niceness=1)
+        jobs = JobSettings(poll_interval_s=0.1, heartbeat_interval_s=0.3, stalled_worker_timeout_s=3.0, niceness=1)
         self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
