@@ -10,21 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-class TextRuns:
-    """One text a run, as many runs at a time as there are threads: sentences are short, so that a second thread inside
-    a run gains nothing. Threads may share it.
+def embed_side_by_side(
+    run: Callable[[str], NDArray[np.float32]], texts: Sequence[str], threads: int
+) -> NDArray[np.float32]:
+    """float32 [B, E], in the order of the texts: one a run, as many runs at a time as there are threads. Sentences are
+    short, so that a second thread inside a run gains nothing.
 
     Args:
-        run: float32 [E] of a text.
+        run: float32 [E] of a text, from any thread.
+        texts: one or more.
         threads: runs at a time; 0: all cores.
     """
-
-    def __init__(self, run: Callable[[str], NDArray[np.float32]], threads: int) -> None:
-        self._run = run
-        self._pool = ThreadPoolExecutor(threads or os.cpu_count() or 1, thread_name_prefix="text-encoder")
-
-    def embed(self, texts: Sequence[str]) -> NDArray[np.float32]:
-        """float32 [B, E], in the order of the texts."""
-        if len(texts) == 1:
-            return self._run(texts[0])[None]
-        return np.stack(list(self._pool.map(self._run, texts)))
+    side_by_side = min(threads or os.cpu_count() or 1, len(texts))
+    if side_by_side == 1:
+        return np.stack([run(text) for text in texts])
+    # Threads of this call alone: they have the priority of who calls, which kept ones would not.
+    with ThreadPoolExecutor(side_by_side, thread_name_prefix="text-encoder") as pool:
+        return np.stack(list(pool.map(run, texts)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
-from fastsplat.service.perception.text.runs import TextRuns
+from fastsplat.service.perception.text.runs import embed_side_by_side
 from fastsplat.service.perception.text.tokens import load_tokenizer
 
 _MAX_TOKENS = 256
@@ -29,7 +29,7 @@ class SentenceEncoder:
     def __init__(self, model: Path, tokenizer: Path, *, name: str, threads: int = 0) -> None:
         self._tokenizer = load_tokenizer(tokenizer, name=name, max_tokens=_MAX_TOKENS)
         self._session = open_session(model, name=name, threads=1)
-        self._runs = TextRuns(self._encode, threads)
+        self._threads = threads
         check_contract(
             self._session,
             name=name,
@@ -43,7 +43,7 @@ class SentenceEncoder:
 
     def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
         """float32 [B, E] of unit length; texts are cut at 256 tokens."""
-        return self._runs.embed(texts)
+        return embed_side_by_side(self._encode, texts, self._threads)
 
     def _encode(self, text: str) -> NDArray[np.float32]:
         encoding = self._tokenizer.encode(text)
