@@ -44,10 +44,10 @@ look: setup  ## the page with the trained sample of `make demo`, without keys, o
 	@echo "The page is at http://localhost:8000/ as soon as the service runs; Ctrl-C ends it"
 	FASTSPLAT_DATA_DIR=demo-output/service $(BIN)/fastsplat serve --no-auth
 
-# A file's tests stay in one process, as they share its fixtures; files in their order, so that no long one is left to the
-# end. Four processes at most: each may start a server, workers and a browser.
+# A file's tests stay in one process, as they share its fixtures; files in their order, so that no long one is left to
+# the end.
 test: setup  ## every check: lint, types, architecture, laws
-	$(BIN)/pytest --numprocesses auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 lint: setup  ## format and lint in place
 	@if test -d $(WEB)/node_modules; then cd $(WEB) && npm run --silent format; fi

@@ -27,6 +27,12 @@ class _FailuresAtOnce:
             reporter.write_line(f"\n{report.nodeid} failed in {report.when}:\n{report.longreprtext[-3000:]}")
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """One more than cores, as tests of processes and of pages wait for these; four at most, as each may start a server,
+    workers and a browser."""
+    return min(4, len(os.sched_getaffinity(0)) + 1)
+
+
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_FailuresAtOnce(config))
 
