@@ -271,15 +271,15 @@ def test_a_call_that_is_made_again_pays_once() -> None:
 
 
 def test_an_edit_that_waits_for_another_one_has_no_thread(
-    service: SceneService, api_settings: Settings, scene_id: str
+    service: SceneService, api_settings: Settings, own: str
 ) -> None:
     edit = Edit("recolor", label="mug", color=Color(0.1, 0.2, 0.3))
 
     async def main() -> tuple[str, SceneVersion]:
         threads = Threads(LimitSettings(threads=1))
         try:
-            with service._store.blobs.exclusive(scene_id):
-                waiting = asyncio.ensure_future(threads.call(lambda: service.versions.edit(scene_id, [edit])))
+            with service._store.blobs.exclusive(own):
+                waiting = asyncio.ensure_future(threads.call(lambda: service.versions.edit(own, [edit])))
                 answers = [await threads.call(lambda: "answered") for _ in range(10) if not await asyncio.sleep(0.02)]
                 assert not waiting.done()
             return answers[-1], await waiting
@@ -288,7 +288,6 @@ def test_an_edit_that_waits_for_another_one_has_no_thread(
 
     answer, made = asyncio.run(asyncio.wait_for(main(), 120))
     assert answer == "answered" and made.edits == (edit,)
-    service.versions.undo(scene_id)
 
 
 def test_a_caller_has_a_smaller_share_while_another_calls() -> None:
