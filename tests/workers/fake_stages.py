@@ -69,6 +69,9 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             Path("/dev/full").write_bytes(b"more than there is room for")
         elif name == "write":
             (job.folder / "large.bin").write_bytes(bytes(int(value) << 20))
+        elif name == "until_told":
+            while not (job.settings.data_dir / "told.txt").exists():
+                time.sleep(0.05)
         elif name == "until_finish":
             _show_until_finish(job, stage, progress)
         elif name == "fail":
