@@ -223,11 +223,11 @@ def _rigid_parts(pose: F64) -> tuple[F64, F64]:
 def _placed(scene: Scene, change: Similarity, frame: str, fit: PairFit | None) -> Scene:
     whole = change.after(frame_of(scene))
     x, y, z = (float(value) for value in whole.translation)
-    first, second, third = (tuple(float(value) for value in row) for row in whole.rotation)
+    first, second, third = ((float(a), float(b), float(c)) for a, b, c in whole.rotation)
     scales = fit is not None and scene.scale != "METRIC"
     alignment = SceneAlignment(
         frame=frame,
-        rotation=(first, second, third),  # type: ignore[arg-type]
+        rotation=(first, second, third),
         translation=(x, y, z),
         pairs=0 if fit is None else len(fit.residuals),
         residuals=() if fit is None else tuple(float(value) for value in fit.residuals),

@@ -40,7 +40,7 @@ _ROOM = (floor(), _CHEST, _PLATE, _LAMP)
 
 def _map(views: Sequence[SurfaceView], floors: Sequence[int] = (9,), **others: float) -> OccupancyMap:
     options = {"resolution": 0.05, "height": 1.5, "most_points": 10**6, "most_cells": 10**6, **others}
-    return occupancy_map(views, floors, **options)  # type: ignore[arg-type]
+    return occupancy_map(views, floors, **options)
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +173,7 @@ def test_a_scene_without_metres_or_vertical_is_refused() -> None:
     check_map_frame(dataclasses.replace(alone, quality=recorded))
     with pytest.raises(InvalidInputError, match="what is up"):
         check_map_frame(dataclasses.replace(upright, quality={**recorded, "vertical_deviation_deg": 9.0}))
-    lying = Alignment("map", tuple(map(tuple, tipped[:3, :3].tolist())), (0.0, 0.0, 0.0))  # type: ignore[arg-type]
+    lying = Alignment("map", tuple(map(tuple, tipped[:3, :3].tolist())), (0.0, 0.0, 0.0))
     with pytest.raises(InvalidInputError, match=r"90\.0 degrees"):
         check_map_frame(dataclasses.replace(alone, quality=recorded, alignment=lying))
 

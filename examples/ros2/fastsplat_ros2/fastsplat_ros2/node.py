@@ -34,7 +34,7 @@ class RosMessages:
         return values if values.dtype == np.float64 else array.array(values.dtype.char, values.tobytes())
 
 
-class SceneNode(Node):  # type: ignore[misc]
+class SceneNode(Node):  # type: ignore[misc]  # rclpy has no types
     """Shows one scene: `TOPICS`, /tf_static and the service `find`. Parameters: `server`, `scene`, `period`; the key
     comes from FASTSPLAT_KEY."""
 
