@@ -21,8 +21,9 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any, NoReturn
 
+import psycopg
 from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, _workflow_commands
-from sqlalchemy import Engine, event
+from sqlalchemy import Engine, ExceptionContext, event
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
@@ -95,6 +96,7 @@ def start(worker: Worker) -> None:
         "scheduler_polling_interval_sec": _NOTIFICATIONS_S,  # nor have we any schedules
     }
     provide_milliseconds(sqlite3.sqlite_version_info)
+    retry_refused_connections()
     engine = DBOS(config=config)
     slow_down_housekeeping(engine)
     _adopt_engine_log()
@@ -228,6 +230,21 @@ def provide_milliseconds(sqlite_version: tuple[int, ...]) -> None:
     def on_connect(connection: object, record: object) -> None:
         if isinstance(connection, sqlite3.Connection):
             connection.create_function("unixepoch", 1, unixepoch)
+
+
+def retry_refused_connections() -> None:
+    """Have the engine try again whenever PostgreSQL cannot be reached, to be called before it opens its database.
+
+    It tries again after errors whose text it knows, and raises the others, which ends the worker. A socket that is gone
+    while the server restarts, and the name of a container that cannot be resolved meanwhile, are not among them. What
+    it does know is SQLAlchemy's mark of a lost connection, so every connection that could not be made gets that.
+    """
+    event.listen(Engine, "handle_error", _mark_refused_connection)
+
+
+def _mark_refused_connection(context: ExceptionContext) -> None:
+    if context.connection is None and isinstance(context.original_exception, psycopg.OperationalError):
+        context.is_disconnect = True
 
 
 def slow_down_housekeeping(engine: DBOS) -> None:

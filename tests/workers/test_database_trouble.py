@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import time
 from contextlib import closing
 
 import pytest
@@ -13,20 +14,24 @@ from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import DatabaseError
 from tests.workers.deployment import Deployment
 
+_WITHOUT_DATABASE_S = 2.0
+
 
 def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, database_url, request):
-    first, second = deployment.post("training:until_told"), deployment.post()
+    first, second = deployment.post("perception:until_told"), deployment.post()
     worker = deployment.start_worker()
-    deployment.wait_in("training", first)
+    deployment.wait_in("perception", first)
     told = deployment.settings.data_dir / "told.txt"
 
-    if database_url:  # a stage that ended meanwhile would end its worker, too, for another to start
+    if database_url:
         server = request.getfixturevalue("postgres")
         server.crash()
         with pytest.raises(DatabaseError):
             deployment.post()  # whose files stay for a while: for all it knows, the job is there
-        server.start()
         told.touch()
+        deployment.wait_in("export", first)  # the worker cannot write that a stage is complete
+        time.sleep(_WITHOUT_DATABASE_S)
+        server.start()
     else:
         names = ("fastsplat.sqlite", "jobs.sqlite")
         held = [

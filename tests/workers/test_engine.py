@@ -10,9 +10,12 @@ from dbos import DBOS, _queue, _workflow_commands
 from dbos._dbos import DBOSRegistry
 from dbos._sys_db import SystemDatabase
 from dbos._sys_db_postgres import BACKGROUND_JOB_LOCK_IDLE_TIMEOUT_MS
+from dbos._utils import retriable_postgres_exception
+from sqlalchemy import create_engine
+from sqlalchemy.exc import OperationalError
 
 from fastsplat.workers.claimed_job import CANCELLED, DONE, JobOutcome, failed
-from fastsplat.workers.engine import remember_queues, slow_down_housekeeping
+from fastsplat.workers.engine import remember_queues, retry_refused_connections, slow_down_housekeeping
 from fastsplat.workers.heartbeat import recover_jobs_of
 
 
@@ -45,6 +48,15 @@ def test_the_engine_lists_its_queues_from_memory_once_there_are_any(monkeypatch)
     assert [database.list_queues(application_name="a") for _ in range(3)] == [[], ["scenes"], ["scenes"]]
     clock[0] += 61.0
     assert database.list_queues(application_name="a") == ["scenes", "others"]
+
+
+@pytest.mark.parametrize("address", ["@:5432/a?host=/nowhere", "@name.invalid:5432/a", "@127.0.0.1:1/a"])
+def test_the_engine_tries_again_when_the_database_cannot_be_reached(address: str) -> None:
+    retry_refused_connections()
+    engine = create_engine(f"postgresql+psycopg://user{address}")
+    with pytest.raises(OperationalError) as caught:
+        engine.connect()
+    assert retriable_postgres_exception(caught.value)
 
 
 _ERROR = {"kind": "INTERNAL", "reason": "X", "message": "m", "stage": "training", "details": {}}
