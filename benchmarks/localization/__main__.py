@@ -125,7 +125,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
             "wall_median": _median(wall),
             "wall_p95": round(float(np.quantile(wall, 0.95)), 3),
             "cpu_median": _median(cpu),
-            "note": "decoding in the confined child, started ahead, is in the wall seconds; the machine was not quiet",
+            "note": "decoding in the confined child, started ahead, is in the wall seconds",
         },
         "landmarks": {"count": len(landmarks), "photos": len(landmarks.views), "seconds": landmark_s},
         "photos": measured,
