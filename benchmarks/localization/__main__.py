@@ -30,7 +30,9 @@ from scipy.stats import chi2
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
 from benchmarks.provenance import begin, provenance, write_json
 from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
+from fastsplat.service.capture.kept_capture import kept_lenses
 from fastsplat.service.capture.sent_photos import SparePhotoDecoder
+from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
@@ -145,6 +147,7 @@ def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> La
         photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),
         index.geometry,
         settings.localization,
+        middle_lens(kept_lenses(place.photos)),
     )
 
 

@@ -14,7 +14,9 @@ from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.memory import MemoryBudget
 from fastsplat.service.capture.image_decoding import reduce, reduced_size
 from fastsplat.service.capture.image_io import load_rgb
-from fastsplat.service.capture.scene_photos import photo_path
+from fastsplat.service.capture.kept_capture import kept_lenses
+from fastsplat.service.capture.scene_photos import photo_folder, photo_path
+from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import BYTES_PER_LANDMARK, Landmarks, Photo, find_landmarks
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query import SceneIndex
@@ -60,7 +62,8 @@ class KeptLandmarks:
 
         def find() -> Landmarks:
             photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
-            return find_landmarks(photos, index.geometry, self._settings)
+            lens = middle_lens(kept_lenses(photo_folder(folder)))
+            return find_landmarks(photos, index.geometry, self._settings, lens)
 
         landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)
         with self._lock:

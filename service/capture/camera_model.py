@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
 
@@ -19,6 +20,8 @@ _MAX_DISTORTION = 100.0
 _MAX_ROUND_TRIP_PX = 0.5
 _MAX_SIDE = 1_000_000
 _ASPECT_TOLERANCE_PX = 1.0
+_LENS_TOLERANCE = 0.002
+"""Of the longer side: as far as a lens may be from one of two numbers."""
 
 
 @dataclass(frozen=True)
@@ -68,10 +71,12 @@ class Undistortion:
         camera: of the undistorted image.
         map_xy: float32 [H, W, 2], where each of its pixels lies in the distorted image (OpenCV's convention: pixel
             centers at integers), or None when the pixels stay as they are.
+        lens: of the distorted image, where two numbers say what it does.
     """
 
     camera: Camera
     map_xy: NDArray[np.float32] | None
+    lens: RadialLens | None = None
 
     def apply(self, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """uint8 [H, W, 3] resampled; black where the distorted image has no content."""
@@ -113,7 +118,7 @@ def rotate90(undistortion: Undistortion, quarter_turns: int, width: int, height:
             rotated = np.rot90(map_xy, -1)
             map_xy = np.ascontiguousarray(np.stack([height - 1 - rotated[..., 1], rotated[..., 0]], axis=-1))
         width, height = height, width
-    return Undistortion(camera, map_xy)
+    return Undistortion(camera, map_xy, undistortion.lens)
 
 
 def rotate90_pose(world_from_camera: NDArray[np.float64], quarter_turns: int) -> NDArray[np.float64]:
@@ -204,7 +209,8 @@ def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str
     if not camera_model.has_distortion:
         focal = (distorted.focal_length_x, distorted.focal_length_y)
         center = (distorted.principal_point_x, distorted.principal_point_y)
-        return Undistortion(Camera(camera_model.width, camera_model.height, *focal, *center), None)
+        undistorted = Camera(camera_model.width, camera_model.height, *focal, *center)
+        return Undistortion(undistorted, None, _radial_lens(distorted, undistorted))
     pinhole = pycolmap.undistort_camera(pycolmap.UndistortCameraOptions(), distorted)
     longer = max(pinhole.width, pinhole.height)
     if longer > max_side:
@@ -218,7 +224,23 @@ def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str
     _check_invertible(distorted, rays, pixels, field)
     pixels = np.where(np.isfinite(pixels), pixels, -1e6)
     map_xy = (pixels - 0.5).astype(np.float32).reshape(undistorted.height, undistorted.width, 2)
-    return Undistortion(undistorted, map_xy)
+    return Undistortion(undistorted, map_xy, _radial_lens(distorted, undistorted))
+
+
+def _radial_lens(distorted: pycolmap.Camera, seen: Camera) -> RadialLens | None:
+    """The nearest `RadialLens` over what a pinhole sees, by least squares; None where that is off by too much."""
+    x = np.array([-seen.cx, seen.width - seen.cx]) / seen.fx
+    y = np.array([-seen.cy, seen.height - seen.cy]) / seen.fy
+    corners = np.stack([part.ravel() for part in np.meshgrid(x, y)], axis=-1)
+    places = (np.linspace(0.1, 1.0, 10)[:, None, None] * corners).reshape(-1, 2)
+    shown = np.asarray(distorted.img_from_cam(np.column_stack([places, np.ones(len(places))])))
+    shown = (shown - [distorted.principal_point_x, distorted.principal_point_y]).ravel()
+    columns = np.stack([places.ravel(), (places * (places**2).sum(axis=1, keepdims=True)).ravel()], axis=-1)
+    (focal, cubic), *_ = np.linalg.lstsq(columns, shown, rcond=None)
+    longer = max(distorted.width, distorted.height)
+    if not np.abs(columns @ [focal, cubic] - shown).max() < _LENS_TOLERANCE * longer:
+        return None
+    return RadialLens(float(focal / longer), float(cubic / focal))
 
 
 @cache

@@ -1,8 +1,8 @@
 """What is kept of a capture with its scene besides small photos, and the capture that it makes again.
 
-`photos/points.npz` has some sparse points of the capture, in the frame of the trained version, and
-`photos/00000.valid.png` the mask of a photo that has one. Scenes of earlier releases have neither: they are read
-without points, and black areas at a photo's edge count as what undistortion left empty.
+`photos/points.npz` has some sparse points of the capture, in the frame of the trained version, and the lenses of its
+photos, and `photos/00000.valid.png` the mask of a photo that has one. Scenes of earlier releases have neither: they are
+read without points, and black areas at a photo's edge count as what undistortion left empty.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.scenes import Scale
 
 MAX_POINTS = 20_000
 """As many as training takes for anchors of the depth (`service.splatting.depth_regularization`)."""
+_POINTS = "points.npz"
 _BLACK = 12
 _RINGING = 9
 """Pixels beside a black area of a JPEG that are not to be trusted."""
@@ -37,7 +39,13 @@ def keep_rest(capture: Capture, photos: Path, sizes: list[tuple[int, int]]) -> N
     rows = np.arange(len(capture.points))
     if len(rows) > MAX_POINTS:
         rows = np.sort(np.random.default_rng(6).choice(len(rows), MAX_POINTS, replace=False))
-    np.savez_compressed(photos / "points.npz", points=capture.points[rows], colors=capture.point_colors[rows])
+    lenses = [(view.lens.focal, view.lens.k1) if view.lens else (np.nan, np.nan) for view in capture.views]
+    np.savez_compressed(
+        photos / _POINTS,
+        points=capture.points[rows],
+        colors=capture.point_colors[rows],
+        lenses=np.array(lenses, np.float64).reshape(-1, 2),
+    )
     for number, (view, size) in enumerate(zip(capture.views, sizes, strict=True)):
         if view.valid_path is not None:
             with Image.open(view.valid_path) as image:
@@ -64,7 +72,8 @@ def kept_capture(
     Raises:
         SceneFileError: a photo or the points are damaged.
     """
-    views, rest = [], photos / "points.npz"
+    views, rest = [], photos / _POINTS
+    points, colors, lenses = _read_rest(rest)
     for number, posed in enumerate(cameras):
         path = photos / f"{number:05d}.jpg"
         if not path.is_file():
@@ -82,16 +91,34 @@ def kept_capture(
         elif valid is not None and not valid.is_file():
             valid = None
         sized = PosedCamera(posed.camera.scaled_to(*size), posed.world_from_camera, posed.name)
-        views.append(View(sized, path, valid))
-    points, colors = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
-    if rest.is_file():
-        try:
-            with np.load(rest, allow_pickle=False) as file:
-                points, colors = file["points"], file["colors"]
-        except (OSError, ValueError, KeyError) as error:
-            raise SceneFileError("the kept points are damaged", field=rest.name) from error
+        views.append(View(sized, path, valid, lens=lenses.get(number)))
     report = CaptureReport("images", len(views))
     return Capture(tuple(views), points, colors, scale, report, test_names=held_out)
+
+
+def kept_lenses(photos: Path) -> tuple[RadialLens, ...]:
+    """The lenses of those photos of a scene of which they are known.
+
+    Args:
+        photos: their folder.
+
+    Raises:
+        SceneFileError: the file that has them is damaged.
+    """
+    return tuple(_read_rest(photos / _POINTS)[2].values())
+
+
+def _read_rest(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8], dict[int, RadialLens]]:
+    """Points [P, 3], their colors [P, 3], and lenses by the photo's number; nothing where there is no file."""
+    if not path.is_file():
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), {}
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            rows = file["lenses"].tolist() if "lenses" in file else []
+            lenses = {number: RadialLens(*row) for number, row in enumerate(rows) if np.isfinite(row).all()}
+            return file["points"], file["colors"], lenses
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SceneFileError("the kept points are damaged", field=path.name) from error
 
 
 def _valid_path(photos: Path, number: int) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import Privacy
 from fastsplat_contract.photo_verdicts import PhotoVerdict
@@ -66,6 +67,7 @@ class View:
         exposure_ev: how much of the light the photo took by its EXIF, EV: log2(seconds × ISO / 100 / f-number²); None
             where it does not say.
         taken_at: when the photo was taken, seconds since 1970; None where it does not say it with its time zone.
+        lens: of the photo before it was undistorted; None where that is not known, or two numbers do not say it.
     """
 
     posed: PosedCamera
@@ -74,6 +76,7 @@ class View:
     depth: SensorDepth | None = None
     exposure_ev: float | None = None
     taken_at: float | None = None
+    lens: RadialLens | None = None
 
 
 @dataclass(frozen=True)

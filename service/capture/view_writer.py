@@ -143,7 +143,8 @@ def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Pat
         measured = _valid_depth(*source.depth, valid, undistortion.camera)
     if source.depth is not None and measured is not None and measured.any():
         depth = save_depth(measured, source.depth[1], folder / DEPTHS / f"{index:05d}.png")
-    return View(posed, image_path, valid_path, depth, source.exposure_ev, source.taken_at), label_path
+    view = View(posed, image_path, valid_path, depth, source.exposure_ev, source.taken_at, undistortion.lens)
+    return view, label_path
 
 
 def _valid_depth(

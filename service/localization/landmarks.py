@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.localization.triangulation import SeenKeypoints, triangulate
@@ -42,7 +43,7 @@ class Landmarks:
         starts: int64 [V + 1]; photo v has the rows starts[v]..starts[v + 1].
         views: names of the photos' cameras.
         size: the scene's, see `scene_size`.
-        focal: of the photos' cameras, the median, over the longer side of the picture.
+        lens: of the photos; where that is not known, the pinholes that they were undistorted to.
     """
 
     points: NDArray[np.float32]
@@ -50,7 +51,7 @@ class Landmarks:
     starts: NDArray[np.int64]
     views: tuple[str, ...]
     size: float
-    focal: float
+    lens: RadialLens
 
     def __post_init__(self) -> None:
         count = len(self.points)
@@ -65,6 +66,7 @@ def find_landmarks(
     photos: Sequence[Photo],
     geometry: Callable[[PosedCamera], ViewGeometry],
     settings: LocalizationSettings,
+    lens: RadialLens | None = None,
 ) -> Landmarks:
     """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture of that
     camera, so that any capture has places for it, also one that came with poses and without points; the other photos
@@ -75,6 +77,7 @@ def find_landmarks(
         photos: of the scene; of more than `settings.max_views`, so many are used.
         geometry: what a camera sees of the scene.
         settings: see there.
+        lens: of the photos before they were undistorted, if that is known.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
@@ -98,7 +101,7 @@ def find_landmarks(
         np.cumsum(counts).astype(np.int64),
         tuple(posed.name for posed, _ in chosen),
         scene_size(every),
-        float(np.median(focals)) if focals else 1.0,
+        lens or RadialLens(float(np.median(focals)) if focals else 1.0, 0.0),
     )
 
 

@@ -61,11 +61,13 @@ class Photo:
         picture: uint8 [H, W, 3], upright, undistorted as far as that is known.
         focal: over the longer side, as `focal_source` has it; None for unknown.
         focal_source: "given" or "metadata".
+        valid: bool [H, W], where the picture shows something; None: everywhere.
     """
 
     picture: NDArray[np.uint8]
     focal: float | None = None
     focal_source: FocalSource = "given"
+    valid: NDArray[np.bool_] | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -100,12 +102,15 @@ class PlacedPhoto:
 
 @dataclass(frozen=True)
 class _Matched:
+    """A photo and its matches; `k1` is that of the scene's photos."""
+
     photo: Photo
     keypoints: int
     matches: Matches
     pixels: F64
     points: F64
     focals: tuple[tuple[FocalSource, float], ...]
+    k1: float
 
 
 def place_photos(
@@ -159,7 +164,7 @@ def _match(photo: Photo, landmarks: Landmarks, settings: LocalizationSettings) -
     focals: list[tuple[FocalSource, float]] = []
     if photo.focal is not None:
         focals.append((photo.focal_source, photo.focal * longer))
-    focals.append(("scene", landmarks.focal * longer))
+    focals.append(("scene", landmarks.lens.focal * longer))
     return _Matched(
         photo,
         len(keypoints),
@@ -167,6 +172,7 @@ def _match(photo: Photo, landmarks: Landmarks, settings: LocalizationSettings) -
         keypoints.points[matches.keypoints].astype(np.float64),
         landmarks.points[matches.landmarks].astype(np.float64),
         tuple(focals),
+        landmarks.lens.k1,
     )
 
 
@@ -201,7 +207,7 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
 
 def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:
     """The photo without its lens's distortion, its pose anew, and that distortion; what was there, and 0, without."""
-    radial = radial_distortion(one.pixels, one.points, pose)
+    radial = radial_distortion(one.pixels, one.points, pose, one.k1)
     if not radial:
         return one, pose, 0.0
     camera = pose.posed.camera
@@ -211,8 +217,9 @@ def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose
         return one, pose, 0.0
     # OpenCV's pixel centers are whole numbers.
     matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1.0]])
-    picture = cv2.undistort(one.photo.picture, matrix, np.array([radial, 0.0, 0.0, 0.0]))
-    photo = replace(one.photo, picture=np.asarray(picture, np.uint8))
+    lens, whole = np.array([radial, 0.0, 0.0, 0.0]), np.full(one.photo.picture.shape[:2], 255, np.uint8)
+    picture, valid = (np.asarray(cv2.undistort(part, matrix, lens), np.uint8) for part in (one.photo.picture, whole))
+    photo = replace(one.photo, picture=picture, valid=valid == 255)
     return replace(one, photo=photo, pixels=pixels), straight, radial
 
 
@@ -230,12 +237,12 @@ def _refined(
     Many matches are several times as exact as the pictures' comparison: only a pose that is less sure than that is
     refined, and its covariance stays that of the matches.
     """
-    picture, first = one.photo.picture, pose.posed
+    picture, valid, first = one.photo.picture, one.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
     if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:
-        posed, comparison, refined = refine_photometrically(picture, first, geometry)
+        posed, comparison, refined = refine_photometrically(picture, first, geometry, valid)
         off = np.linalg.norm(reprojected(posed, one.points) - one.pixels, axis=1)
         # What looks likest may contradict the matches, where a blurred or changed place draws it away.
         if (off < error_px(posed.camera)).sum() >= _KEPT_INLIERS * len(pose.inliers):
             return posed, comparison, refined
-    return first, compared(picture, first, geometry), False
+    return first, compared(picture, first, geometry, valid=valid), False

@@ -29,6 +29,7 @@ with true poses. A splat is blurred, and its picture looks likest a little besid
 _STEPS = 6
 _SURE = 0.3
 """Confidence of a pixel's depth from which on it counts."""
+_WHOLE = 0.999
 _LEAST_PIXELS = 400
 _RIM = np.ones((5, 5), np.uint8)
 _HUBER = 1.345
@@ -47,7 +48,7 @@ class Comparison:
         photo: float32 [H, W, 3], 0..1.
         shown: float32 [H, W, 3], 0..1, the scene with the photo's exposure and white balance.
         depth: float32 [H, W], camera z, scene units; 0 where nothing is.
-        covered: bool [H, W], where the scene shows something.
+        covered: bool [H, W], where both show something.
         sure: bool [H, W], where the depth of that is sure, too.
         cost: mean of Huber's loss of the differences of gray values, over what is covered; infinite for too little.
     """
@@ -62,7 +63,11 @@ class Comparison:
 
 
 def compared(
-    photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, scale: float | None = None
+    photo: NDArray[np.uint8],
+    posed: PosedCamera,
+    geometry: Geometry,
+    scale: float | None = None,
+    valid: NDArray[np.bool_] | None = None,
 ) -> Comparison:
     """A photo beside what the scene shows from a pose.
 
@@ -71,17 +76,21 @@ def compared(
         posed: its camera, of its size.
         geometry: what a camera sees of the scene.
         scale: of gray values that are likely, for Huber's loss; None: by their median.
+        valid: bool [H, W], where the photo shows something; None: everywhere.
     """
     small = small_camera(posed)
     size = small.camera.width, small.camera.height
     target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)
-    shown, there = np.asarray(seen.image, np.float32), seen.confidence > 0
+    shown, there, sure = np.asarray(seen.image, np.float32), seen.confidence > 0, seen.confidence > _SURE
+    if valid is not None:
+        whole = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > _WHOLE
+        there, sure = there & whole, sure & whole
     image, light = torch.from_numpy(shown), torch.from_numpy(target)
     fit = fitted_correction(image, light, torch.from_numpy(there.astype(np.float32)), None)
     if fit is not None:
         shown = np.asarray(correct(image, fit).numpy(), np.float32)
-    covered, sure = (cv2.erode(part.astype(np.uint8), _RIM) > 0 for part in (there, seen.confidence > _SURE))
+    covered, sure = (cv2.erode(part.astype(np.uint8), _RIM) > 0 for part in (there, sure))
     cost = float("inf")
     if covered.sum() >= _LEAST_PIXELS:
         cost = _cost((_gray(target) - _gray(shown))[covered], scale)
@@ -89,7 +98,7 @@ def compared(
 
 
 def refine_photometrically(
-    photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry
+    photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, valid: NDArray[np.bool_] | None = None
 ) -> tuple[PosedCamera, Comparison, bool]:
     """The pose from which the scene looks likest to the photo, near to a first one: Gauss-Newton steps on the
     differences of gray values, each kept only if it makes them smaller (direct image alignment with the mean of both
@@ -99,11 +108,12 @@ def refine_photometrically(
         photo: uint8 [H, W, 3].
         posed: its camera, of its size.
         geometry: what a camera sees of the scene.
+        valid: bool [H, W], where the photo shows something; None: everywhere.
 
     Returns:
         The pose, how the photo compares from there, and whether it is another one than at first.
     """
-    first = compared(photo, posed, geometry)
+    first = compared(photo, posed, geometry, valid=valid)
     if not np.isfinite(first.cost):
         return posed, first, False
     scale = _scale((_gray(first.photo) - _gray(first.shown))[first.covered])
@@ -115,7 +125,7 @@ def refine_photometrically(
             break
         for share in (1.0, 0.4):
             moved = _moved(pose, share * step)
-            after = compared(photo, moved, geometry, scale)
+            after = compared(photo, moved, geometry, scale, valid)
             if after.cost < best.cost and after.covered.sum() > 0.8 * first.covered.sum():
                 break
         else:

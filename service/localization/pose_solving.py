@@ -31,6 +31,8 @@ _FEWEST_FOR_LENS = 80
 _EXPLAINED = 0.93
 """As far as the median of the residuals must fall for a distortion to be believed."""
 _STRONGEST_LENS = 0.4
+_AS_GOOD = 1.1
+"""With so many times the best lens's residuals, that of the scene's photos is taken."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def _world_from_camera(viewmat: Any) -> F64:
     return pose
 
 
-def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> float:
+def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float = 0.0) -> float:
     """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and COLMAP's SIMPLE_RADIAL have
     it: the scene's own photos were undistorted, one that comes is as its lens made it. 0 where too few matches tell, or
     where it explains hardly anything.
@@ -149,30 +151,50 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose) -> float:
         pixels: float64 [M, 2], where the photo shows each match.
         points: float64 [M, 3], where it is in the world.
         solved: the pose.
+        known: that of the scene's photos. A photo of their focal length has it, too, unless its matches say otherwise:
+            few matches of a thing without depth tell neither from a step to the side.
     """
-    if solved.keypoints < _FEWEST_FOR_LENS:
-        return 0.0
+    off = np.linalg.norm(reprojected(solved.posed, points[solved.inliers]) - pixels[solved.inliers], axis=1)
+    best, k1 = float(np.median(off)), 0.0
+    if solved.keypoints >= _FEWEST_FOR_LENS:
+        free = solved.focal_source in ("scene", "estimated")
+        error, found = _with_lens(pixels, points, solved, 0.0, focal=free, lens=True)
+        if error < _EXPLAINED * best and abs(found) < _STRONGEST_LENS:
+            best, k1 = error, found
+    if known and solved.focal_source == "scene":
+        error, _ = _with_lens(pixels, points, solved, known, focal=False, lens=False)
+        if error < _AS_GOOD * best:
+            return known
+    return k1
+
+
+def _with_lens(
+    pixels: F64, points: F64, solved: SolvedPose, k1: float, *, focal: bool, lens: bool
+) -> tuple[float, float]:
+    """The median residual of the inliers with the pose that fits a lens best, pixels, and the lens's k₁.
+
+    Args:
+        pixels, points, solved: see `radial_distortion`.
+        k1: of the lens.
+        focal, lens: whether the focal length and k₁ are fitted, too.
+    """
     rows, before = solved.inliers, solved.posed.camera
     camera = pycolmap.Camera(
         model="SIMPLE_RADIAL",
         width=before.width,
         height=before.height,
-        params=[before.fx, before.cx, before.cy, 0.0],
+        params=[before.fx, before.cx, before.cy, k1],
     )
     options = pycolmap.AbsolutePoseRefinementOptions()
-    options.refine_focal_length = solved.focal_source in ("scene", "estimated")
-    options.refine_extra_params, options.print_summary = True, False
+    options.refine_focal_length, options.refine_extra_params, options.print_summary = focal, lens, False
     viewmat = pycolmap.Rigid3d(solved.posed.camera_from_world()[:3])
     mask = np.ones(len(rows), bool)
     answer = pycolmap.refine_absolute_pose(viewmat, pixels[rows], points[rows], mask, camera, options)
     if answer is None:
-        return 0.0
+        return np.inf, 0.0
     local = points[rows] @ answer["cam_from_world"].matrix()[:, :3].T + answer["cam_from_world"].matrix()[:, 3]
-    after = np.linalg.norm(camera.img_from_cam(local) - pixels[rows], axis=1)
-    first = np.linalg.norm(reprojected(solved.posed, points[rows]) - pixels[rows], axis=1)
-    k1 = float(camera.params[3])
-    explained = float(np.median(after)) < _EXPLAINED * float(np.median(first))
-    return k1 if explained and abs(k1) < _STRONGEST_LENS else 0.0
+    off = np.linalg.norm(camera.img_from_cam(local) - pixels[rows], axis=1)
+    return float(np.median(off)), float(camera.params[3])
 
 
 def undistorted(pixels: F64, camera: Camera, k1: float) -> F64:

@@ -15,6 +15,7 @@ from fastsplat.service.capture.camera_model import (
     rotate90,
     rotate90_pose,
 )
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.errors import InvalidInputError
 
 _W, _H, _F = 320, 240, 260.0
@@ -60,6 +61,22 @@ def test_undistorted_image_is_what_the_pinhole_sees(camera_model: CameraModel) -
     ).mean()
     assert np.abs(undistorted - expected)[inner].mean() < 1.0 < 0.2 * distorted_error
     assert inner.mean() > 0.9
+
+
+@pytest.mark.parametrize("turns", [0, 1])
+def test_the_lens_is_told_by_two_numbers_where_they_say_it(turns: int) -> None:
+    def lens(model: str, *params: float) -> RadialLens | None:
+        undistortion = compute_undistortion(CameraModel(model, _W, _H, params), 10_000, field="x")
+        return rotate90(undistortion, turns, _W, _H).lens
+
+    assert lens("SIMPLE_PINHOLE", _F, 160.0, 120.0) == RadialLens(pytest.approx(_F / _W), pytest.approx(0.0, abs=1e-9))
+    for k1 in (-0.1, 0.03):
+        expected = RadialLens(pytest.approx(_F / _W), pytest.approx(k1))
+        assert lens("SIMPLE_RADIAL", _F, 160.0, 120.0, k1) == expected
+    two = lens("RADIAL", _F, 160.0, 120.0, -0.1, 0.02)
+    assert two is not None and two.k1 == pytest.approx(-0.1, abs=0.02)
+    assert lens("RADIAL", _F, 160.0, 120.0, -0.3, 0.5) is None
+    assert lens("PINHOLE", _F, 0.9 * _F, 160.0, 120.0) is None
 
 
 def test_a_straight_line_becomes_straight() -> None:

@@ -10,11 +10,12 @@ import pytest
 from PIL import Image
 
 from fastsplat.service import train_more
-from fastsplat.service.capture.kept_capture import kept_capture
+from fastsplat.service.capture.kept_capture import kept_capture, kept_lenses
 from fastsplat.service.capture.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.scene import Scene
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
@@ -173,12 +174,14 @@ def test_a_further_training_continues_from_its_checkpoint_to_the_bit(
         continue_training(other, capture, settings, silent, checkpoints)
 
 
-def test_masks_and_points_are_kept_with_the_photos(make_world: MakeWorld, tmp_path: Path) -> None:
+def test_masks_points_and_lenses_are_kept_with_the_photos(make_world: MakeWorld, tmp_path: Path) -> None:
     capture, _ = make_world(4)
     mask = np.full((48, 64), 255, np.uint8)
     mask[:, :10] = 0
     Image.fromarray(mask).save(tmp_path / "mask.png")
-    masked = replace(capture, views=(replace(capture.views[0], valid_path=tmp_path / "mask.png"), *capture.views[1:]))
+    lens = RadialLens(0.8, -0.02)
+    first = replace(capture.views[0], valid_path=tmp_path / "mask.png")
+    masked = replace(capture, views=(first, replace(capture.views[1], lens=lens), *capture.views[2:]))
     folder, scratch = tmp_path / "version", tmp_path / "scratch"
     folder.mkdir()
     scratch.mkdir()
@@ -191,6 +194,8 @@ def test_masks_and_points_are_kept_with_the_photos(make_world: MakeWorld, tmp_pa
     with Image.open(again.views[0].valid_path) as image:
         assert np.array_equal(np.asarray(image) == 255, mask == 255)
     assert [view.posed for view in again.views] == list(cameras)
+    assert [view.lens for view in again.views] == [None, lens, None, None]
+    assert kept_lenses(photo_folder(folder)) == (lens,)
 
 
 def test_older_scenes_have_their_empty_borders_seen(make_world: MakeWorld, tmp_path: Path) -> None:
@@ -204,6 +209,7 @@ def test_older_scenes_have_their_empty_borders_seen(make_world: MakeWorld, tmp_p
     capture, _ = make_world(1)
     again = kept_capture(folder, (capture.views[0].posed,), "ARBITRARY", (), scratch)
     assert again.views[0].valid_path is not None and not len(again.points)
+    assert kept_lenses(folder) == ()
     with Image.open(again.views[0].valid_path) as image:
         valid = np.asarray(image) == 255
     assert not valid[:, :8].any() and valid[:, 16:].all()
