@@ -24,6 +24,7 @@ from fastsplat.service.capture.types import (
 )
 from fastsplat.service.common.array_files import write_arrays
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.json_codec import from_plain
@@ -119,13 +120,14 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
         },
         "exposure_ev": view.exposure_ev,
         "taken_at": view.taken_at,
+        "lens": None if view.lens is None else asdict(view.lens),
     }
 
 
 def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
     pose = np.array(stored["world_from_camera"], dtype=np.float64)
     posed = PosedCamera(Camera(**stored["camera"]), pose, stored["name"])
-    valid, depth = stored["valid"], stored.get("depth")
+    valid, depth, lens = stored["valid"], stored.get("depth"), stored.get("lens")
     return View(
         posed,
         folder / stored["image"],
@@ -133,6 +135,7 @@ def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
         None if depth is None else SensorDepth(folder / depth["map"], Camera(**depth["camera"]), depth["unit"]),
         stored.get("exposure_ev"),
         stored.get("taken_at"),
+        None if lens is None else RadialLens(**lens),
     )
 
 

@@ -31,7 +31,7 @@ _FEWEST_FOR_LENS = 80
 _EXPLAINED = 0.93
 """As far as the median of the residuals must fall for a distortion to be believed."""
 _STRONGEST_LENS = 0.4
-_AS_GOOD = 1.1
+_AS_GOOD = 1.3
 """With so many times the best lens's residuals, that of the scene's photos is taken."""
 
 

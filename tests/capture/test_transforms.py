@@ -177,7 +177,7 @@ def test_each_view_has_the_exposure_that_its_photo_tells(send, photo, settings) 
 
 def test_capture_survives_the_disk(send, settings) -> None:
     masks = {f"masks/{i}.png": _png(np.eye(48, 64, dtype=np.uint8) * 3) for i in range(3)}
-    document = _document(labels={"cup": 3}, k1=0.05)
+    document = _document(labels={"cup": 3}, k1=0.05, fl_y=60.0)
     for i, frame in enumerate(document["frames"]):
         frame["mask_path"] = f"masks/{i}.png"
     folder = send(document, **masks)
@@ -186,6 +186,7 @@ def test_capture_survives_the_disk(send, settings) -> None:
     np.testing.assert_array_equal(built.points, loaded.points)
     for one, other in zip(built.views, loaded.views, strict=True):
         assert (one.posed.camera, one.image_path) == (other.posed.camera, other.image_path)
+        assert one.lens == other.lens and one.lens is not None and one.lens.k1 == pytest.approx(0.05)
         np.testing.assert_array_equal(one.posed.world_from_camera, other.posed.world_from_camera)
     assert {path.name for path in folder.parent.iterdir()} == {"upload", "out"}
     (moved := folder.parent / "elsewhere").parent.joinpath("out").rename(moved)
