@@ -18,6 +18,10 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.scene_photos import write_photos
+from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
@@ -31,7 +35,7 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.localization.textured_room import looking, renderer, textured_room
+from tests.localization.textured_room import looking, renderer, textured_room, through_lens
 from tests.scenes import add_photos, store_scene
 
 _POSED = looking(0.11, height=1.15, away=2.45)
@@ -97,6 +101,29 @@ def test_every_face_says_the_same_place(
     assert {thing.name for thing in found.things} == set(LABELS)
     assert found.differences and found.differences[0].kind in ("new", "changed")
     assert refused.camera is None and refused.covariance == refused.things == refused.differences == ()
+
+
+def test_the_lens_of_a_scenes_photos_is_kept_with_them(
+    service: SceneService, api_settings: Settings, tmp_path: Path
+) -> None:
+    encoder = open_text_encoder(ENCODER, api_settings.models)
+    scene = textured_room(labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
+    made, drawn, lens = store_scene(service._store, scene, "lens"), renderer(scene), RadialLens(0.875, 0.2)
+    views = []
+    for number, posed in enumerate(scene.cameras):
+        path = tmp_path / f"{number}.png"
+        path.write_bytes(_file(drawn.colors(posed)))
+        views.append(View(posed, path, lens=lens))
+    points = np.zeros((0, 3), np.float32)
+    report = CaptureReport("images", len(views))
+    capture = Capture(tuple(views), points, points.astype(np.uint8), scene.scale, report)
+    folder = service._store.blobs.version(made, service.versions.resolve(made))
+    write_photos(capture, folder, PhotoSettings())
+    sent = _file(through_lens(drawn.colors(_POSED), lens.k1))
+    (found,) = service.localizing.localize(LocalizeRequest(scene_id=made, photos=(sent,))).photos
+    assert (found.focal_source, found.radial) == ("scene", lens.k1)
+    assert found.camera is not None and found.differences == ()
+    assert np.linalg.norm(found.camera.world_from_camera[:3, 3] - _POSED.world_from_camera[:3, 3]) < 0.01
 
 
 def _as_context(service: SceneService) -> Any:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
-import pycolmap
 import pytest
 import torch
 from numpy.typing import NDArray
@@ -21,7 +19,7 @@ from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.scene import Scene
 from fastsplat.service.splatting.photometric import correct
 from fastsplat_contract.camera import PosedCamera
-from tests.localization.textured_room import CAMERA, looking, renderer, textured_room
+from tests.localization.textured_room import CAMERA, looking, renderer, textured_room, through_lens
 
 _SETTINGS = LocalizationSettings(max_side=480)
 _FOCAL = CAMERA.fx / CAMERA.width
@@ -84,24 +82,12 @@ def test_a_lens_that_the_scene_has_not_seen_is_found_out(landmarks: Landmarks, d
     assert percent < 2 and degrees < 0.5
 
 
-def _through_lens(picture: NDArray[np.uint8], k1: float) -> NDArray[np.uint8]:
-    """The picture as a lens of that distortion would have made it."""
-    height, width = picture.shape[:2]
-    lens = pycolmap.Camera(
-        model="SIMPLE_RADIAL", width=width, height=height, params=[CAMERA.fx, CAMERA.cx, CAMERA.cy, k1]
-    )
-    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
-    straight = np.asarray(lens.cam_from_img(np.column_stack([x.ravel(), y.ravel()])))[:, :2]
-    pixels = (straight * CAMERA.fx + [CAMERA.cx - 0.5, CAMERA.cy - 0.5]).astype(np.float32)
-    return np.asarray(cv2.remap(picture, pixels.reshape(height, width, 2), None, cv2.INTER_LINEAR))
-
-
 def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits(
     landmarks: Landmarks, drawn: Renderer
 ) -> None:
     picture = drawn.colors(_BETWEEN)
     known = replace(landmarks, lens=RadialLens(_FOCAL, 0.2))
-    placed = _place(_through_lens(picture, 0.2), known, drawn)
+    placed = _place(through_lens(picture, 0.2), known, drawn)
     percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
     assert percent < 0.2 and degrees < 0.1
     assert (placed.focal_source, placed.radial) == ("scene", 0.2)
@@ -110,7 +96,7 @@ def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits
 
     straight = _place(picture, known, drawn)
     assert abs(straight.radial) < 0.02
-    other = _place(_through_lens(picture, 0.2), landmarks, drawn)
+    other = _place(through_lens(picture, 0.2), landmarks, drawn)
     assert other.radial == pytest.approx(0.2, abs=0.05)
     for found in (straight, other):
         percent, degrees = _errors(found, _BETWEEN, landmarks.size)

@@ -7,6 +7,8 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pycolmap
+from numpy.typing import NDArray
 
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
@@ -87,3 +89,15 @@ def _pattern(rng: np.random.Generator) -> np.ndarray:
             else:
                 cv2.rectangle(pattern, at, (at[0] + int(size), at[1] + int(size)), color, -1)
     return pattern.astype(np.float64)
+
+
+def through_lens(picture: NDArray[np.uint8], k1: float) -> NDArray[np.uint8]:
+    """The picture as a lens of that distortion would have made it."""
+    height, width = picture.shape[:2]
+    lens = pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=width, height=height, params=[CAMERA.fx, CAMERA.cx, CAMERA.cy, k1]
+    )
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    straight = np.asarray(lens.cam_from_img(np.column_stack([x.ravel(), y.ravel()])))[:, :2]
+    pixels = (straight * CAMERA.fx + [CAMERA.cx - 0.5, CAMERA.cy - 0.5]).astype(np.float32)
+    return np.asarray(cv2.remap(picture, pixels.reshape(height, width, 2), None, cv2.INTER_LINEAR))
