@@ -7,7 +7,9 @@ read without points, and black areas at a photo's edge count as what undistortio
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
+from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -117,7 +119,7 @@ def _read_rest(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8], dict
             rows = file["lenses"].tolist() if "lenses" in file else []
             lenses = {number: RadialLens(*row) for number, row in enumerate(rows) if np.isfinite(row).all()}
             return file["points"], file["colors"], lenses
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, zlib.error) as error:
         raise SceneFileError("the kept points are damaged", field=path.name) from error
 
 

@@ -32,7 +32,7 @@ _EXPLAINED = 0.93
 """As far as the median of the residuals must fall for a distortion to be believed."""
 _STRONGEST_LENS = 0.4
 _AS_GOOD = 1.3
-"""With so many times the best lens's residuals, that of the scene's photos is taken."""
+"""Up to so many times the residuals of the lens that fits best, that of the scene's photos is taken all the same."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +151,8 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float
         pixels: float64 [M, 2], where the photo shows each match.
         points: float64 [M, 3], where it is in the world.
         solved: the pose.
-        known: that of the scene's photos. A photo of their focal length has it, too, unless its matches say otherwise:
-            few matches of a thing without depth tell neither from a step to the side.
+        known: that of the scene's photos. A photo of their focal length has it, too, unless its matches clearly say
+            otherwise: where few places or shallow ones are seen, a distortion explains what a wrong pose explains.
     """
     off = np.linalg.norm(reprojected(solved.posed, points[solved.inliers]) - pixels[solved.inliers], axis=1)
     best, k1 = float(np.median(off)), 0.0

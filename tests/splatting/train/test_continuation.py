@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,7 +28,13 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.train_more import capture_of, merged_scene, train_further
-from fastsplat_contract.errors import CancelledError, ConflictError, NotReadyError, TrainingDivergedError
+from fastsplat_contract.errors import (
+    CancelledError,
+    ConflictError,
+    NotReadyError,
+    SceneFileError,
+    TrainingDivergedError,
+)
 from tests.splatting.train.conftest import MakeWorld
 
 _SETTINGS = TrainingSettings(
@@ -196,6 +203,30 @@ def test_masks_points_and_lenses_are_kept_with_the_photos(make_world: MakeWorld,
     assert [view.posed for view in again.views] == list(cameras)
     assert [view.lens for view in again.views] == [None, lens, None, None]
     assert kept_lenses(photo_folder(folder)) == (lens,)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda whole: b"",
+        lambda whole: b"no archive",
+        lambda whole: whole[: len(whole) // 2],
+        lambda whole: whole[:100] + bytes(40) + whole[140:],
+    ],
+)
+def test_a_damaged_file_of_points_and_lenses_is_said_to_be(
+    make_world: MakeWorld, tmp_path: Path, damage: Callable[[bytes], bytes]
+) -> None:
+    capture, _ = make_world(2)
+    write_photos(capture, tmp_path, PhotoSettings())
+    photos = photo_folder(tmp_path)
+    path = photos / "points.npz"
+    path.write_bytes(damage(path.read_bytes()))
+    cameras = tuple(view.posed for view in capture.views)
+    for read in (lambda: kept_lenses(photos), lambda: kept_capture(photos, cameras, "ARBITRARY", (), tmp_path)):
+        with pytest.raises(SceneFileError) as caught:
+            read()
+        assert caught.value.field == "points.npz"
 
 
 def test_older_scenes_have_their_empty_borders_seen(make_world: MakeWorld, tmp_path: Path) -> None:
