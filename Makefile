@@ -124,9 +124,10 @@ bench-default: setup  ## photos and poses alone, default models, no names, on th
 bench-methods: setup  ## our labels beside lifted and distilled language features and majority votes: benchmarks/results/methods.json
 	$(BIN)/python -m benchmarks.methods --split test
 
-bench-choices: setup  ## the trainer's defaults against their neighbors on validation views, then on test views once: benchmarks/results/choices.json
-	$(BIN)/python -m benchmarks.choices
-	$(BIN)/python -m benchmarks.choices --split test
+bench-choices: setup  ## defaults against their neighbors on validation views, then on test views once: benchmarks/results/choices*.json
+	for part in choices choices.presets choices.objects choices.discovery; do \
+		$(BIN)/python -m benchmarks.$$part && $(BIN)/python -m benchmarks.$$part --split test || exit; \
+	done
 
 bench-localize: setup  ## held-out photos localized in small scenes, photos of other places refused: benchmarks/results/localization.json
 	$(BIN)/python -m benchmarks.localization --split test

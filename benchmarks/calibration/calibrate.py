@@ -11,7 +11,7 @@ Probabilities and label sets come from `scenes.txt`, by scene: of four in a row,
 (Platt's scaling) and the temperature, the second and third give the conformal scores, the fourth judges.
 `--templates` compares prompt templates and both scores instead of writing anything, on the scenes that do not judge, so
 that what is chosen by them is judged by scenes that chose nothing. `--lexicon wordnet` fits what weighs lexicon and
-encoder instead, see `fit_meaning`.
+encoder instead, see `fit_meaning`; with `--templates` it compares those for this model, by cross-validation.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from benchmarks.calibration.fit_meaning import fit_meaning
+from benchmarks.calibration.fit_meaning import compare_templates, fit_meaning
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import open_lexicon
@@ -361,6 +361,9 @@ def main() -> None:
     arguments = parser.parse_args()
     encoder = open_text_encoder(arguments.encoder, arguments.models)
     settings = QuerySettings()
+    if arguments.lexicon and arguments.templates:
+        compare_templates(open_lexicon(arguments.lexicon, arguments.models), encoder, _CANDIDATES, print)
+        return
     if arguments.lexicon:
         cache = TextCache(encoder, settings.templates, 100_000)
         model = fit_meaning(open_lexicon(arguments.lexicon, arguments.models), cache, settings.templates, print)

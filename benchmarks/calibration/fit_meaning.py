@@ -10,6 +10,7 @@ weight: the same words to a dictionary from which the answers were taken, so tha
 from __future__ import annotations
 
 import datetime
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -23,6 +24,7 @@ from benchmarks.absence.questions import COMPOUNDS, FITTED, read_cases
 from benchmarks.calibration.lists import read_scenes
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import Lexicon
+from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query.embeddings import TextCache, TextCaches
 from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, expanded, summed_odds
@@ -42,6 +44,7 @@ _ITERATIONS = 100
 _CANDIDATES = ((16, 2e-3),)
 """Hidden units and ridge. 16 and 24 units and ridges of 0.001, 0.002 and 0.004 differ by less than dictionaries do."""
 _LIMIT = 5.0
+_CACHED_TEXTS = 100_000
 _ABSENT_SHARE = 0.9
 """Of the absent questions, the share that is to be said to be absent: who is shown something else is misled."""
 
@@ -110,7 +113,7 @@ def fit_meaning(
         templates: of the cache.
         report: gets a line for each candidate.
     """
-    asked = questions(lexicon, cache)
+    asked = questions(lexicon, TextCaches(cache, cache))
     results = []
     for units, ridge in _CANDIDATES:
         logits = _out_of_fold(asked, units, ridge)
@@ -138,7 +141,39 @@ def fit_meaning(
     return model.model_copy(update={"figures": {"units": units, "ridge": ridge} | judge(asked, logits, model)})
 
 
-def questions(lexicon: Lexicon, cache: TextCache) -> list[Asked]:
+def compare_templates(
+    lexicon: Lexicon,
+    encoder: TextEncoder,
+    candidates: Sequence[tuple[str, ...]],
+    report: Callable[[str], None],
+) -> None:
+    """Reports, of each of the prompt templates, the figures of the cross-validation, with the same network.
+
+    Raises:
+        ModelUnavailableError: as `LabelMeanings`.
+    """
+    units, ridge = _CANDIDATES[0]
+    definitions = TextCache(encoder, ("{}",), _CACHED_TEXTS)
+    for templates in candidates:
+        asked = questions(lexicon, TextCaches(TextCache(encoder, templates, _CACHED_TEXTS), definitions))
+        logits = _out_of_fold(asked, units, ridge)
+        present = np.array([each.right.any() for each in asked])
+        first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
+        odds = np.array([summed_odds(z) for z in logits])
+        from benchmarks.calibration.calibrate import auroc
+
+        shown = odds > np.quantile(odds[~present], _ABSENT_SHARE)
+        figures = {
+            "templates": templates,
+            "bits": round(_likelihood(asked, logits), 4),
+            "first_right": round(float(first[present].mean()), 4),
+            "found_and_named_at_0.9_absent": round(float((shown & first)[present].mean()), 4),
+            "auroc": round(auroc(odds[present], odds[~present]), 4),
+        }
+        report(json.dumps(figures))
+
+
+def questions(lexicon: Lexicon, caches: TextCaches) -> list[Asked]:
     """The questions that may be fitted to, without those that a name decides."""
     whole = [
         (scene.name, scene.labels, "scenes", q.query, q.answers, q.also) for scene in read_scenes() for q in scene.asked
@@ -151,16 +186,13 @@ def questions(lexicon: Lexicon, cache: TextCache) -> list[Asked]:
     asked: list[Asked] = []
     for number, ((_, labels), rows) in enumerate(groupby(whole, key=lambda row: row[:2])):
         dictionary = dictionary_of(labels)
-        meanings, names, embedded = (
-            LabelMeanings(dictionary, lexicon, TextCaches(cache, cache)),
-            NameIndex(dictionary),
-            cache.embed(labels),
-        )
+        meanings, names = LabelMeanings(dictionary, lexicon, caches), NameIndex(dictionary)
+        embedded = caches.texts.embed(labels)
         for _, _, kind, text, answers, also in rows:
             match = names.match(text)
             if match.exact:
                 continue
-            similarity = text_similarity([text], [match], embedded, cache)[0]
+            similarity = text_similarity([text], [match], embedded, caches.texts)[0]
             base = meanings.compare(text, match, similarity).columns
             right, beside = (np.array([label in these for label in labels]) for these in (answers, also))
             asked.append(Asked(number, kind, base, right, ~beside))

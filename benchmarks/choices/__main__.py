@@ -5,10 +5,9 @@
 
 The defaults below were first chosen on the very test views that figures are quoted for. Here every candidate is trained
 in as many steps on training views less the validation views, which are then measured; the defaults themselves with
-several seeds, whose spread says what a difference means. `score` is PSNR in dB plus `_MIOU_DB` times the mean IoU. A
-candidate replaces a default only if its score is better on every data set by more than twice that spread; `stands` says
-of each default that none was. With `--split test` the defaults, and the settings of --set if there are any, are trained
-with the validation views and measured on the test views, once: both figures go into the same file.
+several seeds, whose spread says what a difference means; `judging` has the rule by which a default stands. With
+`--split test` the defaults, and the settings of --set if there are any, are trained with the validation views and
+measured on the test views, once: both figures go into the same file.
 
 Runs are bounded by steps, so that a busy machine changes nothing but seconds. Writes benchmarks/results/choices.json; a
 row that is there is not trained again unless its settings have changed.
@@ -21,6 +20,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from benchmarks.choices.judging import judge
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.splits import HELD_OUT, add_split
 from benchmarks.trade.bench_captures import BenchData, load_data
@@ -42,7 +42,6 @@ CANDIDATES: Mapping[str, tuple[float, ...]] = {
 }
 """By setting, the values beside the default."""
 SEEDS = (0, 1, 2)
-_MIOU_DB = 20.0  # one dB and .05 of mean IoU count the same
 _OUT = RESULTS / "choices.json"
 
 
@@ -74,7 +73,7 @@ def main() -> None:
                 continue
             figures = _measure(data, settings)
             rows = {**known["rows"], row: figures}
-            write_json(_OUT, {"choices": judge(rows), "rows": rows})
+            write_json(_OUT, {"choices": judge(rows, CANDIDATES), "rows": rows})
             print(row, {key: figures[key] for key in ("psnr", "miou")}, flush=True)
 
 
@@ -94,46 +93,6 @@ def varied(settings: TrainingSettings, changes: Mapping[str, float]) -> Training
             raise ValueError(f"no setting is called {name!r}")
         part[field] = value
     return TrainingSettings.model_validate(document)
-
-
-def judge(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What the validation rows say of each default.
-
-    Args:
-        rows: by "DATA/validation/default seed=N" and "DATA/validation/NAME=VALUE", with `psnr` in dB and `miou`.
-
-    Returns:
-        By setting: `gains`, of each candidate the score above the mean of the defaults', by data set; `spread`, the
-        range of the defaults' scores over their seeds, by data set; `stands`, whether no candidate is better by more
-        than twice that on every data set.
-    """
-    scores: dict[str, dict[str, float]] = {}
-    for row, figures in rows.items():
-        data, split, title = row.split("/", 2)
-        if split == "validation":
-            scores.setdefault(data, {})[title] = figures["psnr"] + _MIOU_DB * figures["miou"]
-    defaults = {
-        data: [score for title, score in titles.items() if title.startswith("default")]
-        for data, titles in scores.items()
-    }
-    spread = {data: max(values) - min(values) for data, values in defaults.items() if values}
-    judged = {}
-    for name, values in CANDIDATES.items():
-        gains = {
-            f"{value:g}": {
-                data: titles[f"{name}={value:g}"] - sum(defaults[data]) / len(defaults[data])
-                for data, titles in scores.items()
-                if defaults[data] and f"{name}={value:g}" in titles
-            }
-            for value in values
-        }
-        better = [by and all(gain > 2 * spread[data] for data, gain in by.items()) for by in gains.values()]
-        judged[name] = {
-            "gains": {value: {data: round(gain, 3) for data, gain in by.items()} for value, by in gains.items()},
-            "spread": {data: round(value, 3) for data, value in spread.items()},
-            "stands": not any(better),
-        }
-    return judged
 
 
 def _runs(base: TrainingSettings, split: Split, chosen: Mapping[str, float]) -> Iterator[tuple[str, TrainingSettings]]:

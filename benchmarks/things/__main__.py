@@ -83,8 +83,8 @@ def _main() -> None:
 
 def _measure(name: str, settings: Settings, keep: Path, work: Path, options: argparse.Namespace) -> None:
     start = begin()
-    dataset, capture = _data(name, work, keep, settings.capture, options.split)
-    scene = _trained(keep / name, capture, settings)
+    dataset, capture = discovery_data(name, work, keep, settings.capture, options.split)
+    scene = trained_scene(keep / name, capture, settings)
     masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
     discovery, grouping = _timed(lambda: discover_things(scene.gaussians, capture.views, masks, settings.discovery))
     with_things = replace(scene, things=discovery.things)
@@ -105,7 +105,18 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
         _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
 
 
-def _data(name: str, work: Path, keep: Path, settings: CaptureSettings, split: Split) -> tuple[Dataset | None, Capture]:
+def discovery_data(
+    name: str, work: Path, keep: Path, settings: CaptureSettings, split: Split
+) -> tuple[Dataset | None, Capture]:
+    """A set's truth, None of those that have none, and the capture of its training views.
+
+    Args:
+        name: one of those in this module's text.
+        work: a folder to build captures in.
+        keep: a folder for captures of sets without a truth, whose poses take minutes.
+        settings: of the capture.
+        split: whose views are measured.
+    """
     folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
     if name in _WITHOUT_TRUTH:
         stored = keep / f"{name}-capture"
@@ -122,7 +133,8 @@ def _data(name: str, work: Path, keep: Path, settings: CaptureSettings, split: S
     return dataset, training_capture(dataset, work / "capture", settings, silent)
 
 
-def _trained(folder: Path, capture: Capture, settings: Settings) -> Scene:
+def trained_scene(folder: Path, capture: Capture, settings: Settings) -> Scene:
+    """The scene that lies in `folder`; it is trained without labels, and written there, if it does not."""
     if not folder.is_dir():
         built = build_scene(replace(capture, given_labels=None), settings, labelling=Labelling(Dictionary(()), ()))
         write_scene(built.scene, folder)

@@ -1,4 +1,4 @@
-"""The two captures that are measured: the table-top benchmark and the demo's sample, with exact label maps."""
+"""The captures that are measured, with exact label maps: the table-top benchmark, the demo's sample, the skull."""
 
 from __future__ import annotations
 
@@ -48,12 +48,12 @@ class BenchData:
 
 
 def load_data(name: str, split: Split) -> BenchData:
-    """ "tabletop" (found through FASTSPLAT_TEST_DATA) or "sample"; every fifth view of these is a test view."""
+    """ "tabletop", "skull" (of FASTSPLAT_TEST_DATA) or "sample"; every fifth view of these is a test view."""
     if name == "tabletop":
         capture, truth = load_posed_folder(Path(os.environ["FASTSPLAT_TEST_DATA"]) / "tabletop")
         surfaces: tuple[str, ...] = ("table", "floor", "wall")
     else:
-        capture = _sample()
+        capture = _built(name)
         truth = label_capture(capture, PerceptionSettings(), Path(), (), silent)
         surfaces = ("plate", "tulip", "dining table")  # two that COCO has no class for, and the surface
         names = [view.posed.name for view in capture.views]
@@ -81,15 +81,23 @@ def training_labels(data: BenchData, settings: Settings) -> Labelling:
     return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions), expected=detected.expected)
 
 
-def _sample() -> Capture:
-    built = SCRATCH / "sample"
+def _built(name: str) -> Capture:
+    built = SCRATCH / name
     if not built.is_dir():
         SCRATCH.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=SCRATCH) as folder:
-            raw = Path(folder) / "raw"
-            shutil.copytree(_SAMPLE, raw)
-            (raw / "README.md").unlink()
-            from fastsplat.service.pipeline import capture_folder  # loads what a row's process does without
+        with tempfile.TemporaryDirectory(dir=SCRATCH) as work:
+            # these load what a row's process does without
+            from fastsplat.service.evaluation.datasets import read_dataset, training_capture
+            from fastsplat.service.pipeline import capture_folder
 
-            capture_folder(raw, built, CaptureSettings())
+            folder, settings = Path(work), CaptureSettings()
+            if name == "sample":
+                shutil.copytree(_SAMPLE, folder / "raw")
+                (folder / "raw" / "README.md").unlink()
+                capture_folder(folder / "raw", folder / "capture", settings)
+            else:  # its masks become label maps by being read as a data set, which keeps one test view for itself
+                data = read_dataset(Path(os.environ["FASTSPLAT_TEST_DATA"]) / name, settings, mask_label=name)
+                names = (*data.train, *(view.name for view in data.test[1:]))
+                training_capture(replace(data, train=names, test=data.test[:1]), folder, settings, silent)
+            (folder / "capture").rename(built)
     return load_capture(built)

@@ -37,7 +37,7 @@ _YOLO = {
 }
 
 
-Data = Literal["tabletop", "sample"]
+Data = Literal["tabletop", "sample", "skull"]
 DATA: tuple[Data, ...] = ("tabletop", "sample")
 
 
@@ -46,7 +46,7 @@ class Row:
     """One measurement.
 
     Attributes:
-        data: "tabletop" or "sample".
+        data: what is trained.
         factor, value: what is changed against the base, and to what, in words.
         training: `TrainingSettings` in place of `BASE`'s.
         perception: `PerceptionSettings` in place of their defaults; None takes the exact label maps.
