@@ -25,7 +25,6 @@ _SHARES = 40  # points at which the cost of a step is taken along a run
 _STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
-_DEGREE_0_FROM_LEVEL = 4
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
 _LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
 
@@ -131,8 +130,9 @@ def fit_training(
     """The best run that ends within the budget.
 
     The budget replaces `settings.time_budget_s`. Where too few steps fit for the requested resolution and number of
-    Gaussians, these are reduced together, level by level along the measured frontier, until enough steps fit; the
-    spherical harmonics follow at level 4. A budget larger than needed ends the run at `settings.iterations`.
+    Gaussians, these are reduced together, level by level along the measured frontier, until enough steps fit. The
+    spherical harmonics stay: they cost few steps, and without them even short runs are worse. A budget larger than
+    needed ends the run at `settings.iterations`.
 
     Args:
         settings: as requested: a preset, or the operator's own.
@@ -267,8 +267,7 @@ def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> Train
     side = max(min(longest, _SMALLEST_SIDE), round(longest * _SIDE_FACTOR**level / 8) * 8)
     least = min(settings.max_gaussians, _FEWEST_GAUSSIANS)
     count = max(least, _round_number(settings.max_gaussians * _GAUSSIANS_FACTOR**level))
-    degree = settings.max_sh_degree if level < _DEGREE_0_FROM_LEVEL else 0
-    return settings.model_copy(update={"max_side": side, "max_gaussians": count, "max_sh_degree": degree})
+    return settings.model_copy(update={"max_side": side, "max_gaussians": count})
 
 
 def _round_number(value: float) -> int:
@@ -290,8 +289,6 @@ def _tradeoffs(
         lines.append(f"resolution {side} → {reduced.max_side} px")
     if reduced.max_gaussians < requested.max_gaussians:
         lines.append(f"Gaussians {requested.max_gaussians:,} → {reduced.max_gaussians:,}")
-    if reduced.max_sh_degree < requested.max_sh_degree:
-        lines.append(f"harmonics degree {requested.max_sh_degree} → {reduced.max_sh_degree}")
     if requested.time_budget_s is not None and (reduced.time_budget_s or 0) < requested.time_budget_s:
         lines.append(f"optimization {requested.time_budget_s:.3g} → {reduced.time_budget_s:.3g} s")
     if seconds > 1.1 * budget:

@@ -1,4 +1,5 @@
-"""Three named choices between speed and quality, read off the frontier that `make bench-trade` measures."""
+"""Three named choices between speed and quality, read off the frontier that `make bench-trade` measures and chosen
+again on validation views by `make bench-choices`."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:  # the settings of all rooms load with the service, the names 
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
         "draft": MappingProxyType(
-            {"time_budget_s": 30.0, "max_gaussians": 20_000, "max_side": 480, "max_sh_degree": 0, "evaluations": 3}
+            {"time_budget_s": 30.0, "max_gaussians": 20_000, "max_side": 480, "max_sh_degree": 3, "evaluations": 3}
         ),
         "balanced": MappingProxyType(
             {
