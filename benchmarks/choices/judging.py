@@ -29,7 +29,7 @@ def judge(
     Returns:
         By setting: `gains`, of each candidate the mean score above that of the defaults, by data set; `spread`, the
         range of the defaults' scores over their seeds, by data set; `stands`, whether no candidate is better by more
-        than twice that on every data set.
+        than twice that on every data set that it changes, of which there must be two.
     """
     scores: dict[str, dict[str, float]] = {}
     for row, figures in rows.items():
@@ -49,7 +49,7 @@ def judge(
                 tried = [found for title, found in titles.items() if title.split(" seed=")[0] == f"{name}={value:g}"]
                 if tried and defaults[data]:
                     gains.setdefault(f"{value:g}", {})[data] = _mean(tried) - _mean(defaults[data])
-        better = [all(gain > 2 * spread[data] for data, gain in by.items()) for by in gains.values()]
+        better = [len(by) > 1 and all(gain > 2 * spread[data] for data, gain in by.items()) for by in gains.values()]
         judged[name] = {
             "gains": {value: {data: round(gain, 3) for data, gain in by.items()} for value, by in gains.items()},
             "spread": {data: round(value, 3) for data, value in spread.items()},

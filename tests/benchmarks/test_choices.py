@@ -35,6 +35,7 @@ def _rows(**gains: float) -> dict[str, dict[str, Any]]:
         ({"tabletop": 0.5, "sample": 0.5}, False),
         ({"tabletop": 0.5, "sample": 0.3}, True),  # within twice the spread of the seeds, .2 dB
         ({"tabletop": 5.0, "sample": -0.1}, True),
+        ({"tabletop": 5.0}, True),  # one data set is too little
     ],
 )
 def test_a_default_stands_unless_another_is_better_on_all_data(gains: dict[str, float], stands: bool) -> None:

@@ -75,7 +75,7 @@ def test_validation_is_the_default_and_its_figures_are_not_committed() -> None:
     ignored = (ROOT / ".gitignore").read_text().splitlines()
     assert f"/{results_file('*', 'validation').relative_to(ROOT).as_posix()}" in ignored
     assert "promise nothing" in chosen_on("tabletop", "validation")
-    assert "test views" in chosen_on("tabletop", "test") and "nothing" in chosen_on("skull", "test")
+    assert "test views" in chosen_on("tabletop", "test") and "nothing" in chosen_on("kitchen", "test")
 
 
 @pytest.mark.parametrize("script", _CHOOSING)
