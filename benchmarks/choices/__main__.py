@@ -21,8 +21,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from benchmarks.choices.judging import judge
+from benchmarks.choices.short_runs import add_short_run, short_run
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
-from benchmarks.splits import HELD_OUT, add_split
+from benchmarks.splits import add_split
 from benchmarks.trade.bench_captures import BenchData, load_data
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation import evaluate_views
@@ -49,20 +50,11 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", nargs="+", choices=("tabletop", "sample"), default=["tabletop", "sample"])
-    parser.add_argument("--iterations", type=int, default=1_500)
-    parser.add_argument("--gaussians", type=int, default=12_000)
-    parser.add_argument("--max-side", type=int, default=240)
+    add_short_run(parser)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="with --split test: what was chosen")
     add_split(parser)
     options = parser.parse_args()
-    base = TrainingSettings(
-        time_budget_s=None,
-        iterations=options.iterations,
-        max_gaussians=options.gaussians,
-        max_side=options.max_side,
-        held_out_every=HELD_OUT,
-        evaluations=0,
-    )
+    base = short_run(options)
     chosen = {name: json.loads(value) for name, value in (item.split("=", 1) for item in options.set)}
     for name in options.data:
         data = load_data(name, options.split)

@@ -20,8 +20,9 @@ from typing import Any
 from unittest.mock import patch
 
 from benchmarks.choices.judging import judge
+from benchmarks.choices.short_runs import add_short_run, short_run
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
-from benchmarks.splits import HELD_OUT, add_split
+from benchmarks.splits import add_split
 from benchmarks.trade.bench_captures import BenchData, load_data, models
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.validation_split import Split
@@ -55,20 +56,11 @@ def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data", nargs="+", choices=("tabletop", "sample"), default=["tabletop", "sample"])
-    parser.add_argument("--iterations", type=int, default=1_500)
-    parser.add_argument("--gaussians", type=int, default=12_000)
-    parser.add_argument("--max-side", type=int, default=240)
+    add_short_run(parser)
     add_split(parser)
     options = parser.parse_args()
     start = begin()
-    base = TrainingSettings(
-        time_budget_s=None,
-        iterations=options.iterations,
-        max_gaussians=options.gaussians,
-        max_side=options.max_side,
-        held_out_every=HELD_OUT,
-        evaluations=0,
-    )
+    base = short_run(options)
     rows: dict[str, dict[str, Any]] = json.loads(_OUT.read_text())["rows"] if _OUT.is_file() else {}
     for name in options.data:
         data = load_data(name, options.split)

@@ -53,6 +53,7 @@ PLANNER_CANDIDATES: Mapping[str, Mapping[str, tuple[float, ...]]] = {
 """By time budget, which reduces all three scenes by some levels, and constant of `service.planning.cost_model` or
 setting that is asked for, the values beside its own."""
 _BUDGETS = {"planner_12s": 12.0, "planner_6s": 6.0}
+_DATA: tuple[Data, ...] = ("tabletop", "sample", "skull")
 SEEDS = (0, 1)
 _STEPS_BESIDE = {"_ENOUGH_STEPS": "_STEPS_A_VIEW"}  # both bound what is enough; the second at 120 of the first
 _COMMAND = "python -m benchmarks.choices.presets"
@@ -86,7 +87,7 @@ class Trial:
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data", nargs="+", choices=("tabletop", "sample", "skull"), default=["tabletop", "sample"])
+    parser.add_argument("--data", nargs="+", choices=_DATA, default=list(_DATA))
     parser.add_argument("--only", nargs="*", default=["*"], metavar="PATTERN", help="of DATA/SPLIT/TITLE")
     parser.add_argument("--seed", type=int, default=0, help="of candidates: for a second look at some of them")
     parser.add_argument("--workers", type=int, default=1, help="rows that are trained at a time, with a thread each")
