@@ -54,7 +54,7 @@ def _photos(test_data: Path, folder: Path) -> Path:
 
 
 def _sent_files(settings: Settings) -> list[Path]:
-    return [path for path in (settings.data_dir / "uploads").rglob("*") if path.is_file()]
+    return _stored(settings.data_dir / "uploads")
 
 
 def _work(settings: Settings) -> subprocess.Popen[bytes]:
@@ -70,6 +70,11 @@ def _work(settings: Settings) -> subprocess.Popen[bytes]:
     }
     command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
     return subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)
+
+
+def _stored(root: Path, suffix: str = "") -> list[Path]:
+    """All files of this kind; folders that a worker removes meanwhile are left out, where `Path.rglob` fails."""
+    return [Path(folder) / name for folder, _, names in os.walk(root) for name in names if name.endswith(suffix)]
 
 
 def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
@@ -98,9 +103,9 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
                 assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
             assert service.get_scene(operation.scene_id).dictionary == ()
 
-            pictures = list(settings.data_dir.rglob("*.jpg"))
+            pictures = _stored(settings.data_dir, ".jpg")
             assert len(pictures) == _VIEWS
-            for path in [*pictures, *settings.data_dir.rglob("*.png")]:
+            for path in [*pictures, *_stored(settings.data_dir, ".png")]:
                 try:
                     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
                 except FileNotFoundError:  # of the job's own folder, which its worker removes meanwhile
