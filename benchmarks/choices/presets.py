@@ -8,7 +8,8 @@ where a time budget is too small for them. Every candidate is trained for as man
 reference machine by the planner's model of a step, which makes rows reproducible: a busy machine changes their seconds
 only. Scores and the rule by which a default stands are those of `benchmarks.choices`, at the images' own size. With
 `--split test` the presets as they are, and `draft` as it was, are measured on the test views, once. Rows go to
-benchmarks/results/choices_presets.json; one that is there is not trained again unless its settings have changed.
+benchmarks/results/choices_presets.json; one that is there is not trained again unless its settings have changed. Its
+rows `draft_of_degree_0` are those by which `draft` got its harmonics: beside them its default was still degree 0.
 """
 
 from __future__ import annotations
@@ -59,19 +60,10 @@ _STEPS_BESIDE = {"_ENOUGH_STEPS": "_STEPS_A_VIEW"}  # both bound what is enough;
 _COMMAND = "python -m benchmarks.choices.presets"
 _PRINTED = ("psnr", "miou", "cpu_s")
 _OUT = RESULTS / "choices_presets.json"
-_KEPT: tuple[str, ...] = (
-    "psnr",
-    "ssim",
-    "miou",
-    "boundary_iou",
-    "ghost_rate",
-    "gaussians",
-    "iterations",
-    "bytes",
-    "peak_mb",
-    "cpu_s",
+_KEPT = (
+    *("psnr", "ssim", "miou", "boundary_iou", "ghost_rate", "gaussians", "iterations", "bytes", "peak_mb"),
+    *("cpu_s", "wall_s", "date", "commit", "load_before", "load_after"),
 )
-_KEPT += ("wall_s", "date", "commit", "load_before", "load_after")
 
 
 @dataclass(frozen=True)
@@ -101,8 +93,7 @@ def main() -> None:
         )
         if any(fnmatch(_key(trial, options.split), pattern) for pattern in options.only)
     ]
-    known = json.loads(_OUT.read_text())["rows"] if _OUT.is_file() else {}
-    rows: dict[str, dict[str, Any]] = dict(known)
+    rows: dict[str, dict[str, Any]] = json.loads(_OUT.read_text())["rows"] if _OUT.is_file() else {}
     waiting = [trial for trial in waiting if rows.get(_key(trial, options.split), {}).get("training") != trial.training]
     threads = 2 if options.workers == 1 else 1
     writing = Lock()

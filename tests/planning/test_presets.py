@@ -28,6 +28,12 @@ def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> N
         assert less.max_side <= more.max_side and less.max_sh_degree <= more.max_sh_degree
 
 
+def test_no_preset_saves_on_harmonics() -> None:
+    """They cost few steps, and half a minute is better with them (`benchmarks/results/choices_presets.json`)."""
+    default = TrainingSettings().max_sh_degree
+    assert {apply_preset(Settings(), name).training.max_sh_degree for name in PRESETS} == {default}
+
+
 @pytest.mark.parametrize("name", PRESETS)
 def test_every_preset_is_valid_and_speaks_of_training_and_of_perception(name: PresetName) -> None:
     assert set(PRESETS) == set(PERCEPTION_PRESETS) == set(get_args(PresetName))
