@@ -77,9 +77,10 @@ class Authenticator:
         """
         if rule.role is None:
             return None
-        key_id, project, role, scene_id = await self._key_of(credentials)
+        called_at = time.monotonic()
+        key_id, project, role, scene_id = await self._key_of(credentials, called_at)
         if credentials.project not in ("", project):
-            await self._look_again_unless(credentials.project in self._ring.projects)
+            await self._look_again_unless(lambda: credentials.project in self._ring.projects, called_at)
             if role != "operator" or credentials.project not in self._ring.projects:
                 raise NotFoundError(
                     f"no project {credentials.project[:80]!r}",
@@ -123,23 +124,24 @@ class Authenticator:
             self._watches.discard(watch)
         watch.check()
 
-    async def _key_of(self, credentials: Credentials) -> tuple[str, str, Role, str]:
+    async def _key_of(self, credentials: Credentials, called_at: float) -> tuple[str, str, Role, str]:
         if not self._auth_enabled:
             return "", DEFAULT_PROJECT, "operator", ""
         if not credentials.key:
             raise UnauthenticatedError("this call carries no key", field="authorization", hint=_HOW)
         key_id = key_id_of(credentials.key)
-        if self._age() > self.FRESH_S:
+        while self._loaded_at < called_at - self.FRESH_S:  # a reading under way may have begun long ago
             await self._refresh()
-        elif key_id:
-            await self._look_again_unless(key_id in self._ring)
+        if key_id:
+            await self._look_again_unless(lambda: key_id in self._ring, called_at)
         record = self._ring.find(credentials.key)
         if record is None:
             raise UnauthenticatedError("the key is unknown, expired or revoked", field="authorization", hint=_HOW)
         return record.id, record.project, record.role, record.scene_id
 
-    async def _look_again_unless(self, known: bool) -> None:
-        if not known:
+    async def _look_again_unless(self, known: Callable[[], bool], called_at: float) -> None:
+        """Read until it is known, or lacking in what was read since the call; what was read before may lack what is new."""
+        while not known() and self._loaded_at < called_at:
             await asyncio.sleep(self._GLANCE_S - self._age())
             if self._age() >= self._GLANCE_S:  # nobody else has looked meanwhile
                 await self._refresh()

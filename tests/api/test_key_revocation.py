@@ -9,6 +9,7 @@ import asyncio
 import os
 import queue
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -20,8 +21,9 @@ import httpx
 import pytest
 
 from fastsplat.api.access.authenticator import Authenticator, Credentials
+from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.policy import rule_of
-from fastsplat.service.application.keys import KeyRing
+from fastsplat.service.application.keys import KeyRing, key_id_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.key_repository import KeyRecord
@@ -266,6 +268,46 @@ def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_en
     ends = asyncio.run(main())
     assert len(ends) == 50 and len(reads) == 4
     assert Authenticator.FRESH_S <= 1
+
+
+@pytest.mark.parametrize("new", ["key", "project"])
+def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None:
+    """A call must not take a reading for its own that began before the call: it may lack what was made meanwhile."""
+    key = f"fsk_{'1' * 12}_{'s' * 43}"
+    record = KeyRecord("1" * 12, "operator", "operator", "0" * 64, 0.0)
+    keys = {record.id: record} if new == "project" else {}
+    projects = {"default"}
+    begun, go_on = threading.Event(), threading.Event()
+
+    class _Ring(KeyRing):
+        def find(self, key: str) -> KeyRecord | None:
+            return self._by_id.get(key_id_of(key))
+
+    def load() -> KeyRing:
+        ring = _Ring(dict(keys), frozenset(projects))
+        begun.set()
+        assert go_on.wait(60)
+        return ring
+
+    async def main() -> None:
+        authenticator = Authenticator(load, auth_enabled=True)
+
+        async def call(credentials: Credentials) -> Principal | None:
+            return await authenticator.authenticate(credentials, rule_of("GET /v1/scenes"))
+
+        first = asyncio.create_task(call(Credentials(f"fsk_{'2' * 12}_{'s' * 43}")))
+        await asyncio.to_thread(begun.wait)
+        keys[record.id] = record
+        projects.add("new")
+        second = asyncio.create_task(call(Credentials(key, "new" if new == "project" else "")))
+        await asyncio.sleep(0)  # it has begun, and waits for the same reading
+        go_on.set()
+        with pytest.raises(UnauthenticatedError):
+            await first
+        principal = await second
+        assert principal is not None and principal.key_id == record.id
+
+    asyncio.run(main())
 
 
 def test_a_task_that_others_cancel_is_cancelled() -> None:
