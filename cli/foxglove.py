@@ -39,16 +39,14 @@ def foxglove(
     with needed(FOXGLOVE, "showing a scene in Foxglove", "scene", "on this machine"):
         from fastsplat.service.application.foxglove_live import LiveScene, follow
     stop = threading.Event()
-    with (
-        _source(scene, cell, project, server, key_file, ca) as (version, file),
-        _set_by_signals(stop),
-        LiveScene(f"fastsplat {scene}", host, port, time.time_ns) as live,
-    ):
-        typer.echo(f"ws://{host}:{live.port}")
-        typer.echo(live.app_url, err=True)
-        if not is_loopback(host):
-            typer.echo(f"Whoever reaches {host}:{live.port} sees the scene, without a key.", err=True)
-        follow(live, version, file, stop, camera_s=camera_s, poll_s=_POLL_S)
+    with _source(scene, cell, project, server, key_file, ca) as (version, file), _set_by_signals(stop):
+        shown = version()
+        with LiveScene(f"fastsplat {scene}", host, port, time.time_ns, file(shown)) as live:
+            typer.echo(f"ws://{host}:{live.port}")
+            typer.echo(live.app_url, err=True)
+            if not is_loopback(host):
+                typer.echo(f"Whoever reaches {host}:{live.port} sees the scene, without a key.", err=True)
+            follow(live, shown, version, file, stop, camera_s=camera_s, poll_s=_POLL_S)
 
 
 @contextmanager

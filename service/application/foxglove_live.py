@@ -95,12 +95,13 @@ class LiveScene:
         host: the address to listen at. Whoever reaches it sees the scene; there are no keys.
         port: 0 takes a free one.
         clock: nanoseconds since 1970.
+        content: the file of `foxglove_file` that is shown first.
 
     Raises:
         ResourceError: the port cannot be had.
     """
 
-    def __init__(self, name: str, host: str, port: int, clock: Callable[[], int]) -> None:
+    def __init__(self, name: str, host: str, port: int, clock: Callable[[], int], content: bytes) -> None:
         self._clock = clock
         # The package tells of a subscription while it holds locks of its own, which sending needs, too.
         self._subscribed: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -108,6 +109,9 @@ class LiveScene:
         self._channels: dict[str, Channel] = {}
         self._shown: Recorded | None = None
         self._camera = -1
+        # Before anybody can connect. The package tells a viewer of a new channel a moment before it takes subscriptions
+        # to it, so one that is quick is refused and would wait for ever; for what is there already it has no such gap.
+        self.show(content)
         try:
             self._server = start_server(
                 name=name,
@@ -138,7 +142,10 @@ class LiveScene:
         return self._server.app_url() or ""
 
     def show(self, content: bytes) -> None:
-        """Show a file of `foxglove_file` from now on, in place of the one before; topics it lacks are taken back."""
+        """Show a file of `foxglove_file` from now on, in place of the one before; topics it lacks are taken back.
+
+        A topic that the one before lacked may be missed by a viewer that is here already, until it connects again.
+        """
         shown = recorded(content)
         self._shown, self._camera = shown, -1
         for topic in [known for known in self._channels if known not in (*shown.topics, SCENE_TOPIC)]:
@@ -191,6 +198,7 @@ class LiveScene:
 
 def follow(
     scene: LiveScene,
+    shown: str,
     version: Callable[[], str],
     file: Callable[[str], bytes],
     stop: threading.Event,
@@ -198,12 +206,13 @@ def follow(
     camera_s: float,
     poll_s: float,
 ) -> None:
-    """Show the current version of a scene, each new one, and one camera after the other, until `stop` is set.
+    """Show each new version of a scene, and one camera after the other, until `stop` is set.
 
-    A server that cannot be reached for a while is waited for, once a version is shown; what is shown stays.
+    A server that cannot be reached for a while is waited for; what is shown stays.
 
     Args:
         scene: where it is shown.
+        shown: the version that it shows already.
         version: says which version is the current one.
         file: that version as MCAP.
         stop: set to end.
@@ -213,7 +222,7 @@ def follow(
     Raises:
         FastSplatError: what `version` and `file` raise, as for a scene that is gone.
     """
-    shown, look_in_s, camera_in_s = "", 0.0, 0.0
+    look_in_s, camera_in_s = poll_s, 0.0
     while not stop.is_set():
         if look_in_s <= 0:
             look_in_s = poll_s
@@ -223,7 +232,7 @@ def follow(
                     scene.show(file(current))
                     shown, camera_in_s = current, 0.0
             except FastSplatError as error:
-                if not shown or not _may_pass(error):
+                if not _may_pass(error):
                     raise
                 _log.warning("version %s stays: %s", shown, error.message)
         if camera_in_s <= 0:

@@ -66,6 +66,7 @@ class _Viewer:
         self._connection = connection
         self.server = json.loads(connection.recv(_PATIENCE_S))
         self.channels: dict[str, dict[str, Any]] = {}
+        self.advertisements = 0
         self._subscribed: dict[int, str] = {}
         self._decoders: dict[str, Any] = {}
 
@@ -99,7 +100,9 @@ class _Viewer:
         received = self._connection.recv(_PATIENCE_S)
         if isinstance(received, str):
             said = json.loads(received)
+            assert said["op"] != "status", said["message"]  # as that it subscribed to what the server does not know
             if said["op"] == "advertise":
+                self.advertisements += 1
                 self.channels |= {channel["topic"]: channel for channel in said["channels"]}
             return None
         kind, subscription, at = _MESSAGE.unpack_from(received)
@@ -180,6 +183,16 @@ def _check_cameras(viewer: _Viewer, read: dict[str, list[Any]]) -> None:
 def _numbers(transform: Any) -> tuple[float, ...]:
     there, turn = transform.translation, transform.rotation
     return there.x, there.y, there.z, turn.x, turn.y, turn.z, turn.w
+
+
+def test_every_topic_is_there_before_anybody_can_come(service: SceneService) -> None:
+    """The package loses subscriptions of a viewer that is quicker than a new channel, and never sends it anything."""
+    scene_id = add_scene(service, load_settings())
+    read, _ = _of_file(service, scene_id)
+    with _showing(scene_id) as (_, address), _viewing(address) as viewer:
+        viewer.advertised("/scene")
+        assert set(viewer.channels) == {*read, "/scene"}
+        assert viewer.advertisements == 1
 
 
 def test_photos_are_those_of_the_file(service: SceneService) -> None:
