@@ -140,7 +140,7 @@ class Authenticator:
         return record.id, record.project, record.role, record.scene_id
 
     async def _look_again_unless(self, known: Callable[[], bool], called_at: float) -> None:
-        """Read until it is known, or lacking in what was read since the call; what was read before may lack what is new."""
+        """Read until it is known, or not in what was read since the call; an older copy may lack what is new."""
         while not known() and self._loaded_at < called_at:
             await asyncio.sleep(self._GLANCE_S - self._age())
             if self._age() >= self._GLANCE_S:  # nobody else has looked meanwhile
