@@ -46,7 +46,7 @@ def serving(service: Any, settings: Settings) -> Iterator[Ports]:
 
     thread = threading.Thread(target=lambda: asyncio.run(main()))
     thread.start()
-    assert ready.wait(30)
+    assert ready.wait(120)
     try:
         yield state["ports"]
     finally:

@@ -20,7 +20,7 @@ from tests.waiting import wait_for
 
 def _figures(faces: Faces) -> dict[tuple[str, str], float]:
     """(sample, first label) to value."""
-    text = httpx.get(f"http://127.0.0.1:{faces.ports.metrics}/metrics").text
+    text = httpx.get(f"http://127.0.0.1:{faces.ports.metrics}/metrics", timeout=60).text
     return {
         (sample.name, next(iter(sample.labels.values()), "")): sample.value
         for family in text_string_to_metric_families(text)

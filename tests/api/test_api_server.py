@@ -207,8 +207,8 @@ def test_a_signal_lets_running_calls_finish(tmp_path: Path, number: signal.Signa
             for _ in range(2):
                 assert process.stdout.readline() == "BEGUN\n"
             process.send_signal(number)
-            wait_for(lambda: "about to stop" in httpx.get(f"http://127.0.0.1:{port}/readyz").text)
-            assert httpx.get(f"http://127.0.0.1:{port}/livez").status_code == 200
+            wait_for(lambda: "about to stop" in httpx.get(f"http://127.0.0.1:{port}/readyz", timeout=60).text)
+            assert httpx.get(f"http://127.0.0.1:{port}/livez", timeout=60).status_code == 200
             check = health_pb2_grpc.HealthStub(channel).Check(health_pb2.HealthCheckRequest())
             assert check.status == health_pb2.HealthCheckResponse.NOT_SERVING
             wait_for(lambda: _refuses_connections(port))  # and both calls still run

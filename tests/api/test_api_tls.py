@@ -23,7 +23,7 @@ def _rest(ports: Ports, pem: Path, client: str = "") -> int:
     context = ssl.create_default_context(cafile=str(pem / "ca.pem"))
     if client:
         context.load_cert_chain(pem / f"{client}.pem", pem / f"{client}.key")
-    return httpx.get(f"https://127.0.0.1:{ports.http}/v1/scenes", verify=context).status_code
+    return httpx.get(f"https://127.0.0.1:{ports.http}/v1/scenes", verify=context, timeout=60).status_code
 
 
 def _grpc(ports: Ports, pem: Path, client: str = "") -> None:
@@ -39,7 +39,7 @@ def test_both_ports_speak_tls_and_nothing_else(service: SceneService, api_settin
         assert _rest(ports, pem) == 200
         _grpc(ports, pem)
         with pytest.raises(httpx.TransportError):
-            httpx.get(f"http://127.0.0.1:{ports.http}/livez")
+            httpx.get(f"http://127.0.0.1:{ports.http}/livez", timeout=60)
         with grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel, pytest.raises(grpc.RpcError):
             rpc.SceneServiceStub(channel).ListScenes(pb.ListScenesRequest(), timeout=5)
 

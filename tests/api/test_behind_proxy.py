@@ -46,26 +46,26 @@ def _addresses(html: str) -> list[str]:
 @pytest.mark.parametrize("page", ["/", "/docs"])
 def test_every_address_of_a_page_leads_through_the_proxy(behind: tuple[str, str], page: str) -> None:
     url, _ = behind
-    response = httpx.get(url + page)
+    response = httpx.get(url + page, timeout=60)
     addresses = _addresses(response.text)
     assert response.status_code == 200 and len(addresses) >= 3
     for address in addresses:
         target = urljoin(url + page, address)
         assert target.startswith(f"{url}/"), address
-        assert httpx.get(target).status_code == 200, address
+        assert httpx.get(target, timeout=60).status_code == 200, address
 
 
 def test_the_addresses_in_answers_are_the_proxys(behind: tuple[str, str]) -> None:
     url, _ = behind
-    document = httpx.get(f"{url}/openapi.json").json()
+    document = httpx.get(f"{url}/openapi.json", timeout=60).json()
     assert document["servers"] == [{"url": _PREFIX}]
     announced = {"Tus-Resumable": "1.0.0", "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}
-    upload = httpx.post(f"{url}/v1/uploads", headers=announced)
+    upload = httpx.post(f"{url}/v1/uploads", headers=announced, timeout=60)
     there = urljoin(f"{url}/v1/uploads", upload.headers["location"])
     assert httpx.head(there, headers=announced).headers["upload-length"] == "3"
-    posted = httpx.post(f"{url}/v1/scenes", files={"capture": ("capture.zip", _capture())})
+    posted = httpx.post(f"{url}/v1/scenes", files={"capture": ("capture.zip", _capture())}, timeout=60)
     there = urljoin(f"{url}/v1/scenes", posted.headers["location"])
-    assert httpx.get(there).json()["id"] == posted.json()["id"]
+    assert httpx.get(there, timeout=60).json()["id"] == posted.json()["id"]
 
 
 def test_the_client_works_through_the_proxy(behind: tuple[str, str], tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_what_a_proxy_says_of_the_caller_counts_only_if_it_is_trusted(
     settings = api_settings.model_copy(update={"trusted_proxies": trusted})
     believed = trusted and trusted[0].startswith("127.")
     with caplog.at_level(logging.INFO), served(service, settings) as faces, proxied(faces.ports.http, "/p") as url:
-        response = httpx.get(f"{url}/v1/server", headers={"X-Request-Id": "through-the-proxy"})
+        response = httpx.get(f"{url}/v1/server", headers={"X-Request-Id": "through-the-proxy"}, timeout=60)
     assert response.status_code == 200
     (line,) = (record for record in caplog.records if getattr(record, "request_id", "") == "through-the-proxy")
     assert vars(line)["peer"] == ("203.0.113.7" if believed else "127.0.0.1")

@@ -212,7 +212,9 @@ def _begun(place: _Place, begin: Callable[[_Place, str], _Call], lifetime_s: flo
 
 def _status(place: _Place, key: str) -> int:
     """What a request with this key is answered."""
-    return httpx.get(f"{place.faces.rest.base_url}/v1/scenes", headers={"Authorization": f"Bearer {key}"}).status_code
+    return httpx.get(
+        f"{place.faces.rest.base_url}/v1/scenes", headers={"Authorization": f"Bearer {key}"}, timeout=60
+    ).status_code
 
 
 @pytest.mark.parametrize(

@@ -141,5 +141,5 @@ def test_with_tls_browsers_are_told_to_stay_with_it(service: object, api_setting
     own = api_settings.model_copy(update={"tls_cert": pem / "server.pem", "tls_key": pem / "server.key"})
     context = ssl.create_default_context(cafile=str(pem / "ca.pem"))
     with serving(service, own) as ports:
-        answer = httpx.get(f"https://127.0.0.1:{ports.http}/livez", verify=context)
+        answer = httpx.get(f"https://127.0.0.1:{ports.http}/livez", verify=context, timeout=60)
     assert "max-age" in answer.headers["strict-transport-security"]

@@ -86,7 +86,7 @@ def test_a_signal_in_mid_upload(tmp_path: Path, number: signal.Signals) -> None:
     with _server(tmp_path / "data") as server:
         name = base64.b64encode(b"capture.zip").decode()
         headers = {**_TUS, "Upload-Length": str(len(data)), "Upload-Metadata": f"filename {name}"}
-        path = httpx.post(f"{server.url}/v1/uploads", headers=headers).headers["location"]
+        path = httpx.post(f"{server.url}/v1/uploads", headers=headers, timeout=60).headers["location"]
         _append(server.url + path, 0, data[:acknowledged])
         stored = root / path.rpartition("/")[2] / "data"
         head = (
