@@ -62,7 +62,7 @@ def test_the_addresses_in_answers_are_the_proxys(behind: tuple[str, str]) -> Non
     announced = {"Tus-Resumable": "1.0.0", "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}
     upload = httpx.post(f"{url}/v1/uploads", headers=announced, timeout=60)
     there = urljoin(f"{url}/v1/uploads", upload.headers["location"])
-    assert httpx.head(there, headers=announced).headers["upload-length"] == "3"
+    assert httpx.head(there, headers=announced, timeout=60).headers["upload-length"] == "3"
     posted = httpx.post(f"{url}/v1/scenes", files={"capture": ("capture.zip", _capture())}, timeout=60)
     there = urljoin(f"{url}/v1/scenes", posted.headers["location"])
     assert httpx.get(there, timeout=60).json()["id"] == posted.json()["id"]

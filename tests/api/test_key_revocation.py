@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -275,10 +276,9 @@ def test_the_keys_are_read_once_for_all_calls_under_way_and_a_silent_database_en
 @pytest.mark.parametrize("new", ["key", "project"])
 def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None:
     """A call must not take a reading for its own that began before the call: it may lack what was made meanwhile."""
-    key = f"fsk_{'1' * 12}_{'s' * 43}"
-    record = KeyRecord("1" * 12, "operator", "operator", "0" * 64, 0.0)
-    keys = {record.id: record} if new == "project" else {}
-    projects = {"default"}
+    old, made, unknown = (f"fsk_{digit * 12}_{'s' * 43}" for digit in "123")
+    keys, projects = {key_id_of(old)}, {"default"}
+    readings = count()
     begun, go_on = threading.Event(), threading.Event()
 
     class _Ring(KeyRing):
@@ -286,28 +286,30 @@ def test_what_is_made_while_the_keys_are_read_is_known_at_once(new: str) -> None
             return self._by_id.get(key_id_of(key))
 
     def load() -> KeyRing:
-        ring = _Ring(dict(keys), frozenset(projects))
-        begun.set()
-        assert go_on.wait(60)
+        ring = _Ring({each: KeyRecord(each, "name", "operator", "0" * 64, 0.0) for each in keys}, frozenset(projects))
+        if next(readings) == 1:
+            begun.set()
+            assert go_on.wait(60)
         return ring
 
     async def main() -> None:
         authenticator = Authenticator(load, auth_enabled=True)
 
-        async def call(credentials: Credentials) -> Principal | None:
-            return await authenticator.authenticate(credentials, rule_of("GET /v1/scenes"))
+        async def call(key: str, project: str = "") -> Principal | None:
+            return await authenticator.authenticate(Credentials(key, project), rule_of("GET /v1/scenes"))
 
-        first = asyncio.create_task(call(Credentials(f"fsk_{'2' * 12}_{'s' * 43}")))
+        await call(old)
+        looks_again = asyncio.create_task(call(unknown))
         await asyncio.to_thread(begun.wait)
-        keys[record.id] = record
+        keys.add(key_id_of(made))
         projects.add("new")
-        second = asyncio.create_task(call(Credentials(key, "new" if new == "project" else "")))
-        await asyncio.sleep(0)  # it has begun, and waits for the same reading
+        late = asyncio.create_task(call(made) if new == "key" else call(old, "new"))
+        for _ in range(3):
+            await asyncio.sleep(0)  # it has come to where it waits for a reading, and one is under way
         go_on.set()
         with pytest.raises(UnauthenticatedError):
-            await first
-        principal = await second
-        assert principal is not None and principal.key_id == record.id
+            await looks_again
+        assert await late is not None
 
     asyncio.run(main())
 

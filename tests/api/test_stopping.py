@@ -124,7 +124,7 @@ def test_a_signal_in_mid_upload(tmp_path: Path, number: signal.Signals) -> None:
     assert [folder.name for folder in root.iterdir()] == [stored.parent.name]  # of the forms nothing is left
 
     with _server(tmp_path / "data") as server:
-        offset = int(httpx.head(server.url + path, headers=_TUS).headers["upload-offset"])
+        offset = int(httpx.head(server.url + path, headers=_TUS, timeout=60).headers["upload-offset"])
         assert acknowledged <= offset <= acknowledged + 70_000
         _append(server.url + path, offset, data[offset:])
         assert stored.read_bytes() == data
@@ -132,6 +132,6 @@ def test_a_signal_in_mid_upload(tmp_path: Path, number: signal.Signals) -> None:
 
 def _append(url: str, offset: int, data: bytes) -> None:
     headers = {**_TUS, "Upload-Offset": str(offset), "Content-Type": "application/offset+octet-stream"}
-    response = httpx.patch(url, content=data, headers=headers)
+    response = httpx.patch(url, content=data, headers=headers, timeout=60)
     assert response.status_code == 204, response.text
     assert response.headers["upload-offset"] == str(offset + len(data))
