@@ -90,7 +90,6 @@ class ClaimedJob:
         self._max_versions = max_versions
         self._jobs = store.jobs
         self._scenes = store.scenes
-        self._versions = store.versions
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -304,11 +303,12 @@ class ClaimedJob:
             alignment=summary.get("alignment"),
             quality=summary.get("quality"),
             beside=summary.get("beside", False),
+            max_versions=self._max_versions,
         )
-        with self._blobs.exclusive(self.scene_id):  # edits of this machine queue
-            self._jobs.succeed_with_version(self.claim, new, result)
-        for old in self._versions.prune(self.scene_id, self._max_versions):
-            self._blobs.drop_version(self.scene_id, old)
+        removed = self._jobs.succeed_with_version(self.claim, new, result)
+        with suppress(ObjectStoreError):  # what stays, the periodic cleanup removes
+            for old in removed:
+                self._blobs.drop_version(self.scene_id, old)
 
     @_patient
     def drop_result(self) -> None:

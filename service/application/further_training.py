@@ -45,7 +45,7 @@ class FurtherTraining:
 
         def check() -> None:
             scene = self._store.scenes.scene(scene_id)
-            versions = [version_of(record, scene.version) for record in self._store.versions.of(scene)]
+            versions = [version_of(record) for record in self._store.versions.of(scene)]
             if not any(photo_folder(self._scenes.folder(scene_id, version)).glob("*.jpg")):
                 raise _no_photos()
             _check_unchanged(scene, version, versions)

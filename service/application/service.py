@@ -368,7 +368,6 @@ class SceneService:
         operation = self._store.reserve.lend(lambda: self._store.scenes.delete_scene(scene_id))
         for kept in (self._scenes, self.exports, self.localizing):
             kept.forget(scene_id)
-        self._store.reserve.lend(lambda: self._store.versions.forget(scene_id))
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)
         if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills

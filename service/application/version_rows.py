@@ -35,15 +35,15 @@ def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> lis
     ]
 
 
-def version_of(record: VersionRecord, current: str) -> SceneVersion:
-    """What a caller sees of a row; `current` is the scene's current version."""
+def version_of(record: VersionRecord) -> SceneVersion:
+    """What a caller sees of a row."""
     return SceneVersion(
         scene_id=record.scene_id,
         version=record.version,
         parent=record.parent,
         created_at=datetime.fromtimestamp(record.created_at, UTC),
         gaussians=record.gaussians,
-        current=record.version == current,
+        current=record.current,
         edits=tuple(_edit_of({name: row[name] for name in row if name != PROMPTED}) for row in record.edits),
         prompted=tuple(from_plain(PromptedThing, row[PROMPTED]) for row in record.edits if PROMPTED in row),
         author=record.author,

@@ -7,6 +7,7 @@ import json
 import os
 import secrets
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,15 @@ from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.name_repository import NewName, VersionNames
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
-from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError, NotReadyError
+from fastsplat_contract.errors import (
+    ConflictError,
+    DatabaseError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    NotReadyError,
+    ObjectStoreError,
+)
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
@@ -77,21 +86,18 @@ class Versions:
         self._prompted.check(edits)
         rows = [to_plain(edit) for edit in edits]
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
-        current = self._scenes.version(scene_id, "")
-        with self._store.blobs.exclusive(scene_id):  # edits of one scene queue: each is made of the one before
+        self._scenes.version(scene_id, "")
+        with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
             for remaining in reversed(range(_TRIES)):
-                current = self._scenes.version(scene_id, "")
                 earlier = self._store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
-                    return self._in_force(earlier, current)
+                    return self._in_force(earlier)
+                current = self._scenes.version(scene_id, "")
                 try:
-                    made = self._make(scene_id, current, edits, request_id, digest, rows, looked_at, author)
-                except ConflictError:  # a server on another machine was faster; this one is made of its result
+                    return self._make(scene_id, current, edits, request_id, digest, rows, looked_at, author)
+                except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
                     if not remaining:
                         raise
-                else:
-                    self._prune(scene_id)
-                    return made
         raise AssertionError
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
@@ -105,9 +111,8 @@ class Versions:
             NotFoundError, NotReadyError: as `edit`.
             ConflictError: there is nothing to undo, or another version is current.
         """
-        current = self._scenes.version(scene_id, "")
-        self._store.versions.step_back(scene_id, version or current)
-        return self._current(scene_id)
+        self._scenes.version(scene_id, "")
+        return version_of(self._store.versions.step_back(scene_id, version))
 
     def redo(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go forward to the version that was current last of those made of the current one; returns it.
@@ -123,9 +128,8 @@ class Versions:
             NotFoundError, NotReadyError: as `edit`.
             ConflictError: there is nothing to redo, or another version is current.
         """
-        current = self._scenes.version(scene_id, "")
-        self._store.versions.step_forward(scene_id, version or current)
-        return self._current(scene_id)
+        self._scenes.version(scene_id, "")
+        return version_of(self._store.versions.step_forward(scene_id, version))
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
         """Make any version current, before the current one, after it or beside it; returns it. All others stay.
@@ -140,12 +144,11 @@ class Versions:
             InvalidInputError: no version is named.
             ConflictError: another version than the expected one is current.
         """
-        current = self._scenes.version(scene_id, "")
+        self._scenes.version(scene_id, "")
         check_texts((version, expected), "version")
         if not version:
             raise InvalidInputError("no version", field="version", hint="Name one of the scene's versions.")
-        self._store.versions.restore(scene_id, version, expected or current)
-        return self._current(scene_id)
+        return version_of(self._store.versions.restore(scene_id, version, expected))
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version of a scene, oldest first.
@@ -155,7 +158,7 @@ class Versions:
         """
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
-        return tuple(version_of(record, scene.version) for record in self._store.versions.of(scene))
+        return tuple(version_of(record) for record in self._store.versions.of(scene))
 
     def resolve(self, scene_id: str, version: str = "") -> str:
         """The name of a version that can be read; "" stands for the current one.
@@ -165,33 +168,23 @@ class Versions:
         """
         return self._scenes.version(scene_id, version)
 
-    def _current(self, scene_id: str) -> SceneVersion:
-        return next(known for known in self.all(scene_id) if known.current)
-
-    def _prune(self, scene_id: str) -> None:
-        for version in self._store.versions.prune(scene_id, self._settings.calls.max_versions):
-            self._store.blobs.drop_version(scene_id, version)
-
-    def _named(self, scene_id: str, version: str) -> SceneVersion:
-        return next(known for known in self.all(scene_id) if known.version == version)
-
-    def _in_force(self, earlier: VersionRecord, current: str) -> SceneVersion:
+    def _in_force(self, earlier: VersionRecord) -> SceneVersion:
         """The version that a request id made, if the current one is it or was made of it.
 
         Raises:
             ConflictError: it was undone.
         """
-        parents = {known.version: known.parent for known in self.all(earlier.scene_id)}
-        version = current
-        while version and version != earlier.version:
-            version = parents.get(version, "")
-        if not version:
+        versions = {known.version: known for known in self.all(earlier.scene_id)}
+        version = next((known.version for known in versions.values() if known.current), "")
+        while version in versions and version != earlier.version:
+            version = versions[version].parent
+        if version not in versions:
             raise ConflictError(
                 f"the edit of request id {earlier.request_id!r} was undone; its version was {earlier.version}",
                 field="request_id",
                 hint="Send the edit under a new request id to make it again.",
             )
-        return version_of(earlier, current)
+        return versions[version]
 
     def _make(
         self,
@@ -237,7 +230,7 @@ class Versions:
         key = self._store.keys.find(author) if author else None
         try:
             names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
-            self._store.versions.publish(
+            published, removed = self._store.versions.publish(
                 NewVersion(
                     scene_id=scene_id,
                     version=version,
@@ -252,13 +245,21 @@ class Versions:
                     scaling=scaling_to_json(edited.scaling),
                     alignment=alignment_to_json(edited.alignment),
                     quality={**record.quality, "changed_by": changes} if changes else None,
+                    max_versions=self._settings.calls.max_versions,
                 )
             )
         except BaseException:
-            self._store.blobs.drop_version(scene_id, version)
+            # The database may have done what was asked though its answer was lost: then the folder is needed. Where it
+            # does not answer now either, a worker's cleanup decides.
+            with suppress(DatabaseError):
+                if not self._store.versions.is_published(scene_id, version):
+                    self._store.blobs.drop_version(scene_id, version)
             raise
+        with suppress(ObjectStoreError):  # what stays, a worker's cleanup removes
+            for old in removed:
+                self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)
-        return self._named(scene_id, version)
+        return version_of(published)
 
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]

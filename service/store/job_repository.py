@@ -207,8 +207,11 @@ class JobRepository:
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(values)
             _execute_fenced(connection, claim, ready)
 
-    def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> None:
+    def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> Sequence[str]:
         """Publish a version and end the operation, which made it, as SUCCEEDED with its result; both at once.
+
+        Returns:
+            The names of the versions that were removed, whose folders are the caller's to remove.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first.
@@ -219,7 +222,8 @@ class JobRepository:
             done = _fenced(claim).where(operations.c.cancel_requested.is_(False))
             options = {**claim.operation.options, RESULT: dict(result)}
             _execute_fenced(connection, claim, done.values(state="SUCCEEDED", options=options, updated_at=time.time()))
-            publish_within(connection, new)
+            _, removed = publish_within(connection, new)
+        return removed
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
         """End the operation as FAILED with its durable reason.

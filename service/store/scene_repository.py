@@ -14,7 +14,7 @@ from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
 from fastsplat.service.store.photo_repository import forget_photos
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
-from fastsplat.service.store.schema import operations, scenes
+from fastsplat.service.store.schema import operations, scene_versions, scenes
 from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.scenes import SceneState
@@ -227,7 +227,7 @@ class SceneRepository:
             return self._operation(connection, operation_id)
 
     def delete_scene(self, scene_id: str) -> OperationRecord:
-        """Delete a scene and stop its operations; their request ids become free again.
+        """Delete a scene with its versions, and stop its operations; their request ids become free again.
 
         Returns:
             The operation that made it as it now is: while RUNNING, its worker cleans up.
@@ -237,13 +237,15 @@ class SceneRepository:
         """
         record = self.scene(scene_id)
         with self._writing() as connection:
-            if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
-                raise no_scene(scene_id)
-            forget_names(connection, scene_id)
-            forget_photos(connection, scene_id)
+            # Operations first, as in every transaction that changes both, so that none waits for one that waits for it.
             here = operations.c.scene_id == scene_id
             for row in connection.execute(select(operations).where(here)).mappings().all():
                 _stop(connection, as_operation(row))
+            if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
+                raise no_scene(scene_id)
+            connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
+            forget_names(connection, scene_id)
+            forget_photos(connection, scene_id)
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
             return self._operation(connection, record.operation_id)
 

@@ -1,6 +1,7 @@
 """Scene versions in the database: which there are, what they were made of, and which one is current.
 
-A scene without rows here was never edited: its trained version is the only one.
+A scene without rows here was never edited: its trained version is the only one. Whoever writes versions of a scene
+locks the scene's row first, see `_locked`: so of two that saw the same current version one is refused.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 @dataclass(frozen=True)
 class VersionRecord:
     """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
-    the service layer wrote them. `current_at` is when it last became current again, None if it never did. `author`
-    names the key that made it.
+    the service layer wrote them. `current_at` is when it last ceased to be current (in rows of earlier releases when it
+    last became current), None if it never did. `author` names the key that made it.
     """
 
     scene_id: str
@@ -44,6 +45,7 @@ class VersionRecord:
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
+    current: bool = False
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,9 @@ class NewVersion:
     it has its parent's.
 
     One that is `beside` the current version, and made of another one, does not become the current one.
+
+    Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
+    version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
     """
 
     scene_id: str
@@ -68,6 +73,16 @@ class NewVersion:
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
     beside: bool = False
+    max_versions: int | None = None
+
+
+_ROWS = scene_versions.c
+_ALL = select(scene_versions, (_ROWS.version == scenes.c.version).label("current")).join(
+    scenes, scenes.c.id == _ROWS.scene_id
+)
+"""In one statement, so that which one is current is of the same moment."""
+_NO_COLUMNS = ("names", "beside", "max_versions", "current")
+_TICK_S = 1e-6
 
 
 class VersionRepository:
@@ -79,16 +94,19 @@ class VersionRepository:
 
     def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
         """Every version of a READY scene, oldest first."""
-        query = select(scene_versions).where(scene_versions.c.scene_id == scene.id).order_by(scene_versions.c.number)
         with self._reading() as connection:
-            records = [VersionRecord(**row) for row in connection.execute(query).mappings()]
-        return records or [_trained(scene)]
+            return tuple(_versions(connection, scene.id).values()) or (_trained(scene),)
 
     def known(self, scene_id: str, version: str) -> bool:
         """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
-        here = select(exists().where(scene_versions.c.scene_id == scene_id, scene_versions.c.version == version))
         with self._reading() as connection:
-            return bool(connection.scalar(here))
+            return _exists(connection, scene_id, version)
+
+    def is_published(self, scene_id: str, version: str) -> bool:
+        """As `known`, after the end of every transaction that may still publish it."""
+        with self._writing() as connection:
+            connection.execute(select(scenes.c.id).where(scenes.c.id == scene_id).with_for_update())
+            return _exists(connection, scene_id, version)
 
     def made_by(self, scene_id: str, request_id: str, digest: str) -> VersionRecord | None:
         """The version that this request id made before, or None.
@@ -98,10 +116,8 @@ class VersionRepository:
         """
         if not request_id:
             return None
-        here = select(scene_versions).where(
-            scene_versions.c.scene_id == scene_id, scene_versions.c.request_id == request_id
-        )
         with self._reading() as connection:
+            here = _ALL.where(_ROWS.scene_id == scene_id, _ROWS.request_id == request_id)
             row = connection.execute(here).mappings().first()
         if row is None:
             return None
@@ -113,164 +129,170 @@ class VersionRepository:
             )
         return VersionRecord(**row)
 
-    def publish(self, new: NewVersion) -> None:
+    def publish(self, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
         """Make a version current, if its parent still is.
+
+        Returns:
+            It, and the names of the versions that were removed, whose folders are the caller's to remove.
 
         Raises:
             ConflictError: the scene has another current version by now, or the request id made one meanwhile.
             NotFoundError: the scene was deleted.
         """
         try:
-            self._publish(new)
+            with self._writing() as connection:
+                return publish_within(connection, new)
         except IntegrityError as error:
             raise ConflictError(
                 f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
             ) from error
 
-    def _publish(self, new: NewVersion) -> None:
-        with self._writing() as connection:
-            publish_within(connection, new)
+    def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
+        """Make the parent of the current version current; returns it.
 
-    def prune(self, scene_id: str, limit: int) -> Sequence[str]:
-        """Delete the rows of versions beyond `limit`; returns their names, whose folders are the caller's to remove.
-
-        Undone versions go first, then the oldest. The current version and the trained one stay; what was made of a
-        deleted version is undone to the one before that.
-        """
-        with self._writing() as connection:
-            current = connection.scalar(select(scenes.c.version).where(scenes.c.id == scene_id))
-            query = select(scene_versions).where(scene_versions.c.scene_id == scene_id)
-            rows = connection.execute(query.order_by(scene_versions.c.number)).mappings()
-            records = {row["version"]: VersionRecord(**row) for row in rows}
-            in_force = _lineage(records, current or "")
-            candidates = [record for record in records.values() if record.parent and record.version != current]
-            candidates.sort(key=lambda record: (record.version in in_force, record.number))
-            removed = {record.version for record in candidates[: max(0, len(records) - limit)]}
-            for record in records.values():
-                parent = record.parent
-                while parent in removed:
-                    parent = records[parent].parent
-                here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == record.version)
-                if record.version in removed:
-                    connection.execute(delete(scene_versions).where(*here))
-                    forget_names(connection, scene_id, record.version)
-                elif parent != record.parent:
-                    connection.execute(update(scene_versions).where(*here).values(parent=parent))
-        return sorted(removed)
-
-    def step_back(self, scene_id: str, expected: str) -> None:
-        """Make the parent of the current version current.
+        Args:
+            scene_id: which scene.
+            expected: the current version; "" for whatever it is.
 
         Raises:
-            ConflictError: `expected` is not the current version (any more), or it is the trained one.
+            ConflictError: another version than `expected` is current, or the trained one is.
             NotFoundError: the scene was deleted.
         """
         with self._writing() as connection:
-            _ready(connection, scene_id, expected=expected)
-            parents = select(scene_versions).where(scene_versions.c.scene_id == scene_id)
-            by_version = {row["version"]: VersionRecord(**row) for row in connection.execute(parents).mappings()}
-            current = by_version.get(expected)
+            scene = _locked(connection, scene_id, expected)
+            records = _versions(connection, scene_id)
+            current = records.get(scene.version)
             if current is None or not current.parent:
                 raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
-            _point(connection, scene_id, by_version[current.parent])
+            parent = records[current.parent]
+            _point(connection, scene, parent)
+        return replace(parent, current=True)
 
-    def step_forward(self, scene_id: str, expected: str) -> None:
-        """Make a version current that was made of the current one: of several the one that was current last.
+    def step_forward(self, scene_id: str, expected: str = "") -> VersionRecord:
+        """Make a version current that was made of the current one, of several the one that was current last.
+
+        Returns:
+            It.
+
+        Args:
+            scene_id: which scene.
+            expected: the current version; "" for whatever it is.
 
         Raises:
-            ConflictError: `expected` is not the current version (any more), or none was made of it.
+            ConflictError: another version than `expected` is current, or none was made of it.
             NotFoundError: the scene was deleted.
         """
-        children = select(scene_versions).where(
-            scene_versions.c.scene_id == scene_id, scene_versions.c.parent == expected
-        )
         with self._writing() as connection:
-            _ready(connection, scene_id, expected=expected)
-            records = [VersionRecord(**row) for row in connection.execute(children).mappings()]
+            scene = _locked(connection, scene_id, expected)
+            records = [each for each in _versions(connection, scene_id).values() if each.parent == scene.version]
             if not records:
                 raise ConflictError(
                     "there is nothing to redo: no version was made of the current one",
                     field="version",
                     hint="Look at the list of versions; any of them can be restored.",
                 )
-            last = max(records, key=lambda record: (record.current_at or record.created_at, record.number))
-            _point(connection, scene_id, last)
+            last = max(records, key=lambda record: (record.current_at or 0.0, record.number))
+            _point(connection, scene, last)
+        return replace(last, current=True)
 
-    def restore(self, scene_id: str, version: str, expected: str) -> None:
-        """Make a version current, wherever it is in the tree of versions.
+    def restore(self, scene_id: str, version: str, expected: str = "") -> VersionRecord:
+        """Make a version current, wherever it is in the tree of versions; returns it.
+
+        Args:
+            scene_id: which scene.
+            version: to become current.
+            expected: the current version; "" for whatever it is.
 
         Raises:
-            ConflictError: `expected` is not the current version (any more).
+            ConflictError: another version than `expected` is current.
             NotFoundError: the scene was deleted, or has no such version.
         """
-        here = select(scene_versions).where(scene_versions.c.scene_id == scene_id, scene_versions.c.version == version)
         with self._writing() as connection:
-            _ready(connection, scene_id, expected=expected)
-            row = connection.execute(here).mappings().first()
-            if row is not None:
-                _point(connection, scene_id, VersionRecord(**row))
-            elif version != expected:  # a scene that was never edited has no rows
+            scene = _locked(connection, scene_id, expected)
+            if version == scene.version:  # a scene that was never edited has no rows
+                return _versions(connection, scene_id).get(version) or _trained(scene)
+            record = _versions(connection, scene_id).get(version)
+            if record is None:
                 raise no_version(version)
-
-    def forget(self, scene_id: str) -> None:
-        """Remove the versions of a scene that is gone."""
-        with self._writing() as connection:
-            connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
-            forget_names(connection, scene_id)
+            _point(connection, scene, record)
+        return replace(record, current=True)
 
 
-def publish_within(connection: Connection, new: NewVersion) -> None:
-    """As `VersionRepository.publish`, as a part of somebody's transaction.
+def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
+    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet.
 
     Raises:
         ConflictError: the scene has another current version by now.
-        NotFoundError: the scene was deleted.
+        NotFoundError: the scene was deleted, or has no version any more that this one is `beside` of.
     """
-    scene = _ready(connection, new.scene_id, expected=None if new.beside else new.parent)
-    here = scene_versions.c.scene_id == new.scene_id
-    count = connection.scalar(select(func.count()).select_from(scene_versions).where(here))
+    scene = _locked(connection, new.scene_id, "" if new.beside else new.parent)
     # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
-    unsaid = update(scene_versions).where(here, scene_versions.c.quality.is_(None))
+    unsaid = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.quality.is_(None))
     connection.execute(unsaid.values(quality=dict(scene.quality)))
-    if not count:
-        first = vars(_trained(scene))
-        connection.execute(insert(scene_versions).values(first))
-    parent: SceneRecord | VersionRecord = scene
-    if new.beside:
-        row = connection.execute(select(scene_versions).where(here, scene_versions.c.version == new.parent)).mappings()
-        origin = row.first()
-        if origin is None:
-            raise no_version(new.parent)
-        parent = VersionRecord(**origin)
+    records = _versions(connection, scene.id)
+    if not records:
+        records = {scene.version: _trained(scene)}
+        connection.execute(insert(scene_versions).values(_row(records[scene.version])))
+    if new.beside and new.parent not in records:
+        raise no_version(new.parent)
+    parent = records[new.parent] if new.beside else scene
     new = replace(
         new,
         scaling=new.scaling or parent.scaling,
         alignment=new.alignment or parent.alignment,
         quality=new.quality or parent.quality,
     )
-    columns = {name: value for name, value in vars(new).items() if name not in ("names", "beside")}
-    values = {**columns, "request_id": new.request_id or None, "number": (count or 1) + 1}
-    connection.execute(insert(scene_versions).values(**values, created_at=time.time()))
+    values = {
+        **_row(new), "request_id": new.request_id or None, "created_at": time.time(),
+        "number": max(record.number for record in records.values()) + 1,
+    }  # fmt: skip
+    connection.execute(insert(scene_versions).values(values))
     if not new.beside:
-        _point(connection, new.scene_id, new)
-    record_names(connection, new.scene_id, new.parent, new.version, new.names)
+        _point(connection, scene, new)
+    record_names(connection, scene.id, new.parent, new.version, new.names)
+    removed = () if new.max_versions is None else _prune(connection, scene.id, new.version, new.max_versions)
+    return _versions(connection, scene.id)[new.version], removed
 
 
-def _lineage(records: Mapping[str, VersionRecord], version: str) -> frozenset[str]:
-    """A version and all that it was made of."""
+def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Sequence[str]:
+    """Delete the rows of versions beyond `limit`, see `NewVersion`; returns their names."""
+    records = _versions(connection, scene_id)
+    in_force = _lineage(records)
+    staying = {new, next(iter(records)), *(record.version for record in records.values() if record.current)}
+    candidates = [record for record in records.values() if record.version not in staying]
+    candidates.sort(key=lambda record: (record.version in in_force, record.number))
+    removed = {record.version for record in candidates[: max(0, len(records) - limit)]}
+    for record in records.values():
+        parent = record.parent
+        while parent in removed:
+            parent = records[parent].parent
+        here = (_ROWS.scene_id == scene_id, _ROWS.version == record.version)
+        if record.version in removed:
+            connection.execute(delete(scene_versions).where(*here))
+            forget_names(connection, scene_id, record.version)
+        elif parent != record.parent:
+            connection.execute(update(scene_versions).where(*here).values(parent=parent))
+    return sorted(removed)
+
+
+def _lineage(records: Mapping[str, VersionRecord]) -> frozenset[str]:
+    """The current version and all that it was made of."""
     names: set[str] = set()
+    version = next((record.version for record in records.values() if record.current), "")
     while version in records and version not in names:
         names.add(version)
         version = records[version].parent
     return frozenset(names)
 
 
-def _ready(connection: Connection, scene_id: str, expected: str | None) -> SceneRecord:
-    row = connection.execute(select(scenes).where(scenes.c.id == scene_id)).mappings().first()
+def _locked(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
+    """The row of a scene, which nobody else changes before the transaction's end, if `expected` is its current version
+    ("": whatever it is). SQLite knows no locks of rows; there a transaction that writes is the only one."""
+    row = connection.execute(select(scenes).where(scenes.c.id == scene_id).with_for_update()).mappings().first()
     if row is None:
         raise no_scene(scene_id)
     scene = SceneRecord(**row)
-    if expected is not None and scene.version != expected:
+    if expected and scene.version != expected:
         raise ConflictError(
             f"the current version of scene {scene_id!r} is {scene.version!r}, not {expected[:80]!r}",
             field="version",
@@ -279,16 +301,34 @@ def _ready(connection: Connection, scene_id: str, expected: str | None) -> Scene
     return scene
 
 
-def _point(connection: Connection, scene_id: str, to: NewVersion | VersionRecord) -> None:
+def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionRecord) -> None:
+    """Make a version the current one of a locked scene."""
     values = {
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
         "alignment": None if to.alignment is None else dict(to.alignment),
         **({} if to.quality is None else {"quality": dict(to.quality)}),
     }  # fmt: skip
-    connection.execute(update(scenes).where(scenes.c.id == scene_id).values(values))
-    here = (scene_versions.c.scene_id == scene_id, scene_versions.c.version == to.version)
-    connection.execute(update(scene_versions).where(*here).values(current_at=time.time()))
+    connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
+    # Later than all before it, whatever the clocks of several machines say: by it a redo knows what an undo left.
+    latest = connection.scalar(select(func.max(_ROWS.current_at)).where(_ROWS.scene_id == scene.id))
+    left = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.version == scene.version)
+    connection.execute(left.values(current_at=max(time.time(), (latest or 0.0) + _TICK_S)))
+
+
+def _versions(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
+    """All rows of a scene by version, oldest first; none if it was never edited."""
+    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number, _ROWS.created_at))
+    return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
+
+
+def _exists(connection: Connection, scene_id: str, version: str) -> bool:
+    here = select(exists().where(_ROWS.scene_id == scene_id, _ROWS.version == version))
+    return bool(connection.scalar(here))
+
+
+def _row(version: NewVersion | VersionRecord) -> dict[str, Any]:
+    return {name: value for name, value in vars(version).items() if name not in _NO_COLUMNS}
 
 
 def no_version(version: str) -> NotFoundError:
@@ -301,5 +341,5 @@ def no_version(version: str) -> NotFoundError:
 def _trained(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
-        quality=scene.quality,
+        quality=scene.quality, current=True,
     )  # fmt: skip

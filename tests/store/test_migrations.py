@@ -154,7 +154,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 10),
+        ("schema_version", "version"): (2, 11),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)
@@ -174,6 +174,28 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     options = options_from_json(store.scenes.operation("op_new").options)
     assert (options.labels, options.preset, options.max_gaussians) == (("mug",), "draft", 500)
     store.close()
+
+
+def test_versions_of_the_same_number_get_different_ones_by_age(empty: Engine) -> None:
+    _fill(empty, _BEFORE_ALEMBIC)
+    row = (
+        "INSERT INTO scene_versions (scene_id, version, number, parent, created_at, request_digest, gaussians, "
+        "dictionary, edits) VALUES ('{}', '{}', {}, '{}', {}, '', 1, '[]', '[]')"
+    ).format
+    doubled = [("t", 1, "", 9.0), ("b", 4, "a", 3.0), ("a", 4, "t", 2.0), ("d", 4, "c", 5.0), ("c", 4, "b", 4.0)]
+    with empty.begin() as connection:
+        for version, number, parent, created_at in doubled:
+            connection.execute(text(row("doubled", version, number, parent, created_at)))
+        for version, number, created_at in (("t", 1, 1.0), ("x", 5, 3.0), ("y", 7, 2.0)):
+            connection.execute(text(row("sound", version, number, "t" if number > 1 else "", created_at)))
+    migrate(empty)
+    numbers = text("SELECT version, number FROM scene_versions WHERE scene_id = :scene ORDER BY number")
+    with empty.connect() as connection:
+        after = {scene: list(connection.execute(numbers, {"scene": scene})) for scene in ("doubled", "sound")}
+    assert after == {
+        "doubled": [("t", 1), ("a", 2), ("b", 3), ("c", 4), ("d", 5)],
+        "sound": [("t", 1), ("x", 5), ("y", 7)],
+    }
 
 
 def test_opening_twice_and_by_many_at_once_changes_nothing_more(old: Engine, tmp_path: Path, database_url: str) -> None:

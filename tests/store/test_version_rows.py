@@ -1,0 +1,197 @@
+"""Rows of versions: one order for good, one writer at a time on either database, and nothing taken from an undo."""
+
+from __future__ import annotations
+
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+import pytest
+from sqlalchemy import update
+
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.schema import scene_versions
+from fastsplat.service.store.version_repository import NewVersion
+from fastsplat_contract.errors import ConflictError, NotFoundError
+
+_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
+_TRIALS = 6
+"""So many times writers race; without a lock, two of them are acknowledged nearly each time."""
+
+
+@pytest.fixture
+def stores(tmp_path: Path, database_url: str) -> Iterator[tuple[Store, Store]]:
+    """One database as two servers open it."""
+    both = open_store(tmp_path / "data", database_url), open_store(tmp_path / "data", database_url)
+    yield both
+    for store in both:
+        store.close()
+
+
+def _scene(store: Store, number: int = 1) -> str:
+    """Id of a READY scene."""
+    scene_id = f"scene{number}"
+    store.scenes.create(NewJob(scene_id, f"op{number}", "name", "", "d", f"up{number}", {"labels": []}))
+    claim = store.jobs.claim(f"op{number}")
+    assert claim is not None
+    store.jobs.succeed(claim, _SUMMARY)
+    return scene_id
+
+
+def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None, beside: bool = False) -> NewVersion:
+    """A version whose request id says nothing of its age, as those of clients do."""
+    return NewVersion(
+        scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), max_versions=max_versions, beside=beside
+    )  # fmt: skip
+
+
+def _lineage(store: Store, scene_id: str) -> list[str]:
+    """The current version and all before it, newest first."""
+    scene = store.scenes.scene(scene_id)
+    parents = {row.version: row.parent for row in store.versions.of(scene)}
+    names = [scene.version]
+    while parents[names[-1]]:
+        names.append(parents[names[-1]])
+    return names
+
+
+@pytest.mark.parametrize("limit", [2, 3, 6])
+def test_beyond_the_limit_the_oldest_go_whatever_their_request_ids(stores: tuple[Store, Store], limit: int) -> None:
+    scene_id, made = _scene(stores[0]), ["trained"]
+    for number in range(3 * limit):
+        stores[number % 2].versions.publish(_new(scene_id, f"e{number}", made[-1], limit))
+        made.append(f"e{number}")
+        kept = [made[0], *made[1:][1 - limit :]]
+        rows = stores[0].versions.of(stores[0].scenes.scene(scene_id))
+        assert [row.version for row in rows] == kept == _lineage(stores[1], scene_id)[::-1]
+        assert [row.number for row in rows] == sorted({row.number for row in rows})
+
+
+def _at_once(*calls: Callable[[], object]) -> list[bool]:
+    """Which of some calls that begin at the same moment are acknowledged; the others are refused."""
+    barrier = threading.Barrier(len(calls))
+
+    def acknowledged(call: Callable[[], object]) -> bool:
+        barrier.wait()
+        try:
+            call()
+        except (ConflictError, NotFoundError):
+            return False
+        return True
+
+    with ThreadPoolExecutor(len(calls)) as pool:
+        return list(pool.map(acknowledged, calls))
+
+
+_Write = Callable[[Store, str, str], object]
+_WRITES: dict[str, _Write] = {
+    "publish": lambda store, scene_id, name: store.versions.publish(_new(scene_id, name, "first")),
+    "step_back": lambda store, scene_id, name: store.versions.step_back(scene_id, "first"),
+    "step_forward": lambda store, scene_id, name: store.versions.step_forward(scene_id, "first"),
+    "restore": lambda store, scene_id, name: store.versions.restore(scene_id, "undone", "first"),
+    "end of a job": lambda store, scene_id, name: _end_job(store, scene_id, name),
+}
+
+
+_LINEAGES = {
+    "step_back": ["trained"],
+    "step_forward": ["undone", "first", "trained"],
+    "restore": ["undone", "first", "trained"],
+}
+"""The versions in force after some of them."""
+
+
+def _end_job(store: Store, scene_id: str, name: str) -> None:
+    claim = store.jobs.claim(f"job of {scene_id}")
+    assert claim is not None
+    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), ()), {})
+
+
+@pytest.mark.parametrize(("one", "other"), [*(("publish", other) for other in _WRITES), ("end of a job", "step_back")])
+def test_of_two_writers_that_saw_the_same_version_one_is_refused(
+    stores: tuple[Store, Store], one: str, other: str
+) -> None:
+    for number in range(_TRIALS):
+        scene_id = _scene(stores[0], number)
+        stores[0].scenes.add_job(NewJob(scene_id, f"job of {scene_id}", "", "", "d", "", {"labels": []}))
+        stores[0].versions.publish(_new(scene_id, "first", "trained"))
+        stores[0].versions.publish(_new(scene_id, "undone", "first"))
+        stores[0].versions.step_back(scene_id, "undone")
+        done = _at_once(
+            partial(_WRITES[one], stores[0], scene_id, "by0"), partial(_WRITES[other], stores[1], scene_id, "by1")
+        )
+        assert sorted(done) == [False, True], (one, other, number)
+        current = _lineage(stores[0], scene_id)
+        made = [f"by{done.index(True)}", "first", "trained"]
+        assert current == (_LINEAGES.get(other, made) if done[1] else made)
+
+
+def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tuple[Store, Store]) -> None:
+    for number in range(_TRIALS):
+        scene_id = _scene(stores[0], number)
+        stores[0].versions.publish(_new(scene_id, "old", "trained"))
+        stores[0].versions.publish(_new(scene_id, "new", "old"))
+        newest = _new(scene_id, "newest", "trained", max_versions=2, beside=True)
+        _at_once(
+            partial(stores[0].versions.publish, newest),
+            partial(stores[1].versions.restore, scene_id, "old"),
+        )
+        scene = stores[0].scenes.scene(scene_id)
+        assert scene.version in {row.version for row in stores[0].versions.of(scene)}
+
+
+def test_a_redo_goes_to_the_version_that_was_left_whatever_the_clocks_say(
+    stores: tuple[Store, Store], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = stores[0]
+    scene_id, now = _scene(store), time.time()
+    for name in ("first", "second"):
+        store.versions.publish(_new(scene_id, name, "trained"))
+        store.versions.step_back(scene_id, name)
+    assert store.versions.step_forward(scene_id, "trained").version == "second"
+    store.versions.restore(scene_id, "first", "second")
+    monkeypatch.setattr(time, "time", lambda: now - 3600)  # another machine's clock
+    assert store.versions.step_back(scene_id, "first").version == "trained"
+    assert store.versions.step_forward(scene_id, "trained").version == "first"
+
+
+def test_a_redo_takes_back_an_undo_though_a_version_was_put_beside(stores: tuple[Store, Store]) -> None:
+    store, scene_id = stores[0], _scene(stores[0])
+    store.versions.publish(_new(scene_id, "edited", "trained"))
+    store.versions.publish(_new(scene_id, "beside", "trained", beside=True))
+    store.versions.step_back(scene_id, "edited")
+    assert store.versions.step_forward(scene_id, "trained").version == "edited"
+
+
+def test_without_an_expected_version_an_undo_is_of_whatever_is_current(stores: tuple[Store, Store]) -> None:
+    scene_id = _scene(stores[0])
+    names = [f"e{number}" for number in range(6)]
+    for parent, name in zip(["trained", *names], names, strict=False):
+        stores[0].versions.publish(_new(scene_id, name, parent))
+    with ThreadPoolExecutor(6) as pool:
+        back = pool.map(lambda number: stores[number % 2].versions.step_back(scene_id).version, range(6))
+    assert sorted(back) == sorted(["trained", *names[:-1]])
+    with pytest.raises(ConflictError):
+        stores[0].versions.step_back(scene_id)
+
+
+def test_versions_go_in_the_transaction_that_deletes_their_scene(stores: tuple[Store, Store]) -> None:
+    scene_id = _scene(stores[0])
+    stores[0].versions.publish(_new(scene_id, "first", "trained"))
+    stores[0].scenes.delete_scene(scene_id)
+    assert not stores[1].versions.known(scene_id, "first") and not stores[1].versions.known(scene_id, "trained")
+
+
+def test_rows_without_a_number_of_their_own_are_kept_apart(stores: tuple[Store, Store]) -> None:
+    store, scene_id = stores[0], _scene(stores[0])
+    for parent, name in (("trained", "a"), ("a", "b"), ("b", "c")):
+        store.versions.publish(_new(scene_id, name, parent))
+    with store.engine.begin() as connection:
+        connection.execute(update(scene_versions).where(scene_versions.c.number > 1).values(number=3))
+    store.versions.publish(_new(scene_id, "d", "c"))
+    assert store.versions.of(store.scenes.scene(scene_id))[-1].version == "d"
