@@ -1,0 +1,275 @@
+"""Calls on the versions of one scene, several at the same moment on two servers, held against `version_model`.
+
+Of calls that ran at once nobody knows the order; so every order is tried, and at least one has to explain all answers
+and all that is stored afterwards: rows, folders, and what the current version shows.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import shutil
+import threading
+import uuid
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from hypothesis import HealthCheck, Phase, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+
+from fastsplat.service.perception.text import TextEncoder
+from fastsplat.service.query import QuerySettings
+from fastsplat.service.scene import read_scene
+from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.store import Store
+from fastsplat.service.store.records import TRAIN_MORE, NewJob
+from fastsplat.workers.claimed_job import ClaimedJob
+from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.train_more_messages import TrainMoreIn
+from tests.api.made_scene import LABELS
+from tests.application.version_model import (
+    Acknowledged,
+    Answer,
+    Call,
+    Content,
+    EditCall,
+    History,
+    JobCall,
+    Known,
+    RestoreCall,
+    StepCall,
+)
+from tests.scenes import labelled_scene, store_scene
+
+LIMIT = 5
+"""Versions that servers keep of a scene."""
+_COLORS = 16
+_AT_ONCE = 4
+_REQUESTS = 6
+_FOLDERS = {"shared": "scenes/{}/*", "apart": "scenes/{}/*/manifest.json"}
+
+
+class Server(Protocol):
+    """The calls of `Versions` that the machine makes."""
+
+    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion: ...
+    def undo(self, scene_id: str, version: str) -> SceneVersion: ...
+    def redo(self, scene_id: str, version: str) -> SceneVersion: ...
+    def restore(self, scene_id: str, version: str, expected: str) -> SceneVersion: ...
+    def all(self, scene_id: str) -> tuple[SceneVersion, ...]: ...
+
+
+@dataclass
+class Place:
+    """Two servers of one database, and the store of each.
+
+    Attributes:
+        servers: to be called.
+        stores: of the same two, to look into.
+        published: folder of the versions that are published, as the scene folders of both or their object store.
+        encoder: embeds the labels.
+        apart: whether that is an object store.
+        calls: counts what was called.
+    """
+
+    servers: tuple[Server, Server]
+    stores: tuple[Store, Store]
+    published: Path
+    encoder: TextEncoder
+    apart: bool = False
+    calls: int = 0
+
+
+class VersionMachine(RuleBasedStateMachine):
+    """The calls; `place` is set by whoever runs it."""
+
+    place: Place
+
+    @initialize()
+    def make_scene(self) -> None:
+        ids = np.repeat(np.arange(1, len(LABELS) + 1), 2)
+        means, black = np.arange(len(ids) * 3.0).reshape(-1, 3), _sh(np.zeros(len(ids)))
+        templates = QuerySettings().templates
+        scene = labelled_scene(means, ids, LABELS, sh=black, encoder=self.place.encoder, templates=templates)
+        store = self.place.stores[0]
+        self.scene_id = store_scene(store, scene)
+        version = store.scenes.scene(self.scene_id).version
+        source = store.blobs.version(self.scene_id, version).rename(store.blobs.root / uuid.uuid4().hex)
+        store.blobs.publish(source, self.scene_id, version)
+        self.pool = ThreadPoolExecutor(_AT_ONCE)
+        (only,) = self.place.servers[0].all(self.scene_id)
+        self.histories = [History({only.version: Known("", (0,) * len(LABELS))}, only.version, LIMIT)]
+        self.stale = only.version
+
+    @rule(data=st.data(), count=st.integers(1, _AT_ONCE))
+    def call(self, data: st.DataObject, count: int) -> None:
+        calls = [self._drawn(data.draw) for _ in range(count)]
+        current = self.histories[0].current
+        self._check(calls, self._at_once(calls))
+        self.stale = current
+
+    @rule(count=st.integers(1, LIMIT))
+    def edit_on(self, count: int) -> None:
+        for number in range(count):
+            calls: list[Call] = [EditCall(number % len(LABELS), number, uuid.uuid4().hex)]
+            self._check(calls, self._at_once(calls))
+
+    @rule()
+    def undo_all_and_redo_all(self) -> None:
+        for action in ("undo", "redo"):
+            for _ in range(len(self.histories[0].lineage()) if action == "undo" else LIMIT):
+                calls: list[Call] = [StepCall(action, "")]
+                self._check(calls, self._at_once(calls))
+
+    def teardown(self) -> None:
+        if hasattr(self, "pool"):
+            self.pool.shutdown()
+            self.place.stores[0].scenes.delete_scene(self.scene_id)
+
+    def _drawn(self, draw: st.DrawFn) -> Call:
+        """A call; which versions there are is not Hypothesis's to know, so it draws numbers of them."""
+        history = self.histories[0]
+        names = list(history.versions)
+        target = names[draw(st.integers(0, 2 * LIMIT)) % len(names)]
+        expected = ("", history.current, self.stale)[draw(st.integers(0, 2))]
+        kind = draw(st.sampled_from(("edit", "edit", "edit again", "undo", "redo", "restore", "job", "beside")))
+        if kind == "edit":
+            return EditCall(
+                draw(st.integers(0, len(LABELS) - 1)), draw(st.integers(0, _COLORS - 1)), uuid.uuid4().hex
+            )  # fmt: skip
+        if kind == "edit again":
+            number = draw(st.integers(0, 2 * _REQUESTS - 1))  # two requests of each id
+            return EditCall(number % len(LABELS), number % _COLORS, f"request{number % _REQUESTS}")
+        if kind == "restore":
+            return RestoreCall(target, expected)
+        if kind == "job":
+            return JobCall(expected or history.current, beside=False)
+        if kind == "beside":
+            return JobCall(target, beside=True)
+        return StepCall("undo" if kind == "undo" else "redo", expected)
+
+    def _at_once(self, calls: Sequence[Call]) -> list[Answer]:
+        barrier = threading.Barrier(len(calls))
+
+        def answer(number: int) -> Answer:
+            job = self._job(calls[number], number % 2)
+            barrier.wait()
+            try:
+                made = self._answer(calls[number], number % 2, job)
+            except ConflictError:
+                return "conflict"
+            except NotFoundError:
+                return "not found"
+            return made
+
+        self.place.calls += len(calls)
+        return list(self.pool.map(answer, range(len(calls))))
+
+    def _answer(self, call: Call, number: int, job: ClaimedJob | None) -> Acknowledged:
+        server = self.place.servers[number]
+        if isinstance(call, EditCall):
+            color = Color(call.color / _COLORS, 0.0, 0.0)
+            made = server.edit(self.scene_id, [Edit("recolor", label=LABELS[call.label], color=color)], call.request_id)
+        elif isinstance(call, RestoreCall):
+            made = server.restore(self.scene_id, call.version, call.expected)
+        elif isinstance(call, StepCall):
+            made = (server.undo if call.action == "undo" else server.redo)(self.scene_id, call.expected)
+        else:
+            assert job is not None
+            try:
+                job.succeed_with_version()
+            except (ConflictError, NotFoundError):
+                job.drop_result()
+                raise
+            return Acknowledged(job.run_id, call.parent)
+        assert made.current or isinstance(call, EditCall)  # one that was made before may have been edited since
+        return Acknowledged(made.version, made.parent)
+
+    def _job(self, call: Call, number: int) -> ClaimedJob | None:
+        """A job whose result is a copy of the version that it began with."""
+        if not isinstance(call, JobCall):
+            return None
+        store, name = self.place.stores[number], uuid.uuid4().hex
+        options = {"labels": [], TRAIN_MORE: to_plain(TrainMoreIn(steps=10))}
+        store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", options))
+        claim = store.jobs.claim(name)
+        assert claim is not None
+        job = ClaimedJob(store, claim, LIMIT)
+        folder = job.folder / job.stages[-1]
+        parent = store.blobs.fetch_version(self.scene_id, call.parent)
+        if parent is None:  # a call at the same moment has removed it; it is not found below, either
+            folder.mkdir(parents=True)
+        else:
+            shutil.copytree(parent, folder)
+        record = store.scenes.scene(self.scene_id)
+        summary = {
+            "result": {}, "parent": call.parent, "gaussians": record.gaussians,
+            "dictionary": list(record.dictionary), "beside": call.beside,
+        }  # fmt: skip
+        (folder / "summary.json").write_text(json.dumps(summary))
+        return job
+
+    def _check(self, calls: Sequence[Call], answers: Sequence[Answer]) -> None:
+        """Keep the histories that explain the answers and what is stored."""
+        listed = [server.all(self.scene_id) for server in self.place.servers]
+        assert listed[0] == listed[1]
+        rows = [(each.version, each.parent) for each in listed[0]]
+        (current,) = [each.version for each in listed[0] if each.current]
+        explained = {}
+        for history in self.histories:
+            for order in itertools.permutations(zip(calls, answers, strict=True)):
+                after = _after(history, order)
+                stored = after and [(name, known.parent) for name, known in after.versions.items()]
+                if after and stored == rows and after.current == current:
+                    explained[repr(after)] = after
+        assert explained, (self.histories, list(zip(calls, answers, strict=True)), rows, current)
+        self.histories = list(explained.values())
+        folders = self.place.published.glob(_FOLDERS["apart" if self.place.apart else "shared"].format(self.scene_id))
+        published = {path.parent.name if self.place.apart else path.name for path in folders}
+        assert published == {name for name, _ in rows}
+        for store in self.place.stores:
+            content = _content(store, self.scene_id, current)
+            assert {history.versions[current].content for history in self.histories} == {content}
+
+
+def _after(history: History, order: Iterable[tuple[Call, Answer]]) -> History | None:
+    after: History | None = history
+    for call, answer in order:
+        after = after and after.after(call, answer)
+    return after
+
+
+def _sh(colors: np.ndarray) -> np.ndarray:
+    """[G, 1, 3] of so many sixteenths of red."""
+    rgb = np.stack([colors / _COLORS, np.zeros(len(colors)), np.zeros(len(colors))], axis=1)
+    return ((rgb - 0.5) / SH_C0)[:, None, :].astype(np.float32)
+
+
+def _content(store: Store, scene_id: str, version: str) -> Content:
+    """What the files of a version show."""
+    folder = store.blobs.fetch_version(scene_id, version)
+    assert folder is not None
+    store.blobs.check_version(folder)
+    red = read_scene(folder / "artefact").gaussians.sh[::2, 0, 0] * SH_C0 + 0.5
+    return tuple(round(float(value) * _COLORS) for value in red)
+
+
+def run(place: Place, scenes: int, steps: int) -> None:
+    """So many scenes, each with so many steps of one to a dozen calls."""
+    machine = type("Machine", (VersionMachine,), {"place": place})
+    # Without an attempt to make a failure smaller: what happens at the same moment does not happen again.
+    phases, checks = (Phase.generate,), list(HealthCheck)
+    run_state_machine_as_test(
+        machine,
+        settings=settings(
+            max_examples=scenes, stateful_step_count=steps, deadline=None, database=None, phases=phases,
+            suppress_health_check=checks,
+        ),
+    )  # fmt: skip
