@@ -27,11 +27,13 @@ from sqlalchemy import Engine, ExceptionContext, event
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
+from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
+from fastsplat.workers.lost_versions import trash_lost_versions
 from fastsplat.workers.periodic import RepeatFilter, repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
 
@@ -310,7 +312,9 @@ def _clean_up(worker: Worker) -> None:
 
 
 def _clean_up_storage(worker: Worker) -> None:
-    worker.store.blobs.remove_partial(worker.settings.artefacts.partial_expiry_s)
+    blobs = worker.store.blobs
+    blobs.remove_partial(worker.settings.artefacts.partial_expiry_s)
+    trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))
 
 
 def _delete_engine_records(retention_s: float) -> None:

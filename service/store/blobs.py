@@ -19,7 +19,7 @@ import shutil
 import time
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -145,6 +145,21 @@ class Blobs:
     def drop_version(self, scene_id: str, version: str) -> None:
         """Remove one version; those who have its files open may read on."""
         self._discard(self.version(scene_id, version))
+
+    def versions(self) -> dict[tuple[str, str], float]:
+        """When each version was published, by scene and name, wherever they are kept; seconds since 1970."""
+        published = {}
+        for folder in (self.root / "scenes").glob("[!.]*/[!.]*"):
+            with suppress(FileNotFoundError):  # removed meanwhile
+                published[folder.parent.name, folder.name] = folder.stat().st_mtime
+        return published
+
+    def trash_version(self, scene_id: str, version: str, now: float) -> None:
+        """Move one version to the trash, at `now`, in seconds since 1970."""
+        target = self._folder("trash", "scenes", f"{scene_id}.{version}.{int(now)}")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # another worker moved it first
+            self.version(scene_id, version).rename(target)
 
     @contextmanager
     def exclusive(self, scene_id: str) -> Iterator[None]:

@@ -8,6 +8,7 @@ objects that nothing names, which `remove_partial` removes. Keys, below the URL:
     .../manifest.json                 written last
     .../parts-<random>/<file name>    written before
     jobs/<run id>/<file name>         what can be looked at while a job runs: a file each, never changed
+    trash/<scene id>.<version>.<second>/<version>/...   versions that have no row
 
 Readers copy a folder into the data directory once, check every digest, and use it from there; what is there is whole.
 Credentials come from where the store's own tools look: AWS_ACCESS_KEY_ID and so on.
@@ -20,7 +21,7 @@ import json
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path, PurePosixPath
@@ -133,6 +134,26 @@ class ObjectStoreBlobs(Blobs):
         """See `Blobs`."""
         self._drop(self._key("scenes", scene_id, version))
         super().drop_version(scene_id, version)
+
+    def versions(self) -> dict[tuple[str, str], float]:
+        """See `Blobs`. Copies on this machine do not count."""
+        published = {}
+        with _store_errors():
+            for name, entry in self.files.find(self._key("scenes"), detail=True).items():
+                path = PurePosixPath(name)
+                if path.name == _MANIFEST:
+                    published[path.parts[-3], path.parts[-2]] = _changed_at(entry)
+        return published
+
+    def trash_version(self, scene_id: str, version: str, now: float) -> None:
+        """See `Blobs`. An object store cannot rename: its objects are copied, the manifest last, and then removed."""
+        source = self._key("scenes", scene_id, version)
+        target = self._key("trash", f"{scene_id}.{version}.{int(now)}", version)
+        with _store_errors():
+            for name in sorted(self.files.find(source), key=lambda name: name.endswith(f"/{_MANIFEST}")):
+                with suppress(FileNotFoundError):  # another worker moved it first
+                    self.files.cp_file(name, target + str(name).partition(source)[2])
+        self.drop_version(scene_id, version)
 
     def drop_scene(self, scene_id: str) -> None:
         """See `Blobs`."""

@@ -7,7 +7,7 @@ locks the scene's row first, see `_locked`: so of two that saw the same current 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -101,6 +101,14 @@ class VersionRepository:
         """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
         with self._reading() as connection:
             return _exists(connection, scene_id, version)
+
+    def without_row(self, versions: Collection[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+        """Which of these, by scene and name, have no row and are not current, though their scene has a row."""
+        with self._reading() as connection:
+            current = {tuple(row) for row in connection.execute(select(scenes.c.id, scenes.c.version))}
+            rows = {tuple(row) for row in connection.execute(select(_ROWS.scene_id, _ROWS.version))}
+        scene_ids = {scene_id for scene_id, _ in current}
+        return frozenset(key for key in versions if key[0] in scene_ids) - current - rows
 
     def is_published(self, scene_id: str, version: str) -> bool:
         """As `known`, after the end of every transaction that may still publish it."""

@@ -11,16 +11,17 @@ import json
 import shutil
 import threading
 import uuid
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, initialize, rule, run_state_machine_as_test
+from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
 from fastsplat.service.perception.text import TextEncoder
 from fastsplat.service.query import QuerySettings
@@ -76,7 +77,8 @@ class Place:
         published: folder of the versions that are published, as the scene folders of both or their object store.
         encoder: embeds the labels.
         apart: whether that is an object store.
-        calls: counts what was called.
+        scenes: how many were made.
+        answers: how many calls were answered so.
     """
 
     servers: tuple[Server, Server]
@@ -84,7 +86,13 @@ class Place:
     published: Path
     encoder: TextEncoder
     apart: bool = False
-    calls: int = 0
+    scenes: int = 0
+    answers: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def calls(self) -> int:
+        """How many there were."""
+        return self.answers.total()
 
 
 class VersionMachine(RuleBasedStateMachine):
@@ -104,12 +112,21 @@ class VersionMachine(RuleBasedStateMachine):
         source = store.blobs.version(self.scene_id, version).rename(store.blobs.root / uuid.uuid4().hex)
         store.blobs.publish(source, self.scene_id, version)
         self.pool = ThreadPoolExecutor(_AT_ONCE)
+        self.place.scenes += 1
         (only,) = self.place.servers[0].all(self.scene_id)
         self.histories = [History({only.version: Known("", (0,) * len(LABELS))}, only.version, LIMIT)]
         self.stale = only.version
 
-    @rule(data=st.data(), count=st.integers(1, _AT_ONCE))
+    @rule(data=st.data())
+    def call_one(self, data: st.DataObject) -> None:
+        self.call(data, 1)
+
+    @rule(data=st.data(), count=st.integers(2, _AT_ONCE))
+    def call_some_at_once(self, data: st.DataObject, count: int) -> None:
+        self.call(data, count)
+
     def call(self, data: st.DataObject, count: int) -> None:
+        """So many calls at the same moment."""
         calls = [self._drawn(data.draw) for _ in range(count)]
         current = self.histories[0].current
         self._check(calls, self._at_once(calls))
@@ -122,11 +139,12 @@ class VersionMachine(RuleBasedStateMachine):
             self._check(calls, self._at_once(calls))
 
     @rule()
+    @precondition(lambda self: len(self.histories[0].lineage()) > 2)
     def undo_all_and_redo_all(self) -> None:
-        for action in ("undo", "redo"):
-            for _ in range(len(self.histories[0].lineage()) if action == "undo" else LIMIT):
-                calls: list[Call] = [StepCall(action, "")]
-                self._check(calls, self._at_once(calls))
+        count = len(self.histories[0].lineage()) - 1
+        for action in (*["undo"] * count, *["redo"] * count):
+            calls: list[Call] = [StepCall(action, "")]
+            self._check(calls, self._at_once(calls))
 
     def teardown(self) -> None:
         if hasattr(self, "pool"):
@@ -169,8 +187,9 @@ class VersionMachine(RuleBasedStateMachine):
                 return "not found"
             return made
 
-        self.place.calls += len(calls)
-        return list(self.pool.map(answer, range(len(calls))))
+        answers = list(self.pool.map(answer, range(len(calls))))
+        self.place.answers.update(each if isinstance(each, str) else "acknowledged" for each in answers)
+        return answers
 
     def _answer(self, call: Call, number: int, job: ClaimedJob | None) -> Acknowledged:
         server = self.place.servers[number]

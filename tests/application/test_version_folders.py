@@ -1,0 +1,114 @@
+"""A version is a folder and a row: what breaks off between the two leaves no row without its folder, and no folder for
+long."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.query import QuerySettings
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.records import TRAIN_MORE, NewJob
+from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.version_repository import NewVersion, VersionRepository
+from fastsplat.workers.lost_versions import trash_lost_versions
+from fastsplat_contract.errors import DatabaseError
+from fastsplat_contract.scenes import Color, Edit
+from tests.api.made_scene import ENCODER, add_scene, write_words
+
+_DAY_S = 24 * 3600.0
+_EDITS = [Edit("recolor", label="mug", color=Color(0.0, 0.5, 1.0))]
+
+
+@pytest.fixture(params=["data folder", "object store"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[SceneService, str]]:
+    """A service with a scene that was edited once, and the scene's id."""
+    write_words(tmp_path / "models")
+    url = (tmp_path / "objects").as_uri() if request.param == "object store" else ""
+    settings = Settings(
+        data_dir=tmp_path / "data", models=tmp_path / "models", artefacts=ArtefactSettings(url=url),
+        query=QuerySettings(backend="reference"),
+    )  # fmt: skip
+    with open_service(settings) as service:
+        assert open_text_encoder(ENCODER, settings.models)
+        scene_id = add_scene(service, settings)
+        service.versions.edit(scene_id, _EDITS)
+        yield service, scene_id
+
+
+def _kept(service: SceneService, scene_id: str) -> set[str]:
+    """Names of the versions that have a folder."""
+    return {version for scene, version in service._store.blobs.versions() if scene == scene_id} | {"1"}
+
+
+def test_an_edit_whose_answer_the_database_lost_is_there(
+    place: tuple[SceneService, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service, scene_id = place
+    publish = VersionRepository.publish
+
+    def lose_answer(versions: VersionRepository, new: NewVersion) -> None:
+        publish(versions, new)
+        raise DatabaseError("the connection broke off")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VersionRepository, "publish", lose_answer)
+        with pytest.raises(DatabaseError):
+            service.versions.edit(scene_id, _EDITS, "once")
+    made = service.versions.all(scene_id)[-1]
+    assert made.current and {version.version for version in service.versions.all(scene_id)} == _kept(service, scene_id)
+    assert service.versions.edit(scene_id, _EDITS, "once") == made
+    assert service.answers.list_things(scene_id).things
+
+
+def test_a_folder_that_got_no_row_goes_to_the_trash_after_a_day(
+    place: tuple[SceneService, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service, scene_id = place
+    store, rows = service._store, {version.version for version in service.versions.all(scene_id)}
+
+    def vanish(*_: object) -> None:
+        raise DatabaseError("the database is away")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(VersionRepository, "publish", vanish)
+        patch.setattr(VersionRepository, "is_published", vanish)
+        with pytest.raises(DatabaseError):
+            service.versions.edit(scene_id, _EDITS)
+    (lost,) = _kept(service, scene_id) - rows
+    trash_lost_versions(store, time.time() + 0.9 * _DAY_S)
+    assert _kept(service, scene_id) == rows | {lost}
+    trash_lost_versions(store, time.time() + 1.1 * _DAY_S)
+    assert _kept(service, scene_id) == rows
+    trashed = [path for path in store.blobs.root.parent.glob("*/trash/**/scene.ply") if lost in str(path)]
+    assert len(trashed) == 1
+    trash_lost_versions(store, time.time() + 30 * _DAY_S)
+    assert _kept(service, scene_id) == rows and service.versions.undo(scene_id).version == "1"
+
+
+def test_what_an_unfinished_job_or_an_older_database_explains_stays(place: tuple[SceneService, str]) -> None:
+    service, scene_id = place
+    store, rows = service._store, {version.version for version in service.versions.all(scene_id)}
+    made = max(rows)
+
+    def add_folder(name: str) -> None:
+        source = store.blobs.upload(name)
+        source.mkdir(parents=True)
+        os.link(store.blobs.version(scene_id, made) / "scene.ply", source / "scene.ply")
+        store.blobs.publish(source, scene_id, name)
+
+    store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {"labels": [], TRAIN_MORE: {}}))
+    assert store.jobs.claim("running")
+    add_folder("running")
+    trash_lost_versions(store, time.time() + 30 * _DAY_S)
+    assert _kept(service, scene_id) == rows | {"running"}
+    for number in range(4):
+        add_folder(f"later{number}")
+    trash_lost_versions(store, time.time() + 30 * _DAY_S)
+    assert len(_kept(service, scene_id)) == len(rows) + 5
