@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.surface_points import REACH, surface_points, thinned
 from fastsplat.service.query.surface_views import SurfaceSamples, SurfaceView, back_projected
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
@@ -67,8 +66,7 @@ class OccupancyMap:
 def check_map_frame(scene: Scene) -> None:
     """Refuses a scene of which no map in metres with z up can be made.
 
-    The vertical is the recorded one of its capture, moved as the scene was aligned since, or else what its cameras
-    tell.
+    The vertical is that of `Scene.vertical`.
 
     Raises:
         InvalidInputError: the scene is not in metres, the vertical is unknown, or not +z to within 3 degrees.
@@ -79,15 +77,15 @@ def check_map_frame(scene: Scene) -> None:
             field="scene_id",
             hint="Scale the scene by a known length, or upload with poses in metres.",
         )
-    up, deviation = _vertical(scene)
-    if up is None or deviation > _MOST_TILT:
+    vertical = scene.vertical()
+    if vertical is None or vertical.deviation_deg > _MOST_TILT:
         raise InvalidInputError(
             "a map needs to know what is up, and this scene does not tell",
             field="scene_id",
             limit=f"1 sigma of the vertical of at most {_MOST_TILT:g} degrees",
-            hint="Take photos with a level camera from several directions, or align the scene to a map whose z is up.",
+            hint="Take photos with a level camera from several directions, and send them as the phone wrote them.",
         )
-    tilt = float(np.degrees(np.arccos(np.clip(up[2], -1, 1))))
+    tilt = float(np.degrees(np.arccos(np.clip(vertical.up.z, -1, 1))))
     if tilt > _MOST_TILT:
         raise InvalidInputError(
             f"up is {tilt:.1f} degrees away from the scene's z axis",
@@ -95,15 +93,6 @@ def check_map_frame(scene: Scene) -> None:
             limit=f"at most {_MOST_TILT:g} degrees",
             hint="Align the scene to a frame whose z axis is up.",
         )
-
-
-def _vertical(scene: Scene) -> tuple[F64 | None, float]:
-    """The unit vector up, and 1 sigma of its angle where that is known, degrees."""
-    deviation = scene.quality.get("vertical_deviation_deg")
-    if not scene.quality.get("vertical_source") or not isinstance(deviation, (int, float)):
-        return vertical_axis(scene.cameras), 0.0
-    rotation = np.eye(3) if scene.alignment is None else np.array(scene.alignment.rotation)
-    return rotation[:, 2], float(deviation)
 
 
 def occupancy_map(

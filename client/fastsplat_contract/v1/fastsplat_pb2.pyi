@@ -1416,7 +1416,7 @@ class Scene(_message.Message):
 
     @_builtins.property
     def vertical(self) -> Global___SceneVertical:
-        """absent where poses came with the upload, or nothing says what is up"""
+        """absent where nothing says what is up"""
 
     @_builtins.property
     def alignment(self) -> Global___SceneAlignment:
@@ -1453,24 +1453,30 @@ Global___Scene: _TypeAlias = Scene  # noqa: Y015
 
 @_typing.final
 class SceneVertical(_message.Message):
-    """Which way is up in a scene whose +z it is, and how sure that is."""
+    """Which way is up in a scene's current version, and how sure that is."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     SOURCE_FIELD_NUMBER: _builtins.int
     DEVIATION_DEG_FIELD_NUMBER: _builtins.int
+    UP_FIELD_NUMBER: _builtins.int
     source: Global___VerticalSource.ValueType
     deviation_deg: _builtins.float
-    """1 sigma of the angle between +z and the vertical, degrees"""
+    """1 sigma of the angle between `up` and the vertical, degrees"""
+    @_builtins.property
+    def up(self) -> Global___Vector3:
+        """unit vector in the version's world frame; +z unless poses came along, or a map"""
+
     def __init__(
         self,
         *,
         source: Global___VerticalSource.ValueType = ...,
         deviation_deg: _builtins.float = ...,
+        up: Global___Vector3 | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
