@@ -77,6 +77,9 @@ VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 and other level planes; or, least surely, the mean of what the cameras had for up."""
 
 
+_PLUS_Z = Vector3(0.0, 0.0, 1.0)
+
+
 @dataclass(frozen=True)
 class SceneVertical(Response):
     """Which way is up in a scene's current version, and how sure that is."""
@@ -85,7 +88,7 @@ class SceneVertical(Response):
     deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
     up: Annotated[
         Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
-    ] = Vector3(0.0, 0.0, 1.0)
+    ] = _PLUS_Z
 
 
 @travels(request=False)

@@ -34,8 +34,8 @@ class Instance(NamedTuple):
     """One thing, and its Gaussians: int32 [K], ascending row numbers.
 
     Its id is "label id-number", numbered from the largest, and the same in every index of the same scene. The z axis of
-    its box is the scene's vertical where the scene tells it (`Scene.up`), the x axis the longer of the other two. It has at most
-    five best views.
+    its box is the scene's vertical where it tells one (`Scene.up`), the x axis the longer of the other two. It has at
+    most five best views.
     """
 
     object: SceneObject

@@ -904,6 +904,30 @@ NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
 """surfaces that it would see were seen from few directions"""
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
+class _FloorSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _FloorSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_FloorSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    FLOOR_SOURCE_UNSPECIFIED: _FloorSource.ValueType  # 0
+    """a server of an earlier release"""
+    FLOOR_SOURCE_SURFACE: _FloorSource.ValueType  # 1
+    """a thing that is a floor"""
+    FLOOR_SOURCE_LOWEST_LEVEL: _FloorSource.ValueType  # 2
+    """the lowest level with many points that face up"""
+
+class FloorSource(_FloorSource, metaclass=_FloorSourceEnumTypeWrapper):
+    """By what the floor of a map was found."""
+
+FLOOR_SOURCE_UNSPECIFIED: FloorSource.ValueType  # 0
+"""a server of an earlier release"""
+FLOOR_SOURCE_SURFACE: FloorSource.ValueType  # 1
+"""a thing that is a floor"""
+FLOOR_SOURCE_LOWEST_LEVEL: FloorSource.ValueType  # 2
+"""the lowest level with many points that face up"""
+Global___FloorSource: _TypeAlias = FloorSource  # noqa: Y015
+
 class _SupportRelation:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -5849,6 +5873,7 @@ class Goal(_message.Message):
     CLEARANCE_FIELD_NUMBER: _builtins.int
     THING_ID_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
+    FLOOR_SOURCE_FIELD_NUMBER: _builtins.int
     yaw: _builtins.float
     """the same turn about z, radians, 0 along x"""
     distance: _builtins.float
@@ -5859,6 +5884,8 @@ class Goal(_message.Message):
     """which thing"""
     version: _builtins.str
     """which version was read"""
+    floor_source: Global___FloorSource.ValueType
+    """by what the floor was found"""
     @_builtins.property
     def pose(self) -> Global___Pose:
         """on the floor, x ahead: turned to the middle of the thing's box"""
@@ -5872,10 +5899,11 @@ class Goal(_message.Message):
         clearance: _builtins.float = ...,
         thing_id: _builtins.int = ...,
         version: _builtins.str = ...,
+        floor_source: Global___FloorSource.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["pose", b"pose"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "floor_source", b"floor_source", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
