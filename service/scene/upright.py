@@ -38,8 +38,9 @@ def vertical_of(
         alignment: of the version.
         cameras: in the frame of the version.
     """
-    source, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
-    if source in get_args(VerticalSource) and isinstance(deviation, (int, float)) and math.isfinite(deviation):
+    stated, deviation = quality.get("vertical_source"), quality.get("vertical_deviation_deg")
+    source: VerticalSource | None = next((each for each in get_args(VerticalSource) if each == stated), None)
+    if source is not None and isinstance(deviation, (int, float)) and math.isfinite(deviation):
         rotation = np.eye(3) if alignment is None else np.array(alignment.rotation)
         return SceneVertical(source, float(deviation), vector3(rotation[:, 2]))
     if not cameras:
