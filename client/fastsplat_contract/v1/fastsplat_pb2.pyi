@@ -3646,7 +3646,7 @@ class LookAgainResult(_message.Message):
     version: _builtins.str
     """the version that it made"""
     rendered: _builtins.bool
-    """whether renderings of the scene were looked at: the capture's photos are not kept with it"""
+    """whether renderings of the scene were looked at, not photos"""
     regions: _builtins.int
     """how often any of the texts was found, over all views"""
     unmatched: _builtins.int
