@@ -87,9 +87,8 @@ def _yaml(known: OccupancyMap) -> bytes:
     x, y = known.origin
     doubt = f"# It may be no floor: {known.floor_doubt}.\n" if known.floor_doubt else ""
     return (
-        doubt
-        + f"# The floor is at z = {known.floor:.3f} m, by {_FLOOR_WORDS[known.floor_source]}; occupied is what stands up"
-        f" to {known.height:g} m above it.\n"
+        f"{doubt}# The floor is at z = {known.floor:.3f} m, by {_FLOOR_WORDS[known.floor_source]}; occupied is what "
+        f"stands up to {known.height:g} m above it.\n"
         "image: map.pgm\n"
         "mode: trinary\n"
         f"resolution: {known.resolution!r}\n"
