@@ -18,7 +18,12 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-RESULTS = ROOT / "benchmarks" / "results"
+DRAFT = os.environ.get("DRAFT", "")
+"""A folder for results that are not to be committed: of trials, and of a tree that differs from the last commit."""
+RESULTS = Path(DRAFT).absolute() if DRAFT else ROOT / "benchmarks" / "results"
+
+_CHANGES, _NOT_RESULTS = " + changes", ":(exclude)benchmarks/results"
+_ORIGIN = ("command", "commit", "machine", "date", "load_before")
 
 MADE_FAST_HERE = "the program was made fast by this very benchmark; other settings are the defaults"
 NOT_CHOSEN = "nothing was chosen on it; settings are the defaults"
@@ -46,19 +51,38 @@ class Start:
     """The moment before the first measurement.
 
     Attributes:
+        commit: see `commit`.
         load: the machine's load average over the last minute.
         date: UTC, ISO 8601.
         clock: of `time.monotonic`.
     """
 
+    commit: str
     load: float
     date: str
     clock: float
 
 
 def begin() -> Start:
-    """Now; call it before anything is measured."""
-    return Start(os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic())
+    """Now; call it before anything is measured.
+
+    Raises:
+        UncommittedError: no commit holds what is measured, and the results are no draft.
+    """
+    measured = commit()
+    if not DRAFT and (measured == "unknown" or measured.endswith(_CHANGES)):
+        raise UncommittedError(measured)
+    return Start(measured, os.getloadavg()[0], datetime.now(UTC).isoformat(timespec="seconds"), time.monotonic())
+
+
+class UncommittedError(SystemExit):
+    """The program ends: what it would measure is in no commit, so that nobody could measure the same again."""
+
+    def __init__(self, measured: str) -> None:
+        super().__init__(
+            f"Nothing was measured: the commit is {measured}, and nobody could measure the same again. Commit first; "
+            "or, for a trial, let its results go into another folder by the variable DRAFT=FOLDER."
+        )
 
 
 def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace, chosen_on: str) -> dict[str, Any]:
@@ -77,7 +101,7 @@ def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace
         "settings": {name: _plain(value) for name, value in named.items()},
         "chosen_on": chosen_on,
         "machine": machine(),
-        "commit": commit(),
+        "commit": start.commit,
         "date": start.date,
         "seconds": round(time.monotonic() - start.clock, 1),
         "load_before": round(start.load, 2),
@@ -86,11 +110,43 @@ def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Replace a file of results, whole or not at all."""
+    """Replace a file of results, whole or not at all. Rows of it that do not say where they come from, as those of
+    earlier releases, are left out, and named on stdout.
+
+    Args:
+        path: the file.
+        document: with what `provenance` says; or its `rows`, or its own values, have that each.
+
+    Raises:
+        ValueError: nothing in it says where it comes from.
+    """
+    document = _with_origins(path.name, document)
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
     part.write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
     part.replace(path)
+
+
+def _with_origins(name: str, document: Mapping[str, Any]) -> Mapping[str, Any]:
+    if all(key in document for key in _ORIGIN):
+        return document
+    rows = document.get("rows", document)
+    if isinstance(rows, Mapping):
+        known: Any = {key: row for key, row in rows.items() if _names_its_origin(row)}
+        unknown = [key for key in rows if key not in known]
+    else:
+        known = [row for row in rows if _names_its_origin(row)]
+        unknown = [json.dumps(row, ensure_ascii=False)[:80] for row in rows if row not in known]
+    if not known:
+        raise ValueError(f"{name}: nothing names its {', '.join(_ORIGIN)}")
+    for row in unknown:
+        print(f"{name}: left out, as it does not say where it comes from: {row}", flush=True)
+    return {**document, "rows": known} if "rows" in document else known  # type: ignore[no-any-return]
+
+
+def _names_its_origin(row: Any) -> bool:
+    origin = row.get("provenance", row) if isinstance(row, Mapping) else {}
+    return all(key in origin for key in _ORIGIN)
 
 
 def _plain(value: Any) -> Any:
@@ -134,11 +190,13 @@ def processor() -> str:
 
 
 def commit() -> str:
-    """The commit that is measured, with "+ changes" where tracked files differ from it; "unknown" outside git."""
+    """The commit that is measured, with "+ changes" where tracked files differ from it, other than results; "unknown"
+    outside git."""
     head = _git("rev-parse", "--short=12", "HEAD")
     if not head:
         return "unknown"
-    return f"{head} + changes" if _git("status", "--porcelain", "--untracked-files=no") else head
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", _NOT_RESULTS)
+    return head + _CHANGES if changed else head
 
 
 def _git(*words: str) -> str:

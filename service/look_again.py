@@ -1,6 +1,7 @@
 """Looking again: a finished scene is searched for texts, by an open-set detector in a few views, to name its things.
 
-The capture's photos are not kept with a scene, so what the detector sees are renderings from the scene's own cameras.
+What the detector sees are renderings from the scene's own cameras, also where the scene keeps its photos: these do not
+show what edits have moved or removed, and scenes need not keep them.
 """
 
 from __future__ import annotations

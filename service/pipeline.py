@@ -36,6 +36,7 @@ from fastsplat.service.planning.time_budget import plan_perception, plan_trainin
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
 from fastsplat.service.scene.types import TAKEN_AT
+from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
@@ -356,7 +357,7 @@ def scene_quality(
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     if (vertical := report.vertical) is not None:
-        measured |= {"vertical_source": vertical.source, "vertical_deviation_deg": vertical.deviation_deg}
+        measured |= vertical_figures(vertical.source, vertical.deviation_deg)
     return {
         **trained.quality,
         **measured,

@@ -51,7 +51,9 @@ NEXT_PHOTOS = NextPhotoList(
     "1",
 )
 
-GOAL = Goal(Pose(Vector3(1.025, 0.475, 0.01), Quaternion(0.0, 0.0, 1.0, 0.0)), 3.141592653589793, 0.42, 0.31, 1, "1")
+GOAL = Goal(
+    Pose(Vector3(1.025, 0.475, 0.01), Quaternion(0.0, 0.0, 1.0, 0.0)), 3.141592653589793, 0.42, 0.31, 1, "1", "surface"
+)
 
 DETECTIONS = DetectionList(
     (

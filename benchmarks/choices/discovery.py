@@ -99,7 +99,7 @@ def _measured(
         rules = DiscoverySettings.model_validate(settings.discovery.model_dump() | changes)
         figures = []
         for scene in scenes:
-            things = discover_things(scene.gaussians, capture.views, masks, rules).things
+            things = discover_things(scene.gaussians, capture.views, masks, scene.up(), rules).things
             figures.append(_figures(replace(scene, things=things), dataset, encoder, settings))
         if title == "default":
             yield from ((f"default seed={seed}", own) for seed, own in zip(SEEDS, figures, strict=True))

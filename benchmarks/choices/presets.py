@@ -25,7 +25,7 @@ from typing import Any
 from unittest.mock import patch
 
 from benchmarks.choices.judging import judge
-from benchmarks.provenance import RESULTS, write_json
+from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.splits import add_split
 from benchmarks.trade.__main__ import measured
 from benchmarks.trade.bench_captures import load_data
@@ -57,7 +57,6 @@ _BUDGETS = {"planner_12s": 12.0, "planner_6s": 6.0}
 _DATA: tuple[Data, ...] = ("tabletop", "sample", "skull")
 SEEDS = (0, 1)
 _STEPS_BESIDE = {"_ENOUGH_STEPS": "_STEPS_A_VIEW"}  # both bound what is enough; the second at 120 of the first
-_COMMAND = "python -m benchmarks.choices.presets"
 _PRINTED = ("psnr", "miou", "cpu_s")
 _OUT = RESULTS / "choices_presets.json"
 _KEPT = (
@@ -85,6 +84,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="rows that are trained at a time, with a thread each")
     add_split(parser)
     options = parser.parse_args()
+    start = begin()
     waiting = [
         trial
         for data in options.data
@@ -104,7 +104,8 @@ def main() -> None:
             kept = {name: figures[name] for name in _KEPT if name in figures}
             with writing:
                 rows[_key(trial, options.split)] = {**kept, "training": trial.training}
-                write_json(_OUT, {"command": _COMMAND, "choices": judged(rows), "rows": rows})
+                about = provenance(start, settings=options, chosen_on="these rows are what is chosen by")
+                write_json(_OUT, {**about, "choices": judged(rows), "rows": rows})
                 print(_key(trial, options.split), {name: round(kept[name], 4) for name in _PRINTED}, flush=True)
 
     with ThreadPoolExecutor(options.workers) as pool:

@@ -26,7 +26,7 @@ from benchmarks.splits import Split, add_split, results_file
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.scene import Scene, read_scene
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import oriented_box
 
 _PATCH = 0.003
 
@@ -56,7 +56,7 @@ def measure(scene: Scene, data: Path, background: set[str], split: Split) -> dic
     start = time.process_time()
     objects = find_objects(scene, field)
     seconds = time.process_time() - start
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     rows: dict[str, Any] = {}
     for label, points in _surfaces(data, split).items():
         if label in background:

@@ -86,7 +86,9 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
     dataset, capture = discovery_data(name, work, keep, settings.capture, options.split)
     scene = trained_scene(keep / name, capture, settings)
     masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
-    discovery, grouping = _timed(lambda: discover_things(scene.gaussians, capture.views, masks, settings.discovery))
+    discovery, grouping = _timed(
+        lambda: discover_things(scene.gaussians, capture.views, masks, scene.up(), settings.discovery)
+    )
     with_things = replace(scene, things=discovery.things)
     row: dict[str, Any] = {
         "views": discovery.views,

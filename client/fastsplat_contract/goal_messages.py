@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.wire import Response
+
+FloorSource = Literal["surface", "lowest_level"]
+"""What said where the floor is: a thing that is a floor, or the lowest level with many points that face up."""
 
 
 @dataclass(frozen=True)
@@ -23,3 +26,10 @@ class Goal(Response):
     ]
     thing_id: Annotated[int, Field(description="which thing")]
     version: Annotated[str, Field(description="which version was read")]
+    floor_source: Annotated[
+        FloorSource | None,
+        Field(
+            description="by what the floor was found: surface, a thing that is a floor; lowest_level, the lowest level "
+            "with many points that face up; absent from servers of earlier releases"
+        ),
+    ] = None

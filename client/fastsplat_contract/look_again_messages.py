@@ -43,7 +43,7 @@ class LookAgainResult(Response):
     views: Annotated[Many[str], Field(description="the scene's cameras from which was looked")]
     rendered: Annotated[
         bool,
-        Field(description="whether renderings of the scene were looked at: the capture's photos are not kept with it"),
+        Field(description="whether renderings of the scene were looked at, not photos"),
     ]
     named: Annotated[Many[FoundName], Field(description="things whose name is one of the texts by this")]
     suggested: Annotated[

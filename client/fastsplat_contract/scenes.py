@@ -77,12 +77,18 @@ VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 and other level planes; or, least surely, the mean of what the cameras had for up."""
 
 
-@travels(request=False)
-class SceneVertical(NamedTuple):
-    """Which way is up in a scene whose +z it is, and how sure that is."""
+_PLUS_Z = Vector3(0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SceneVertical(Response):
+    """Which way is up in a scene's current version, and how sure that is."""
 
     source: VerticalSource
-    deviation_deg: Annotated[float, Field(description="1 sigma of the angle between +z and the vertical, degrees")]
+    deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
+    up: Annotated[
+        Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
+    ] = _PLUS_Z
 
 
 @travels(request=False)
@@ -137,7 +143,7 @@ class Scene(SceneSummary):
     ] = None
     vertical: Annotated[
         SceneVertical | None,
-        Field(description="absent where poses came with the upload, or nothing says what is up"),
+        Field(description="absent where nothing says what is up"),
     ] = None
     alignment: Annotated[
         SceneAlignment | None, Field(description="absent where the scene was not put into the frame of a map")

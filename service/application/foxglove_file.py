@@ -30,7 +30,6 @@ from fastsplat.service.application.scene_recording import (
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.occupancy import FREE, OCCUPIED, OccupancyMap
 from fastsplat.service.scene.alignment import frame_id
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.point_ply import point_rows
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera
@@ -75,7 +74,7 @@ def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence
         writer.write_metadata("labels", {str(i): entry.label for i, entry in enumerate(scene.dictionary.entries, 1)})
         writer.write_metadata("things", {str(thing.id): thing.name for thing in listed})
         channels.SceneUpdateChannel("/things", context=context).log(
-            _boxes(listed, vertical_axis(scene.cameras), root, start), log_time=start
+            _boxes(listed, scene.up(), root, start), log_time=start
         )
         channels.PointCloudChannel("/points", context=context).log(
             _cloud(recording.points, root, start), log_time=start

@@ -14,7 +14,6 @@ from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.surface_mesh import surface_mesh
 from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.colmap_writing import colmap_model
 from fastsplat.service.scene.mesh_glb import mesh_glb
 from fastsplat.service.scene.point_ply import point_ply, point_rows
@@ -187,7 +186,7 @@ def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int
 
 def about(index: SceneIndex, name: str, cameras: Sequence[Any]) -> GlbScene:
     """What a GLB says of a scene beside its shapes."""
-    up = vertical_axis(index.scene.cameras)
+    up = index.scene.up()
     extras = {"units": _units(index), "upright": up is not None}
     return GlbScene(name, extras, up, tuple(cameras))
 

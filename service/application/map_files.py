@@ -7,6 +7,7 @@ import numpy as np
 from fastsplat.service.application.geometry_files import ViewsOf, surface_bytes
 from fastsplat.service.common.zips import zipped
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.floors import floor_ids, names_of_others
 from fastsplat.service.query.occupancy import (
     FREE,
     OCCUPIED,
@@ -54,7 +55,8 @@ def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_vie
     check_map_frame(index.scene)
     return occupancy_map(
         views_of(index),
-        [thing.id for thing in index.things.present if thing.surface == "floor"],
+        floor_ids(index.things.present, index.scene.dictionary),
+        names_of_others(index.things.present, index.scene.dictionary),
         resolution=cell or RESOLUTION,
         height=index.settings.map_height,
         most_points=index.settings.max_surface_points,
@@ -83,9 +85,10 @@ def _pgm(known: OccupancyMap) -> bytes:
 
 def _yaml(known: OccupancyMap) -> bytes:
     x, y = known.origin
+    doubt = f"# It may be no floor: {known.floor_doubt}.\n" if known.floor_doubt else ""
     return (
-        f"# The floor is at z = {known.floor:.3f} m, by {_FLOOR_WORDS[known.floor_source]}; occupied is what stands up"
-        f" to {known.height:g} m above it.\n"
+        f"{doubt}# The floor is at z = {known.floor:.3f} m, by {_FLOOR_WORDS[known.floor_source]}; occupied is what "
+        f"stands up to {known.height:g} m above it.\n"
         "image: map.pgm\n"
         "mode: trinary\n"
         f"resolution: {known.resolution!r}\n"

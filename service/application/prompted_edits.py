@@ -40,8 +40,8 @@ class ShownPiece:
 class PromptedEdits:
     """What prompts show. Every method is safe from any thread.
 
-    Pictures are renderings of the version that is edited: photos are not kept once a scene is trained, and would not
-    show what edits have moved.
+    Pictures are renderings of the version that is edited, also where the scene keeps its photos: these do not show what
+    edits have moved, and not every view has one. Where both could be used, they led to the same pieces.
     """
 
     def __init__(self, settings: Settings, memory: MemoryBudget) -> None:

@@ -19,7 +19,6 @@ from PIL import Image
 
 from fastsplat.service.application.scene_recording import SceneRecording, described, thing_color, thing_facts
 from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.types import SH_C0, Gaussians, Scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import MissingPackageError
@@ -87,7 +86,7 @@ def rerun_file(index: SceneIndex, gaussians: Gaussians, recording: SceneRecordin
 
 def _log_up(stream: rr.RecordingStream, scene: Scene) -> None:
     """Which axis is up, where one is."""
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     if up is None:
         return
     axis = int(np.argmax(np.abs(up)))

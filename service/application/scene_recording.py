@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from fastsplat.service.query.occupancy import OccupancyMap
 from fastsplat.service.scene.alignment import frame_id
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.thing_messages import SceneThing
@@ -67,7 +66,7 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
         listed: the things in the recording.
     """
     scaling, metric = scene.scaling or capture_scaling(scene.quality), scene.scale == "METRIC"
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     lines = {
         "scene_id": recording.scene_id,
         "version": recording.version,

@@ -13,6 +13,7 @@ import numpy as np
 from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
+from fastsplat.service.scene.upright import vertical_of
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
@@ -27,7 +28,6 @@ from fastsplat_contract.scenes import (
     SceneAlignment,
     SceneScaling,
     SceneSummary,
-    SceneVertical,
 )
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
@@ -87,7 +87,8 @@ def summary_of(record: SceneRecord) -> SceneSummary:
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
     unit = None if record.scaling is None else record.scaling["meters_per_unit"]
-    frame = frame_similarity(unit, alignment_from_json(record.alignment))  # rows have that of the trained version
+    alignment = alignment_from_json(record.alignment)
+    frame = frame_similarity(unit, alignment)  # rows have that of the trained version
     cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
@@ -97,7 +98,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
         scaling=_scaling_of(record),
-        vertical=_vertical_of(record),
+        vertical=vertical_of(record.quality, alignment, cameras),
         alignment=_alignment_of(record),
     )
 
@@ -112,14 +113,6 @@ def _scaling_of(record: SceneRecord) -> SceneScaling | None:
     count = len(scaling.lengths) - (measured is not None) - by_pairs
     source: ScaleSource = "known_length" if count else "point_pairs"
     return SceneScaling(source, scaling.meters_per_unit, scaling.low, scaling.high, count)
-
-
-def _vertical_of(record: SceneRecord) -> SceneVertical | None:
-    """None in the frame of a map, whose +z says nothing of the trained version's."""
-    source, deviation = record.quality.get("vertical_source"), record.quality.get("vertical_deviation_deg")
-    if record.alignment is not None or not source or not isinstance(deviation, float):
-        return None
-    return SceneVertical(source, deviation)
 
 
 def _alignment_of(record: SceneRecord) -> SceneAlignment | None:

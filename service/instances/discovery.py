@@ -18,13 +18,14 @@ from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import surface_kinds
 from fastsplat.service.instances.thing_parts import find_parts
 from fastsplat.service.perception.types import ViewMasks
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.scene.types import Evidence, Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, Splats, device_of
 from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.training_views import training_size
+
+F64 = NDArray[np.float64]
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""
@@ -52,6 +53,7 @@ def discover_things(
     gaussians: Gaussians,
     views: Sequence[View],
     masks: Sequence[ViewMasks | None],
+    up: F64 | None,
     settings: DiscoverySettings,
     on_view: OnView = lambda done, total: None,
     *,
@@ -63,6 +65,7 @@ def discover_things(
         gaussians: G of them, trained.
         views: of the capture.
         masks: of each view, see `propose_capture_masks`; views with None have no say.
+        up: unit vector, float64 [3], see `Scene.up`; None where nothing tells it.
         settings: what counts as a thing.
         on_view: see `OnView`.
         backend: which rasterizer.
@@ -80,7 +83,7 @@ def discover_things(
         lifted.append(_lifted(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
     things = (
-        _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], settings, backend)
+        _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
         if used
         else Things((), no_evidence(len(gaussians)))
     )
@@ -109,6 +112,7 @@ def _things(
     masked: Sequence[MaskedView],
     lifted: Sequence[LiftedRegions],
     quality: Sequence[NDArray[np.float32]],
+    up: F64 | None,
     settings: DiscoverySettings,
     backend: Backend,
 ) -> Things:
@@ -124,7 +128,7 @@ def _things(
     membership = refined_membership(
         selection.owners, selection.shares, gaussians, masked, overlaps.size, settings, backend
     )
-    return _described(selection, membership, gaussians, overlaps.size, views, numbers, settings)
+    return _described(selection, membership, gaussians, overlaps.size, views, numbers, up, settings)
 
 
 def _described(
@@ -134,6 +138,7 @@ def _described(
     size: NDArray[np.float32],
     views: Sequence[View],
     numbers: Sequence[int],
+    up: F64 | None,
     settings: DiscoverySettings,
 ) -> Things:
     """Things that still have Gaussians enough, the largest first, and their membership by id; `numbers` are those of
@@ -145,7 +150,7 @@ def _described(
     surfaces = {n: plane for n, plane in selection.surfaces.items() if n in order}
     centers = {n: gaussians.means[owners == n + 1].mean(axis=0).astype(np.float64) for n in surfaces}
     cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in views])
-    kinds = surface_kinds(surfaces, centers, cameras, vertical_axis([view.posed for view in views]))
+    kinds = surface_kinds(surfaces, centers, cameras, up)
     table = tuple(
         Thing(
             id=place,

@@ -16,6 +16,7 @@ from fastsplat.service.instances.naming import NameVotes, count_votes, name_thin
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
+from fastsplat.service.scene.upright import up_of, vertical_figures, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster import Backend, device_of
 from fastsplat.service.splatting.region_groups import LiftedRegions
@@ -46,7 +47,10 @@ def find_scene_things(
         on_view: hears of every view whose masks are lifted.
         backend: which rasterizer.
     """
-    things = discover_things(gaussians, capture.views, masks, settings, on_view, backend=backend).things
+    recorded = capture.report.vertical
+    figures = {} if recorded is None else vertical_figures(recorded.source, recorded.deviation_deg)
+    up = up_of(vertical_of(figures, None, [view.posed for view in capture.views]))
+    things = discover_things(gaussians, capture.views, masks, up, settings, on_view, backend=backend).things
     names = [entry.label for entry in labelling.dictionary.entries]
     if not names or not things.table:
         return things

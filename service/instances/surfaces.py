@@ -205,7 +205,7 @@ def surface_kinds(
         surfaces: planes by number.
         centers: float64 [3] of each.
         cameras: float64 [V, 3], where the photos were taken.
-        up: unit vector, or None where the cameras do not tell: then a surface is just that.
+        up: unit vector, or None where nothing tells it: then a surface is just that.
     """
     if up is None:
         return dict.fromkeys(surfaces, "surface")

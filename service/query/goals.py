@@ -38,7 +38,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
         version: of the scene, to be named in the answer.
 
     Raises:
-        InvalidInputError: a radius that is none, or a thing without a box.
+        InvalidInputError: a radius that is none, a thing without a box, or what was taken for the floor may be none.
         NotFoundError: there is no such place.
     """
     if not (math.isfinite(robot_radius) and robot_radius > 0):
@@ -47,6 +47,12 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
     if box is None:
         raise InvalidInputError(
             f"thing {thing.id} has no box: it is too faint to be seen", field="thing_id", hint="Choose another thing."
+        )
+    if known.floor_doubt:
+        raise InvalidInputError(
+            f"no floor is known to stand on: the lowest level is at z = {known.floor:.2f} m, and {known.floor_doubt}",
+            field="scene_id",
+            hint="Take photos that show the floor; or, if this is the floor, name its thing 'floor'.",
         )
     room = _clearance(known)
     rows, columns = np.nonzero(room >= robot_radius + MARGIN)
@@ -64,7 +70,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
             turn = Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
             pose = Pose(Vector3(x, y, known.floor), turn)
             clearance = float(room[rows[row], columns[row]])
-            return Goal(pose, yaw, float(distances[row]), clearance, thing.id, version)
+            return Goal(pose, yaw, float(distances[row]), clearance, thing.id, version, known.floor_source)
     raise NotFoundError(
         f"no free place for a robot of {robot_radius:g} m within {FARTHEST:g} m from which the thing is seen",
         field="thing_id",

@@ -13,7 +13,6 @@ from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.thing_extents import ThingExtents, thing_extents
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combined, scaled
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -128,7 +127,7 @@ def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -
         thing = _extents(index, known.thing)
     except (InvalidInputError, NotFoundError) as error:
         raise error.within(f"known_sizes[{number}]") from error
-    if known.side == "height" and vertical_axis(index.scene.cameras) is None:
+    if known.side == "height" and index.scene.up() is None:
         raise InvalidInputError(
             "the scene does not tell what is up",
             field=f"known_sizes[{number}].side",

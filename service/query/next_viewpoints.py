@@ -15,7 +15,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.assessment import common_point
-from fastsplat.service.scene.boxes import vertical_axis
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoReason
 
@@ -80,7 +80,7 @@ Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason]
 def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
     """Places beside the edges of each gap around the point that all cameras look at, the largest gap first."""
     cameras = index.scene.cameras
-    up = _up(cameras)
+    up = _up(index.scene)
     offsets = np.stack([posed.world_from_camera[:3, 3] for posed in cameras]) - focus
     first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
     first /= np.linalg.norm(first)
@@ -103,7 +103,7 @@ def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
 
 def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
     """Places from which what was seen from few directions is seen from another one, the largest patch first."""
-    cameras, up = index.scene.cameras, _up(index.scene.cameras)
+    cameras, up = index.scene.cameras, _up(index.scene)
     rows = solid[:: max(1, len(solid) // _SAMPLES)]
     points = index.scene.gaussians.means[rows].astype(np.float64)
     seen = np.zeros(len(points), np.int64)
@@ -148,10 +148,12 @@ def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
     return inside, -offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)
 
 
-def _up(cameras: tuple[PosedCamera, ...]) -> F64:
-    up = vertical_axis(cameras)
-    if up is None:
-        up = -np.mean([posed.world_from_camera[:3, 1] for posed in cameras], axis=0)
+def _up(scene: Scene) -> F64:
+    """The unit vector up, however unsure; where nothing tells, the mean of what is up in the pictures."""
+    vertical = scene.vertical()
+    if vertical is not None:
+        return np.array(vertical.up, dtype=np.float64)
+    up = -np.mean([posed.world_from_camera[:3, 1] for posed in scene.cameras], axis=0)
     return np.asarray(up / max(float(np.linalg.norm(up)), 1e-12), dtype=np.float64)
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fastsplat.service.query.gaussian_labels import GaussianLabels
 from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.things import part_rows, thing_rows
 from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
@@ -34,8 +34,8 @@ class Instance(NamedTuple):
     """One thing, and its Gaussians: int32 [K], ascending row numbers.
 
     Its id is "label id-number", numbered from the largest, and the same in every index of the same scene. The z axis of
-    its box is the scene's vertical where the cameras tell it, the x axis the longer of the other two. It has at most
-    five best views.
+    its box is the scene's vertical where it tells one (`Scene.up`), the x axis the longer of the other two. It has at
+    most five best views.
     """
 
     object: SceneObject
@@ -151,7 +151,7 @@ class _Part(NamedTuple):
 def _instances(scene: Scene, field: GaussianLabels, parts: Sequence[_Part], areas: F64) -> tuple[Instance, ...]:
     if not parts:
         return ()
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     views = best_views(scene, [part.rows for part in parts], areas)
     weights = areas * np.maximum(field.confidence, _LEAST)
     return tuple(_described(scene, field, weights, up, part, seen) for part, seen in zip(parts, views, strict=True))

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.floors import LEAST_BELOW, meters_below
 from fastsplat.service.query.surface_points import REACH, surface_points, thinned
 from fastsplat.service.query.surface_views import SurfaceSamples, SurfaceView, back_projected
-from fastsplat.service.scene.boxes import vertical_axis
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.goal_messages import FloorSource
 
 F64 = NDArray[np.float64]
 Keys = NDArray[np.int64]
@@ -37,9 +37,6 @@ _LEVEL_SHARE = 0.25
 _FACING_UP = 0.8
 _SAMPLES_AT_ONCE = 1 << 20
 
-FloorSource = Literal["surface", "lowest_level"]
-"""What said where the floor is: a thing that is a floor, or the lowest level with many points that face up."""
-
 
 @dataclass(frozen=True)
 class OccupancyMap:
@@ -52,6 +49,7 @@ class OccupancyMap:
         origin: x and y of the outer corner of cell [0, 0], metres; multiples of `resolution`.
         floor: its z, metres.
         floor_source: see `FloorSource`.
+        floor_doubt: why the floor may be a table top or the like, words; "" where nothing says so.
         height: of the band above the floor, metres.
     """
 
@@ -61,14 +59,14 @@ class OccupancyMap:
     origin: tuple[float, float]
     floor: float
     floor_source: FloorSource
+    floor_doubt: str
     height: float
 
 
 def check_map_frame(scene: Scene) -> None:
     """Refuses a scene of which no map in metres with z up can be made.
 
-    The vertical is the recorded one of its capture, moved as the scene was aligned since, or else what its cameras
-    tell.
+    The vertical is that of `Scene.vertical`.
 
     Raises:
         InvalidInputError: the scene is not in metres, the vertical is unknown, or not +z to within 3 degrees.
@@ -79,15 +77,15 @@ def check_map_frame(scene: Scene) -> None:
             field="scene_id",
             hint="Scale the scene by a known length, or upload with poses in metres.",
         )
-    up, deviation = _vertical(scene)
-    if up is None or deviation > _MOST_TILT:
+    vertical = scene.vertical()
+    if vertical is None or vertical.deviation_deg > _MOST_TILT:
         raise InvalidInputError(
             "a map needs to know what is up, and this scene does not tell",
             field="scene_id",
             limit=f"1 sigma of the vertical of at most {_MOST_TILT:g} degrees",
-            hint="Take photos with a level camera from several directions, or align the scene to a map whose z is up.",
+            hint="Take photos with a level camera from several directions, and send them as the phone wrote them.",
         )
-    tilt = float(np.degrees(np.arccos(np.clip(up[2], -1, 1))))
+    tilt = float(np.degrees(np.arccos(np.clip(vertical.up.z, -1, 1))))
     if tilt > _MOST_TILT:
         raise InvalidInputError(
             f"up is {tilt:.1f} degrees away from the scene's z axis",
@@ -97,18 +95,10 @@ def check_map_frame(scene: Scene) -> None:
         )
 
 
-def _vertical(scene: Scene) -> tuple[F64 | None, float]:
-    """The unit vector up, and 1 sigma of its angle where that is known, degrees."""
-    deviation = scene.quality.get("vertical_deviation_deg")
-    if not scene.quality.get("vertical_source") or not isinstance(deviation, (int, float)):
-        return vertical_axis(scene.cameras), 0.0
-    rotation = np.eye(3) if scene.alignment is None else np.array(scene.alignment.rotation)
-    return rotation[:, 2], float(deviation)
-
-
 def occupancy_map(
     views: Sequence[SurfaceView],
     floors: Collection[int],
+    others: Mapping[int, str],
     *,
     resolution: float,
     height: float,
@@ -125,6 +115,7 @@ def occupancy_map(
     Args:
         views: of a scene for which `check_map_frame` passes.
         floors: ids of the things that are floors; of several the one with the most points counts.
+        others: names of things that are no floors, by their ids.
         resolution: width of a cell, metres.
         height: of the robot, metres above the floor.
         most_points: see `surface_points`.
@@ -142,6 +133,7 @@ def occupancy_map(
     limit = f"{most_points} points (FASTSPLAT_QUERY__MAX_SURFACE_POINTS)"
     samples, _ = surface_points(views, cell=resolution, most=most_points, limit=limit)
     floor, source = _floor(samples, floors)
+    doubt = "" if source == "surface" else _doubt(samples, views, floor, others)
     above = samples.points[:, 2] - floor
     band = samples.points[(above > CLEARANCE) & (above <= height)].astype(np.float64)
     standing, places = np.unique(_keys(band[:, :2], resolution), return_inverse=True)
@@ -169,7 +161,8 @@ def occupancy_map(
     cells[rows[len(standing) :] - low, columns[len(standing) :] - left] = FREE
     cells[rows[: len(standing)] - low, columns[: len(standing)] - left] = OCCUPIED
     heights[rows[: len(standing)] - low, columns[: len(standing)] - left] = tops
-    return OccupancyMap(cells, heights, resolution, (left * resolution, low * resolution), floor, source, height)
+    origin = (left * resolution, low * resolution)
+    return OccupancyMap(cells, heights, resolution, origin, floor, source, doubt, height)
 
 
 def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, FloorSource]:
@@ -189,6 +182,17 @@ def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, Flo
     first = int(np.flatnonzero(dense >= _LEVEL_SHARE * dense.max())[0])
     best = first + int(np.argmax(dense[first : first + 3]))  # the level itself, not the edge of its bins
     return float(np.median(heights[np.abs(numbers - best) <= 1])), "lowest_level"
+
+
+def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, others: Mapping[int, str]) -> str:
+    """What says that the lowest level is no floor: the name of what most of it belongs to, or how near it is."""
+    level = samples.things[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
+    ids, counts = np.unique(level, return_counts=True)
+    most = int(ids[counts.argmax()]) if len(ids) else 0
+    if most in others and 2 * counts.max() > len(level):
+        return f"it is the upper side of thing {most}, {others[most]!r}"
+    below = meters_below([view.posed for view in views], np.array([0.0, 0.0, 1.0]), floor)
+    return f"it lies {below:.2f} m below the cameras, as table tops do" if below < LEAST_BELOW else ""
 
 
 def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:

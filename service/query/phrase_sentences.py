@@ -13,7 +13,7 @@ _REASONS: Mapping[RefusalReason, str] = {
     "not_understood": "{part} was not understood",
     "ambiguous": "{part} can be read in several ways, with different answers",
     "pose_needed": "{part} depends on where you stand: send the asker's pose",
-    "vertical_unknown": "{part} needs to know what is up, and the scene's cameras do not tell",
+    "vertical_unknown": "{part} needs to know what is up, and the scene does not tell",
     "too_close": "{part} is too close to call",
     "out_of_view": "{part} is of what the asker faces, and some of it is behind or too near",
     "indirect": "it rests on something else, and only that is {part}",

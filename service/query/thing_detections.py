@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.common.vertical import level_deviation
 from fastsplat.service.query.carriers import carrier_of
 from fastsplat.service.query.objects import masses
 from fastsplat.service.query.scene_index import SceneIndex
@@ -153,7 +152,7 @@ def rotation_covariance(
     """How sure the orientation of an upright box is, float64 [3, 3], radians squared: small rotations about the world's
     axes. None where nothing tells what is up, or where its heading cannot be said.
 
-    Σ = σ_h² u uᵀ + σ_t² / 2 (I − u uᵀ): σ_t the deviation of the vertical u (`level_deviation`, over both directions
+    Σ = σ_h² u uᵀ + σ_t² / 2 (I − u uᵀ): σ_t the deviation of the vertical u (`Scene.vertical`, over both directions
     across it). σ_h is the root mean square of the turns θ from the box's heading, within ±45° in steps of 3°, at which
     a rectangle around the thing is no larger than the smallest one by more than its sides are unsure:
     A(θ) ≤ A_min + √((b σ_a)² + (a σ_b)²), a and b the smallest one's sides; 3° / √12 is added for the steps.
@@ -165,7 +164,8 @@ def rotation_covariance(
         deviations: see `side_deviations`.
     """
     measures = index.things.measures
-    if measures.up is None:
+    known = index.scene.vertical()
+    if known is None or measures.up is None:
         return None
     ahead = measures.axes[:2] @ rigid(box.center.orientation, box.center.position)[:3, 0]
     angles = float(np.arctan2(ahead[1], ahead[0])) + _TURNS
@@ -181,8 +181,7 @@ def rotation_covariance(
     heading = float(np.sqrt((alike**2).mean() + (_TURNS[1] - _TURNS[0]) ** 2 / 12))
     if heading >= _NO_HEADING:
         return None
-    poses = np.stack([posed.world_from_camera for posed in index.scene.cameras])
-    tilt = float(np.radians(level_deviation(poses, measures.up)))
+    tilt = float(np.radians(known.deviation_deg))
     vertical = np.outer(measures.up, measures.up)
     return np.asarray(heading**2 * vertical + tilt**2 / 2 * (np.eye(3) - vertical))
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.locating import axes_of
 from fastsplat.service.query.objects import solid_rows
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.boxes import BOX_TRIM, oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import BOX_TRIM, oriented_box
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.poses import Pose, quaternion_of, rigid, vector3
 from fastsplat_contract.scenes import Box
@@ -58,7 +58,7 @@ def thing_extents(index: SceneIndex, thing_id: int) -> ThingExtents | None:
         return None
     rows, thickness = without_strays(gaussians, rows)
     means = gaussians.means[rows].astype(np.float64)
-    outline = oriented_box(means, np.ones(len(rows)), vertical_axis(index.scene.cameras))
+    outline = oriented_box(means, np.ones(len(rows)), index.scene.up())
     pose = rigid(outline.center.orientation, outline.center.position)
     axes, middle = pose[:3, :3], pose[:3, 3]
     ends, deviations = _sides(index, rows, thickness, middle, axes)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fastsplat.service.query.absence import searched_names
+from fastsplat.service.query.floors import with_floors_judged
 from fastsplat.service.query.objects import Instance, solid_rows
 from fastsplat.service.query.thing_measures import ThingMeasures, boxes_of
 from fastsplat.service.query.thing_names import ThingNames
@@ -118,8 +119,9 @@ class SceneThings:
 
     @cached_property
     def present(self) -> tuple[Thing, ...]:
-        """The things that have Gaussians, by id."""
-        return tuple(thing for thing in self.table.table if self.counts[thing.id])
+        """The things that have Gaussians, by id; which of them are floors is judged anew in every version."""
+        here = [thing for thing in self.table.table if self.counts[thing.id]]
+        return with_floors_judged(self.scene, here, self.owner)
 
     @cached_property
     def measures(self) -> ThingMeasures:

@@ -11,7 +11,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from fastsplat.service.query.color_names import color_distance, lab_of
 from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat_contract.scenes import Box
 
@@ -109,7 +109,7 @@ class ThingMeasures:
     """What is measured of the things of a scene; each thing when it is first asked for. Threads may share it.
 
     Attributes:
-        scene: its Gaussians, and its cameras, which tell what is up.
+        scene: its Gaussians, and what is up.
         owners: int32 [G] each: the thing of each Gaussian, and the part, 0 for none.
     """
 
@@ -120,8 +120,8 @@ class ThingMeasures:
 
     @cached_property
     def up(self) -> F64 | None:
-        """The unit vector up in the world, or None where the cameras do not tell."""
-        return vertical_axis(self.scene.cameras)
+        """The unit vector up in the world, or None where the scene does not tell."""
+        return self.scene.up()
 
     @cached_property
     def axes(self) -> F64:
@@ -212,7 +212,7 @@ def boxes_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Box]:
     """
     gaussians = scene.gaussians
     weights = masses(gaussians.log_scales, gaussians.logit_opacities)
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     means = gaussians.means.astype(np.float64)
     return {
         thing_id: oriented_box(means[rows], _bounded(weights[rows]), up)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.vertical import vertical_of_poses
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
 from fastsplat_contract.scenes import Box
 
@@ -17,11 +13,6 @@ F64 = NDArray[np.float64]
 
 BOX_TRIM = 0.015
 """Share of a thing's weight that a box leaves out at either end of each axis."""
-
-
-def vertical_axis(cameras: Sequence[PosedCamera]) -> F64 | None:
-    """float64 [3], the unit vector up, or None where the cameras do not tell; see `vertical_of_poses`."""
-    return vertical_of_poses(np.stack([posed.world_from_camera for posed in cameras])) if cameras else None
 
 
 def oriented_box(points: F64, weights: F64, up: F64 | None) -> Box:

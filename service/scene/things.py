@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
 from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -72,7 +72,7 @@ def thing_boxes(scene: Scene) -> dict[int, Box]:
     if scene.things is None:
         return {}
     owner = thing_rows(scene.things)
-    up = vertical_axis(scene.cameras)
+    up = scene.up()
     boxes = {}
     for thing in scene.things.table:
         rows = np.flatnonzero(owner == thing.id)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
+from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.scenes import Scale
+from fastsplat_contract.scenes import Scale, SceneVertical
 from fastsplat_contract.thing_messages import NameSource as NameSource
 
 F32 = NDArray[np.float32]
@@ -282,6 +283,15 @@ class Scene:
         assert self.evidence is not None or self.label_mode != "evidence"
         assert self.things is not None or self.label_mode != "things"
         assert self.things is None or len(self.things.membership) == len(self.gaussians)
+
+    def vertical(self) -> SceneVertical | None:
+        """Which way is up in this version's frame, by what, and how sure that is; see `vertical_of`."""
+        return vertical_of(self.quality, self.alignment, self.cameras)
+
+    def up(self) -> NDArray[np.float64] | None:
+        """float64 [3], the unit vector up in this version's frame; None where nothing tells it well enough, see
+        `up_of`."""
+        return up_of(self.vertical())
 
 
 def semantics_of(scene: Scene) -> Semantics:

@@ -137,7 +137,7 @@ class Trainer:
         fit = self._photometric.fit(self.state, progress, rendering, target, frame)
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()
-        self._photometric.step(self.state, number, iteration // len(self.views) + 1, progress, fit)
+        self._photometric.step(self.state, number, progress, fit)
         adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
         return value, radii
 

@@ -30,6 +30,9 @@ CORRECTIONS = "photometric"
 """Name of the corrections [V, 3] among the parameters of a run: exposure, red, blue of each training view, EV."""
 FITS = "photometric_fits"
 """Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
+STEPS = "photometric_steps"
+"""Name of how many steps of Adam each correction has had [V]: corrections may begin late in a run, their moments with
+them."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
@@ -113,7 +116,7 @@ class PhotometricTraining:
         return fitted_correction(rendering.image[..., :3].detach(), target, rendering.alpha.detach(), frame.valid)
 
     @torch.no_grad()
-    def step(self, state: SplatState, number: int, visits: int, progress: float, fit: Tensor | None) -> None:
+    def step(self, state: SplatState, number: int, progress: float, fit: Tensor | None) -> None:
         """Changes the correction of one view, clears the gradient, and makes the mean over the photos zero.
 
         The others' moments rest meanwhile: a step that does not see a photo says nothing of it.
@@ -121,7 +124,6 @@ class PhotometricTraining:
         Args:
             state: after the backward pass of a step.
             number: of the view.
-            visits: steps of this view, this one included.
             progress: of the run.
             fit: see `fit`.
         """
@@ -136,8 +138,12 @@ class PhotometricTraining:
         row = corrections.detach()[number]
         if corrections.grad is not None:
             moments = state.exp_avg[CORRECTIONS][number], state.exp_avg_sq[CORRECTIONS][number]
+            if STEPS not in state.parameters:
+                state.parameters[STEPS] = torch.zeros(len(corrections), device=corrections.device)
+            steps = state.parameters[STEPS].detach()
+            steps[number] += 1
             rate, backend = self._settings.rates.photometric_at(progress), self._settings.backend
-            adam_update(row, corrections.grad[number], *moments, lr=rate, step=visits, backend=backend)
+            adam_update(row, corrections.grad[number], *moments, lr=rate, step=int(steps[number]), backend=backend)
             corrections.grad = None
         if fit is not None:
             row.lerp_(fit, _FIT_SHARE)

@@ -281,7 +281,11 @@ def no_operation(operation_id: str) -> NotFoundError:
 
 def no_scene(scene_id: str) -> NotFoundError:
     """The error for an unknown scene."""
-    return NotFoundError(f"no scene {scene_id[:80]!r}", field="scene", hint="List the scenes to see which there are.")
+    return NotFoundError(
+        f"no scene {scene_id[:80]!r}",
+        field="scene",
+        hint="GET /v1/scenes lists the scenes that there are, and fastsplat jobs list those of the newest jobs.",
+    )
 
 
 def _stop(connection: Connection, operation: OperationRecord) -> None:

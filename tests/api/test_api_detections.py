@@ -33,7 +33,7 @@ def test_every_face_says_the_same(faces: Faces, service: SceneService, client: C
     ]
     assert truth.meters and truth.frame_id == "scene" and truth.up is not None
     mug = next(each for each in truth.detections if each.label == "mug")
-    assert mug.support is not None and mug.support.label == "ball"  # the floor of that scene is called so
+    assert mug.support is not None and mug.support.label == "floor"  # the floor of that scene is called so
     assert mug.views and (mug.first_seen, mug.proposed_in) == (None, ())
 
 

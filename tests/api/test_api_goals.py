@@ -28,13 +28,18 @@ def test_every_face_names_the_same_place(faces: Faces, service: SceneService, cl
     message = pb.GetGoalRequest(scene_id=upright_id, thing_id=mug, robot_radius=0.15)
     assert_same(from_proto(Goal, faces.rpc.GetGoal(message)), truth)
     assert 0.2 <= truth.distance < 0.6 and truth.clearance >= 0.2
+    assert truth.floor_source == "lowest_level", "labels alone do not say that a thing is flat"
     assert truth.thing_id == mug and truth.version == service.versions.resolve(upright_id)
     assert service.exports.goal(upright_id, mug) == service.exports.goal(upright_id, mug, 0.2)
 
 
-def test_both_faces_refuse_alike(faces: Faces, upright_id: str, scene_id: str) -> None:
+def test_both_faces_refuse_alike(
+    faces: Faces, service: SceneService, api_settings: Settings, upright_id: str, scene_id: str
+) -> None:
+    table_id = add_upright_scene(service, api_settings, "dining table")
     for scene, thing, radius, code, field in (
         (scene_id, 1, 0.2, 400, "scene_id"),  # its z is not up
+        (table_id, 1, 0.2, 400, "scene_id"),  # its lowest level is a table top
         (upright_id, 4_000, 0.2, 404, "thing_id"),
         (upright_id, 1, 5.0, 404, "thing_id"),  # no free place for a robot that wide
         (upright_id, 1, -1.0, 400, "robot_radius"),

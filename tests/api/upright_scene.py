@@ -12,11 +12,12 @@ from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.scenes import store_scene
 
 
-def add_upright_scene(service: SceneService, settings: Settings) -> str:
-    """Store a floor, called a ball (thing 2), and a box on it, called a mug (thing 1), in metres; returns its id."""
+def add_upright_scene(service: SceneService, settings: Settings, floor: str = "floor") -> str:
+    """Store a floor of that name (thing 2), and a box on it, called a mug (thing 1), in metres; returns its id. To the
+    encoder, which knows few words, the floor's name is that of a ball."""
     shells = [
         BoxShell("mug", (0, 0, 0.2), (0.4, 0.4, 0.4), count=1_500),
-        BoxShell("ball", (0, 0, -0.02), (3.0, 3.0, 0.02), count=6_000),
+        BoxShell(floor, (0, 0, -0.02), (3.0, 3.0, 0.02), count=6_000),
     ]
     words = made_scene(open_text_encoder(ENCODER, settings.models))
     scene = replace(

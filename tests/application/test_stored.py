@@ -8,16 +8,19 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.stored import operation_of, scene_of
+from fastsplat.service.scene.alignment import Alignment, alignment_to_json
 from fastsplat.service.store import open_store
-from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.codec import camera_to_json, options_from_json
 from fastsplat.service.store.records import OperationRecord
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.protocol import Job, read_job
-from fastsplat_contract.json_codec import from_json, to_json
+from fastsplat_client.assistant.tool_lengths import up_of
+from fastsplat_contract.json_codec import from_json, from_plain, to_json
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Color, Edit, Scene, SceneVertical
+from tests.query.box_scenes import orbit
 
 
 def _options_of(record: OperationRecord) -> SceneOptions:
@@ -46,11 +49,22 @@ def test_a_scene_says_what_is_up_and_what_measured_it(service, post):
         "scale_error_95": 0.06,
     }
     scene = scene_of(replace(record, scale="METRIC", quality=quality))
-    assert scene.vertical == SceneVertical("planes", 0.4)
+    assert scene.vertical == SceneVertical("planes", 0.4, Vector3(0.0, 0.0, 1.0))
     assert scene.scaling is not None and scene.scaling.source == "gps"
     assert scene.scaling.low == pytest.approx(1 / scene.scaling.high) and 1.05 < scene.scaling.high < 1.07
     assert from_proto(Scene, to_proto(scene)) == from_json(Scene, to_json(scene)) == scene, "on every face"
+    assert up_of(scene) == "+z, by planes, within 0.8 degrees"
     assert scene_of(record).vertical is None and scene_of(record).scaling is None
+    lying = Alignment("map", ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0)), (0.0, 0.0, 0.0))
+    aligned = scene_of(replace(record, quality=quality, alignment=alignment_to_json(lying)))
+    assert aligned.vertical == SceneVertical("planes", 0.4, Vector3(0.0, -1.0, 0.0))
+    assert up_of(aligned) == "(0.000, -1.000, 0.000), by planes, within 0.8 degrees"
+    cameras = [camera_to_json(posed) for posed in orbit()]
+    told = scene_of(replace(record, cameras=cameras, alignment=alignment_to_json(lying))).vertical
+    assert told is not None and told.source == "horizon", "by the cameras, where nothing else is"
+    assert tuple(told.up) == pytest.approx((0, -1, 0), abs=1e-9)
+    earlier = {"source": "planes", "deviation_deg": 0.4}
+    assert from_plain(SceneVertical, earlier) == scene.vertical, "a server of an earlier release says it of +z alone"
 
 
 def test_options_of_the_first_release_are_read(service, post):

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.provenance import ROOT, begin, commit, provenance, write_json
+from benchmarks import provenance as module
+from benchmarks.provenance import ROOT, UncommittedError, begin, commit, provenance, write_json
 
 MODULES = sorted(
     ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -26,7 +27,10 @@ def test_a_benchmark_loads(name: str) -> None:
     importlib.import_module(name)
 
 
-def test_a_measurement_names_where_it_comes_from_and_what_its_settings_were_chosen_on(tmp_path: Path) -> None:
+def test_a_measurement_names_where_it_comes_from_and_what_its_settings_were_chosen_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "DRAFT", str(tmp_path))  # this tree may differ from its commit
     options = argparse.Namespace(out=tmp_path / "out.json", seconds=[1.5], deep={"folder": tmp_path / "a"}, only=("b",))
     about = provenance(begin(), settings=options, chosen_on="nothing")
     assert set(about) == {
@@ -52,16 +56,70 @@ def test_the_command_is_as_typed_without_folders_of_this_machine(tmp_path: Path)
     assert done.stdout.strip() == "python -m probe data --rounds 3"
 
 
-def test_the_commit_says_when_files_differ_from_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def git(*words: str) -> None:
+@pytest.fixture
+def tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A repository with one commit, which is what is measured."""
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    (tmp_path / "benchmarks" / "results").mkdir(parents=True)
+    for name in ("file", "benchmarks/results/rows.json"):
+        (tmp_path / name).write_text("one")
+    for words in (("init", "--quiet"), ("add", "."), ("commit", "--quiet", "-m", "first")):
         subprocess.run(["git", "-c", "user.name=a", "-c", "user.email=a@b", *words], cwd=tmp_path, check=True)
+    return tmp_path
 
-    monkeypatch.setattr("benchmarks.provenance.ROOT", tmp_path)
-    assert commit() == "unknown"
-    git("init", "--quiet")
-    (tmp_path / "file").write_text("one")
-    git("add", "file")
-    git("commit", "--quiet", "-m", "first")
+
+def test_the_commit_says_when_files_differ_from_it(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.fullmatch(r"[0-9a-f]{12}", commit())
-    (tmp_path / "file").write_text("two")
+    (tree / "benchmarks" / "results" / "rows.json").write_text("two")
+    assert re.fullmatch(r"[0-9a-f]{12}", commit()), "a row that was just measured is no change of what is measured"
+    (tree / "file").write_text("two")
     assert re.fullmatch(r"[0-9a-f]{12} \+ changes", commit())
+    monkeypatch.setattr(module, "ROOT", tree.parent)
+    assert commit() == "unknown"
+
+
+def test_nothing_is_measured_of_what_no_commit_holds(tree: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "DRAFT", "")
+    start = begin()
+    (tree / "file").write_text("two")
+    assert provenance(start, settings={}, chosen_on="")["commit"] == start.commit, "that of when it began"
+    with pytest.raises(UncommittedError, match="Commit first"):
+        begin()
+    monkeypatch.setattr(module, "ROOT", tree.parent)
+    with pytest.raises(UncommittedError, match="unknown"):
+        begin()
+    monkeypatch.setattr(module, "DRAFT", str(tree / "trial"))
+    assert begin().commit == "unknown"
+
+
+def test_results_of_trials_go_into_their_own_folder(tmp_path: Path) -> None:
+    program = "import benchmarks.provenance, benchmarks.splits; print(benchmarks.splits.results_file('trade', 'test'))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+        env={"PYTHONPATH": str(ROOT), "DRAFT": str(tmp_path / "trial")},
+    )
+    assert done.stdout.strip() == str(tmp_path / "trial" / "trade.json")
+
+
+def test_a_file_of_results_holds_nothing_that_names_no_origin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    about = dict.fromkeys(("command", "commit", "machine", "date", "load_before"), "")
+    out, old, new = tmp_path / "out.json", {"psnr": 1.0}, {"psnr": 2.0, **about}
+    for document, kept in (
+        ({"a": old, "b": new}, {"b": new}),
+        ({"note": "", "rows": [old, new]}, {"note": "", "rows": [new]}),
+        ({"rows": {"a": old, "b": {"provenance": about}}}, {"rows": {"b": {"provenance": about}}}),
+        ({**about, "rows": [old]}, {**about, "rows": [old]}),
+    ):
+        write_json(out, document)
+        assert json.loads(out.read_text()) == kept
+    assert capsys.readouterr().out.count("left out") == 3
+    for document in ({"rows": [old]}, {"a": old}, {"value": 1}, {}):
+        with pytest.raises(ValueError, match="names its command, commit"):
+            write_json(tmp_path / "none.json", document)
+    assert not (tmp_path / "none.json").exists()

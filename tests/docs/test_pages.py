@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.docs.page_blocks import PAGES, Block, blocks_of
+from tests.docs.page_blocks import PAGES, ROOT, Block, blocks_of
 from tests.docs.page_reader import PageReader
 
 _BLOCKS = {page.name: blocks_of(page) for page in PAGES}
@@ -29,6 +31,19 @@ def test_what_is_not_executed_is_the_lesser_part() -> None:
         print(f"{block}: {block.reason}")
     assert len(code) > 30
     assert len(left_out) <= len(code) / 4, [f"{block}: {block.reason}" for block in left_out]
+
+
+def test_each_way_to_the_photos_of_the_first_scene_leads_to_the_folder_that_its_blocks_use(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "first_scene.md").read_text()
+    ways = re.findall(r"`((?:mkdir [^`]+)?cp -r demo/sample[^`]*)`", page)
+    (checked,) = re.findall(r"fastsplat check (\S+)", page)
+    assert len(ways) == 2
+    for number, way in enumerate(ways):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / "demo").symlink_to(ROOT / "demo")
+        subprocess.run(["bash", "-ec", way], cwd=folder, check=True)
+        assert list((folder / checked).glob("*.jpg")), way
 
 
 @pytest.mark.parametrize(

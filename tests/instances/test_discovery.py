@@ -29,6 +29,7 @@ from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room, make_room
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
+UP = np.array([0.0, 0.0, 1.0])
 PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 
 Masks = tuple[ViewMasks | None, ...]
@@ -46,7 +47,7 @@ def masks(room: Room) -> Masks:
 
 @pytest.fixture(scope="module")
 def discovery(room: Room, masks: Masks) -> Discovery:
-    return discover_things(room.gaussians, room.capture.views, masks, SETTINGS)
+    return discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS)
 
 
 def _overlaps(things: Things, owner: np.ndarray) -> dict[int, tuple[int, float]]:
@@ -85,9 +86,9 @@ def test_views_that_nobody_looked_at_have_no_say(room: Room) -> None:
         room.capture.views, NoDetector(), ColorSegmenter(), PERCEPTION.model_copy(update={"proposal_views": 5})
     )
     assert sum(own is not None for own in few) == 5 and few[0] is not None and few[-1] is not None
-    all_views = discover_things(room.gaussians, room.capture.views, few, SETTINGS)
+    all_views = discover_things(room.gaussians, room.capture.views, few, UP, SETTINGS)
     used = [(view, own) for view, own in zip(room.capture.views, few, strict=True) if own is not None]
-    alone = discover_things(room.gaussians, [view for view, _ in used], [own for _, own in used], SETTINGS)
+    alone = discover_things(room.gaussians, [view for view, _ in used], [own for _, own in used], UP, SETTINGS)
     assert all_views.views == 5 and (thing_rows(all_views.things) == thing_rows(alone.things)).all()
 
 
@@ -106,7 +107,7 @@ def test_boxes_spare_points(room: Room) -> None:
 
 
 def test_the_same_input_gives_the_same_things(room: Room, discovery: Discovery, masks: Masks) -> None:
-    again = discover_things(room.gaussians, room.capture.views, masks, SETTINGS)
+    again = discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS)
     assert again.things.table == discovery.things.table
     assert (thing_rows(again.things) == thing_rows(discovery.things)).all()
 
@@ -118,11 +119,11 @@ def test_it_ends_when_asked_to(room: Room, masks: Masks) -> None:
             raise CancelledError("enough")
 
     with pytest.raises(CancelledError):
-        discover_things(room.gaussians, room.capture.views, masks, SETTINGS, stop)
+        discover_things(room.gaussians, room.capture.views, masks, UP, SETTINGS, stop)
 
 
 def test_no_views_no_things(room: Room) -> None:
-    discovery = discover_things(room.gaussians, (), (), SETTINGS)
+    discovery = discover_things(room.gaussians, (), (), UP, SETTINGS)
     assert discovery.things.table == () and discovery.prompts == 0
     assert (thing_rows(discovery.things) == 0).all()
 
@@ -248,8 +249,8 @@ def test_undistorted_margins_say_nothing(room: Room, masks: Masks, tmp_path: Pat
     cv2.imwrite(str(blank), np.zeros((72, 96), np.uint8))
     views = list(room.capture.views)
     views[0] = replace(views[0], valid_path=blank)
-    without = discover_things(room.gaussians, views[1:], masks[1:], SETTINGS)
-    margin = discover_things(room.gaussians, views, masks, SETTINGS)
+    without = discover_things(room.gaussians, views[1:], masks[1:], UP, SETTINGS)
+    margin = discover_things(room.gaussians, views, masks, UP, SETTINGS)
     assert len(margin.things.table) == len(without.things.table) == 4
 
 
@@ -260,7 +261,7 @@ def test_a_thing_says_in_which_views_it_was_proposed_and_missed(room: Room, mask
         assert not set(thing.proposed_in) & set(thing.missed_in)
         assert (thing.consensus == 1.0) == (not thing.missed_in)
     # Numbers are those of the capture's views, also where some of these have no say.
-    few = discover_things(room.gaussians, room.capture.views, (None, *masks[1:]), SETTINGS)
+    few = discover_things(room.gaussians, room.capture.views, (None, *masks[1:]), UP, SETTINGS)
     seen = {number for thing in few.things.table for number in (*thing.proposed_in, *thing.missed_in)}
     assert seen and min(seen) >= 1 and max(seen) == max(views)
     third = masks[3]
@@ -268,6 +269,6 @@ def test_a_thing_says_in_which_views_it_was_proposed_and_missed(room: Room, mask
     blind = (*masks[:3], replace(third, bits=third.bits[:0], quality=third.quality[:0]), *masks[4:])
     best = max(discovery.things.table, key=lambda thing: len(thing.proposed_in))
     assert 3 in best.proposed_in
-    after = discover_things(room.gaussians, room.capture.views, blind, SETTINGS)
+    after = discover_things(room.gaussians, room.capture.views, blind, UP, SETTINGS)
     assert any(3 in thing.missed_in for thing in after.things.table)
     assert not any(3 in thing.proposed_in for thing in after.things.table)

@@ -115,7 +115,7 @@ def test_the_cloud_is_that_of_the_points_file(things: tuple[int, ...]) -> None:
 def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
     index = _index()
     cells = np.array([[FREE, OCCUPIED, UNKNOWN], [UNKNOWN, FREE, FREE]], np.int8)
-    floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", 1.5)
+    floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", "", 1.5)
     recording = SceneRecording("an-id", "v7", "wall", START, points_file(index, "wall", (), 0.05), {}, floor=floor)
     ((at, grid),) = _messages(foxglove_file(index, recording))["/map"]
     assert (at, grid.frame_id, grid.column_count) == (START, "scene", 3)

@@ -55,6 +55,8 @@ def test_it_is_asked_and_gone_when_it_is_closed(models_dir: Path, temporary: Pat
         answer = scene.ask("cup")
         assert answer.verdict == "exact" and len(answer.things) == 1
         assert scene.info.scale == "METRIC"
+        kinds = {thing.name: thing.surface for thing in scene.things()}
+        assert kinds["dining table"] == "horizontal surface" and "floor" not in kinds.values()
         scene.name(answer.things[0], "beaker of tea")
         assert scene.ask("beaker of tea").things == answer.things
     assert list(temporary.iterdir()) == []

@@ -25,7 +25,7 @@ _ANY = SceneThing(1, "chest", None, 0.0, (), "thing", "", 1.0, 10, None, True)
 
 def _map(solids: Sequence[Solid], motion: np.ndarray = _STILL) -> OccupancyMap:
     views = views_of((floor(), *solids), motion=motion)
-    return occupancy_map(views, (9,), resolution=0.05, height=1.5, most_points=10**6, most_cells=10**6)
+    return occupancy_map(views, (9,), {}, resolution=0.05, height=1.5, most_points=10**6, most_cells=10**6)
 
 
 def _thing(solid: Solid, motion: np.ndarray = _STILL) -> SceneThing:

@@ -40,7 +40,7 @@ _ROOM = (floor(), _CHEST, _PLATE, _LAMP)
 
 def _map(views: Sequence[SurfaceView], floors: Sequence[int] = (9,), **others: float) -> OccupancyMap:
     options = {"resolution": 0.05, "height": 1.5, "most_points": 10**6, "most_cells": 10**6, **others}
-    return occupancy_map(views, floors, **options)
+    return occupancy_map(views, floors, {}, **options)
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.scene import Scene, read_scene, write_scene
-from fastsplat.service.scene.boxes import oriented_box, vertical_axis
+from fastsplat.service.scene.boxes import oriented_box
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import SceneObject
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
@@ -171,15 +171,6 @@ def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
     (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose))).objects
     np.testing.assert_allclose(a.box.size, flat.size, rtol=0.1, atol=2e-3)
     np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
-
-
-def test_the_vertical_is_told_by_level_cameras() -> None:
-    np.testing.assert_allclose(vertical_axis(orbit()), [0, 0, 1], atol=1e-9)
-    pose = rigid(3)
-    turned = [replace(camera, world_from_camera=pose @ camera.world_from_camera) for camera in orbit()]
-    np.testing.assert_allclose(vertical_axis(turned), pose[:3, 2], atol=1e-9)
-    assert vertical_axis(orbit(2)) is None
-    assert vertical_axis([look((x, -1, 0), (x, 0, 0), "") for x in (0, 1, 2, 3)]) is None  # side by side: any tilt fits
 
 
 def test_a_few_strays_do_not_stretch_a_box() -> None:

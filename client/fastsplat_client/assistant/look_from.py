@@ -10,7 +10,7 @@ from fastsplat_client.client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import Tint
-from fastsplat_contract.scenes import Color
+from fastsplat_contract.scenes import Color, Scene
 
 _MOST_PIXELS_A_SIDE = 768
 _HIGHLIGHT = Color(1.0, 0.55, 0.0)
@@ -46,7 +46,7 @@ def look_from(
         )
     viewpoint: str | PosedCamera
     if position is not None and target is not None:
-        viewpoint = look_at(np.array(position), np.array(target), _up(shown.cameras))
+        viewpoint = look_at(np.array(position), np.array(target), _up(shown))
     elif view:
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
     elif thing:
@@ -83,8 +83,11 @@ def look_at(position: NDArray[np.float64], target: NDArray[np.float64], up: NDAr
     return PosedCamera(Camera(side, side * 3 // 4, focal, focal, side / 2, side * 3 / 8), pose)
 
 
-def _up(cameras: tuple[PosedCamera, ...]) -> NDArray[np.float64]:
-    """Unit [3]: what the cameras hold for up, which is right also where nothing says what the vertical is."""
+def _up(scene: Scene) -> NDArray[np.float64]:
+    """Unit [3]: the scene's vertical; where nothing says what that is, what the cameras hold for up."""
+    if scene.vertical is not None:
+        return np.array(scene.vertical.up)
+    cameras = scene.cameras
     total = np.sum([-each.world_from_camera[:3, 1] for each in cameras], axis=0) if cameras else np.zeros(3)
     length = float(np.linalg.norm(total))
     return total / length if length > 1e-9 else np.array([0.0, 0.0, 1.0])

@@ -144,7 +144,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         scene: _Scene = "",
     ) -> tool_results.StandingPlace:
         """Where a robot stands to see a thing: the nearest free place on the floor, and which way to look. Refused for
-        scenes without meters or a known vertical, and where no such place was seen."""
+        scenes without meters, a known vertical or a floor, and where no such place was seen."""
         return await answered(context, lambda client: tools.goal(client, thing, robot_radius, scene))
 
     @server.tool(annotations=_READS, structured_output=False)

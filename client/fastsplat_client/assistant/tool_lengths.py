@@ -8,6 +8,9 @@ from fastsplat_client.assistant.tool_results import Interval, Point, Unit
 from fastsplat_contract.measure_messages import Length
 from fastsplat_contract.scenes import Box, Scene, SceneSummary
 
+_ALONG = float(np.cos(np.radians(0.1)))
+"""Cosine of the angle within which an axis is said to be the vertical."""
+
 
 def bounds_of(boxes: list[Box]) -> tuple[np.ndarray | None, np.ndarray | None]:
     """The axis-aligned box around oriented ones."""
@@ -46,7 +49,9 @@ def up_of(scene: Scene) -> str:
     """Which way is up, and how sure that is, as a sentence."""
     if scene.vertical is None:
         return "not known"
-    return f"+z, by {scene.vertical.source}, within {2 * scene.vertical.deviation_deg:.1f} degrees"
+    up = scene.vertical.up
+    axis = "+z" if up.z > _ALONG else f"({up.x:.3f}, {up.y:.3f}, {up.z:.3f})"
+    return f"{axis}, by {scene.vertical.source}, within {2 * scene.vertical.deviation_deg:.1f} degrees"
 
 
 def frame_of(scene: Scene) -> str:

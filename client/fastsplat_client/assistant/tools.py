@@ -264,6 +264,8 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
         f"From ({x:g}, {y:g}) m, turned {math.degrees(place.yaw):.0f} degrees from the x axis, thing {thing} is in "
         f"sight, {place.distance:.2f} m away; whether the robot can get there is not known."
     )
+    if place.floor_source == "lowest_level":
+        sentence += " Nothing is known as the floor: it was taken to be the lowest level seen."
     return StandingPlace(
         shown.id,
         thing,

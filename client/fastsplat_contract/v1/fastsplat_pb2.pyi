@@ -904,6 +904,30 @@ NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
 """surfaces that it would see were seen from few directions"""
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
+class _FloorSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _FloorSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_FloorSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    FLOOR_SOURCE_UNSPECIFIED: _FloorSource.ValueType  # 0
+    """a server of an earlier release"""
+    FLOOR_SOURCE_SURFACE: _FloorSource.ValueType  # 1
+    """a thing that is a floor"""
+    FLOOR_SOURCE_LOWEST_LEVEL: _FloorSource.ValueType  # 2
+    """the lowest level with many points that face up"""
+
+class FloorSource(_FloorSource, metaclass=_FloorSourceEnumTypeWrapper):
+    """By what the floor of a map was found."""
+
+FLOOR_SOURCE_UNSPECIFIED: FloorSource.ValueType  # 0
+"""a server of an earlier release"""
+FLOOR_SOURCE_SURFACE: FloorSource.ValueType  # 1
+"""a thing that is a floor"""
+FLOOR_SOURCE_LOWEST_LEVEL: FloorSource.ValueType  # 2
+"""the lowest level with many points that face up"""
+Global___FloorSource: _TypeAlias = FloorSource  # noqa: Y015
+
 class _SupportRelation:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -1416,7 +1440,7 @@ class Scene(_message.Message):
 
     @_builtins.property
     def vertical(self) -> Global___SceneVertical:
-        """absent where poses came with the upload, or nothing says what is up"""
+        """absent where nothing says what is up"""
 
     @_builtins.property
     def alignment(self) -> Global___SceneAlignment:
@@ -1453,24 +1477,30 @@ Global___Scene: _TypeAlias = Scene  # noqa: Y015
 
 @_typing.final
 class SceneVertical(_message.Message):
-    """Which way is up in a scene whose +z it is, and how sure that is."""
+    """Which way is up in a scene's current version, and how sure that is."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
     SOURCE_FIELD_NUMBER: _builtins.int
     DEVIATION_DEG_FIELD_NUMBER: _builtins.int
+    UP_FIELD_NUMBER: _builtins.int
     source: Global___VerticalSource.ValueType
     deviation_deg: _builtins.float
-    """1 sigma of the angle between +z and the vertical, degrees"""
+    """1 sigma of the angle between `up` and the vertical, degrees"""
+    @_builtins.property
+    def up(self) -> Global___Vector3:
+        """unit vector in the version's world frame; +z unless poses came along, or a map"""
+
     def __init__(
         self,
         *,
         source: Global___VerticalSource.ValueType = ...,
         deviation_deg: _builtins.float = ...,
+        up: Global___Vector3 | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["deviation_deg", b"deviation_deg", "source", b"source", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -3616,7 +3646,7 @@ class LookAgainResult(_message.Message):
     version: _builtins.str
     """the version that it made"""
     rendered: _builtins.bool
-    """whether renderings of the scene were looked at: the capture's photos are not kept with it"""
+    """whether renderings of the scene were looked at, not photos"""
     regions: _builtins.int
     """how often any of the texts was found, over all views"""
     unmatched: _builtins.int
@@ -5843,6 +5873,7 @@ class Goal(_message.Message):
     CLEARANCE_FIELD_NUMBER: _builtins.int
     THING_ID_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
+    FLOOR_SOURCE_FIELD_NUMBER: _builtins.int
     yaw: _builtins.float
     """the same turn about z, radians, 0 along x"""
     distance: _builtins.float
@@ -5853,6 +5884,8 @@ class Goal(_message.Message):
     """which thing"""
     version: _builtins.str
     """which version was read"""
+    floor_source: Global___FloorSource.ValueType
+    """by what the floor was found"""
     @_builtins.property
     def pose(self) -> Global___Pose:
         """on the floor, x ahead: turned to the middle of the thing's box"""
@@ -5866,10 +5899,11 @@ class Goal(_message.Message):
         clearance: _builtins.float = ...,
         thing_id: _builtins.int = ...,
         version: _builtins.str = ...,
+        floor_source: Global___FloorSource.ValueType = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["pose", b"pose"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "floor_source", b"floor_source", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

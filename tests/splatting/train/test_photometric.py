@@ -167,7 +167,7 @@ def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
     for spread, differs in ((0.5, True), (0.02, False)):
         state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(4, 4)})
         for number, sign in enumerate((-1.0, 1.0, -1.0, 1.0)):
-            training.step(state, number, 1, 0.1, torch.tensor([3 + sign * spread, 0.0, 0.0]))
+            training.step(state, number, 0.1, torch.tensor([3 + sign * spread, 0.0, 0.0]))
         training.decide_if_due(state, 0.1)
         assert FITS in state.parameters, "not before it is time"
         training.decide_if_due(state, 0.3)
@@ -175,6 +175,30 @@ def test_what_was_noted_before_the_decision_is_in_the_state() -> None:
         assert (CORRECTIONS in state.parameters) == differs
         if differs:
             assert torch.allclose(state.parameters[CORRECTIONS][:, 0], spread * torch.tensor([-1.0, 1.0, -1.0, 1.0]))
+
+
+@pytest.mark.parametrize("looked_at", [0, 40])
+def test_corrections_that_begin_late_move_as_torchs_adam_moves_them_from_its_first_step(looked_at: int) -> None:
+    settings = TrainingSettings(iterations=1000, time_budget_s=None)
+    training = PhotometricTraining(settings)
+    state = new_state({"means": torch.zeros(1, 3), FITS: torch.zeros(3, 4)})
+    for visit in range(looked_at * 3):
+        training.step(state, visit % 3, 0.1, torch.zeros(3))
+    state.parameters[FITS].detach()[:] = torch.tensor([[0.5, 0, 0, 1], [-0.5, 0, 0, 1], [0, 0.5, 0, 1]])
+    training.decide_if_due(state, 0.2)
+    corrections, random = state.parameters[CORRECTIONS], torch.Generator().manual_seed(5)
+    expected = [torch.nn.Parameter(row.clone()) for row in corrections.detach()]
+    rate = settings.rates.photometric_at(0.3)
+    adams = [torch.optim.Adam([row], lr=rate, eps=1e-15) for row in expected]
+    for number in (0, 0, 1, 2, 1, 0, 2, 2, 1, 0):
+        gradient = torch.randn(3, generator=random)
+        corrections.grad, expected[number].grad = torch.zeros(3, 3), gradient
+        corrections.grad[number] = gradient
+        training.step(state, number, 0.3, None)
+        adams[number].step()
+        for row, centered in zip(expected, zero_mean(torch.stack([row.detach() for row in expected])), strict=True):
+            row.data.copy_(centered)
+        assert torch.allclose(corrections.detach(), torch.stack([row.detach() for row in expected]), rtol=0, atol=1e-6)
 
 
 def test_exif_is_where_corrections_start(world, quick) -> None:

@@ -1,0 +1,100 @@
+"""Which things are floors: by their names, and by how far below the cameras they lie. A table top is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.scene.types import Scene, Thing
+from fastsplat_contract.camera import PosedCamera
+
+_FLOORS = frozenset(
+    "floor flooring floorboard floorboards ground carpet carpeting rug parquet linoleum laminate pavement paving "
+    "sidewalk driveway patio lawn grass road street asphalt".split()
+)
+"""Last words of names of what people and robots stand on."""
+_COVERINGS = frozenset("tile tiles tiling board boards covering mat".split())
+"""Of a floor, where that word comes before."""
+_TRUSTED = ("given", "person")
+"""Who says that something is a floor is believed of whatever height and shape."""
+
+LEAST_BELOW = 0.6
+"""Meters from a floor up to three of four cameras: people hold them higher, and over a table lower."""
+
+
+def names_a_floor(names: Sequence[str]) -> bool:
+    """Whether one of a thing's names, or of their aliases, is a floor's."""
+    for name in names:
+        words = name.casefold().replace("-", " ").split()
+        covering = len(words) > 1 and words[-1] in _COVERINGS and words[-2] in ("floor", "ground")
+        if words and (words[-1] in _FLOORS or covering):
+            return True
+    return False
+
+
+def meters_below(cameras: Sequence[PosedCamera], up: NDArray[np.float64], height: float) -> float:
+    """How far below the cameras a height lies: three of four are at least so much higher."""
+    heights = np.array([posed.world_from_camera[:3, 3] @ up for posed in cameras])
+    return float(np.quantile(heights, 0.25)) - height
+
+
+def with_floors_judged(scene: Scene, things: Sequence[Thing], owner: NDArray[np.int32]) -> tuple[Thing, ...]:
+    """The things, in which a level surface is a floor by what is known of it now.
+
+    Discovery takes the lowest level surface below the cameras for the floor, before anything has a name, and often
+    before the scene is in meters. One with another name is none; nor is one in a scene in meters that lies less than
+    `LEAST_BELOW` below the cameras, unless a person or the upload calls it a floor. A level surface that is named as a
+    floor is one.
+
+    Args:
+        scene: of G Gaussians.
+        things: of it.
+        owner: int32 [G], the thing of each Gaussian, 0 for none.
+    """
+    return tuple(_judged(scene, thing, owner) for thing in things)
+
+
+def _judged(scene: Scene, thing: Thing, owner: NDArray[np.int32]) -> Thing:
+    if thing.surface not in ("floor", "horizontal surface"):
+        return thing
+    named = names_a_floor(all_names(thing, scene.dictionary))
+    is_floor = named if thing.name else thing.surface == "floor"
+    if is_floor and not (named and thing.source in _TRUSTED):
+        is_floor = not _near_the_cameras(scene, np.flatnonzero(owner == thing.id))
+    return replace(thing, surface="floor" if is_floor else "horizontal surface")
+
+
+def _near_the_cameras(scene: Scene, rows: NDArray[np.intp]) -> bool:
+    up = scene.up()
+    if scene.scale != "METRIC" or up is None or not scene.cameras or not len(rows):
+        return False
+    height = float(np.median(scene.gaussians.means[rows].astype(np.float64) @ up))
+    return meters_below(scene.cameras, up, height) < LEAST_BELOW
+
+
+def floor_ids(things: Sequence[Thing], dictionary: Dictionary) -> list[int]:
+    """The ids of the things that are floors: level surfaces (see `with_floors_judged`), and things without a kind of
+    surface, as scenes of label maps have them, that a person or the upload calls a floor."""
+    return [
+        thing.id
+        for thing in things
+        if thing.surface == "floor"
+        or (not thing.surface and thing.source in _TRUSTED and names_a_floor(all_names(thing, dictionary)))
+    ]
+
+
+def names_of_others(things: Sequence[Thing], dictionary: Dictionary) -> dict[int, str]:
+    """By id the names of the things that bear a name which is no floor's."""
+    return {thing.id: thing.name for thing in things if thing.name and not names_a_floor(all_names(thing, dictionary))}
+
+
+def all_names(thing: Thing, dictionary: Dictionary) -> tuple[str, ...]:
+    """A thing's name, and the aliases of its label; none for a thing without a name."""
+    if not thing.name:
+        return ()
+    label_id = dictionary.id_of(thing.name)
+    return (thing.name,) if label_id is None else (thing.name, *dictionary.entries[label_id - 1].aliases)
