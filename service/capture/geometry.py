@@ -14,7 +14,6 @@ from fastsplat_contract.errors import ReconstructionError
 _MIN_ANGLE_DEG = 1.5
 _MIN_FLATNESS = 1e-3
 _MAX_DEPTH_TO_BASELINE = 200.0
-_FOCAL_RANGE = (0.25, 8.0)  # of the longer side: 127° to 7° of view
 _MIN_PAIR_MATCHES = 30
 _CONTRADICTION_PX = 8.0
 _REPEATING_SHARE = 0.15
@@ -33,7 +32,6 @@ class Reconstruction:
 
     Attributes:
         world_from_camera: float64 [N, 4, 4] of the registered images.
-        relative_focals: float64 [N], focal length over the longer side.
         points: float64 [P, 3].
         angles_deg: float64 [P], widest angle between the rays that see a point.
         images: how many images there were.
@@ -41,7 +39,6 @@ class Reconstruction:
     """
 
     world_from_camera: NDArray[np.float64]
-    relative_focals: NDArray[np.float64]
     points: NDArray[np.float64]
     angles_deg: NDArray[np.float64]
     images: int
@@ -54,7 +51,7 @@ def validate_reconstruction(
     """Warnings, as sentences for people, about a reconstruction that can be used.
 
     Raises:
-        ReconstructionError: it cannot: too few images or points, cameras that hardly moved, an absurd focal length,
+        ReconstructionError: it cannot: too few images or points, cameras that hardly moved,
             points that collapsed into a plane or into the cameras.
     """
     registered, points = len(reconstruction.world_from_camera), len(reconstruction.points)
@@ -86,14 +83,6 @@ def validate_reconstruction(
 
 
 def _refuse_degenerate(reconstruction: Reconstruction) -> None:
-    low, high = _FOCAL_RANGE
-    if ((reconstruction.relative_focals < low) | (reconstruction.relative_focals > high)).any():
-        worst = reconstruction.relative_focals[np.argmax(np.abs(np.log(reconstruction.relative_focals)))]
-        raise ReconstructionError(
-            f"the focal length came out as {worst:.3g} times the image's longer side, which no camera has",
-            limit=f"{low} to {high} times",
-            hint=_PHOTO_HINT,
-        )
     centers = reconstruction.world_from_camera[:, :3, 3]
     travel = float(np.linalg.norm(centers.max(axis=0) - centers.min(axis=0)))
     depth = float(np.median(depths(reconstruction.world_from_camera, reconstruction.points)))

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -241,8 +241,7 @@ class Mapping:
         )
 
     def _largest_first(self, models: dict[int, pycolmap.Reconstruction]) -> Mapped:
-        ordered = sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
-        return Mapped(ordered, self._verified)
+        return Mapped(largest_first(models.values()), self._verified)
 
     def _better(self, best: Mapped, later: Mapped, held_out: PairMatches) -> Mapped:
         """`later` if it places more images and explains no fewer matches, or explains more; else `best`."""
@@ -259,6 +258,11 @@ class Mapping:
         placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
         with pycolmap.Database.open(self.database) as reader:
             return {image.image_id for image in reader.read_all_images()} - placed
+
+
+def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
+    """In the order of `Models`."""
+    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
 def _strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:

@@ -19,7 +19,8 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs, rigs
-from fastsplat.service.capture.mapping import SEED, Mapping, Models, mapper_options
+from fastsplat.service.capture.impossible_cameras import take_out_impossible
+from fastsplat.service.capture.mapping import SEED, Mapping, Models, largest_first, mapper_options
 from fastsplat.service.capture.model_agreement import VerifiedMatches
 from fastsplat_contract.errors import ReconstructionError
 
@@ -46,7 +47,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
 
     Returns:
         "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
-        `PhotoMatches` as a list}, "models", "error_px" and "warnings".
+        `PhotoMatches` as a list}, "impossible": {file: see `take_out_impossible`}, "models", "error_px" and "warnings".
 
     Raises:
         ReconstructionError: no usable geometry; see `validate_reconstruction`.
@@ -71,19 +72,29 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
             "no two images see the same thing from different places",
             hint="Send photos of one scene that overlap by two thirds, taken from different places.",
         )
-    best = mapped.models[0]
-    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in mapped.models))
+    # Before images are taken out: pairs that only one of has a place contradict a model, too.
+    contradictions = mapped.contradictions
+    impossible = take_out_impossible(mapped.models, request["max_side"])
+    models = largest_first(model for model in mapped.models if model.num_reg_images())
+    if not models:
+        raise ReconstructionError(
+            f"the lens of the photos could not be worked out: none of {len(impossible)} has a possible one",
+            hint="Send photos as the camera stored them, neither cropped nor edited, taken from different places.",
+        )
+    best = models[0]
+    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
     warnings = geometry.validate_reconstruction(
         reconstruction, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
-    warnings += geometry.repetition_warning(*mapped.contradictions)
+    warnings += geometry.repetition_warning(*contradictions)
     report(1.0, f"{best.num_reg_images()} of {len(files)} images registered")
     save_points(best, folder)
     image_by_name = {image.name: image for image in best.images.values() if image.has_pose}
     return {
         "poses": {name: world_from_camera(image).tolist() for name, image in image_by_name.items()},
         "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
-        "matches": _matches_of_images(mapped.models, database),
+        "matches": _matches_of_images(models, database),
+        "impossible": impossible,
         "models": list(reconstruction.models),
         "error_px": best.compute_mean_reprojection_error(),
         "warnings": warnings,
@@ -276,7 +287,6 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     ]
     return geometry.Reconstruction(
         world_from_camera=np.stack([world_from_camera(image) for image in posed]),
-        relative_focals=np.array([rigs.relative_focal(image.camera) for image in posed]),
         points=np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3),
         angles_deg=np.array(angles),
         images=images,
