@@ -20,9 +20,9 @@ _REPEATING_SHARE = 0.15
 _WRONG_POSES_SHARE = 0.5
 _FEW_REGISTERED = 0.8
 _MEDIAN_DISTANCE = 3.0
-_PHOTO_HINT = (
-    "Walk around the scene while photographing: neighboring photos should overlap by two thirds and be taken from "
-    "different places, in focus, of things with texture."
+PHOTO_HINT = (
+    "Send 20 to 40 photos of one place, in focus, of things with texture: take a step to the side between one and the "
+    "next, so that neighbors overlap by two thirds and show the place from different sides."
 )
 
 
@@ -59,13 +59,13 @@ def validate_reconstruction(
         raise ReconstructionError(
             f"only {registered} of {reconstruction.images} images could be registered",
             limit=f"a share of {min_registered_share:g} (FASTSPLAT_CAPTURE__MIN_REGISTERED_SHARE)",
-            hint=_PHOTO_HINT,
+            hint=PHOTO_HINT,
         )
     if points < min_points:
         raise ReconstructionError(
             f"only {points} points are seen by several images",
             limit=f"{min_points} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
-            hint=_PHOTO_HINT,
+            hint=PHOTO_HINT,
         )
     _refuse_degenerate(reconstruction)
     warnings = []
@@ -90,7 +90,7 @@ def _refuse_degenerate(reconstruction: Reconstruction) -> None:
         raise ReconstructionError(
             "the camera hardly moved: depth cannot be told from photos that only turn in place",
             limit=f"a median angle of {_MIN_ANGLE_DEG}° between rays",
-            hint=_PHOTO_HINT,
+            hint=PHOTO_HINT,
         )
     low_end, high_end = np.percentile(reconstruction.points, [1, 99], axis=0)
     core = reconstruction.points[((reconstruction.points >= low_end) & (reconstruction.points <= high_end)).all(axis=1)]
@@ -99,7 +99,7 @@ def _refuse_degenerate(reconstruction: Reconstruction) -> None:
         raise ReconstructionError(
             "all points collapsed into one plane or line: depth cannot be trusted",
             limit=f"a thickness of {_MIN_FLATNESS:g} of the width",
-            hint=_PHOTO_HINT,
+            hint=PHOTO_HINT,
         )
 
 

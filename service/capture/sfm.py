@@ -19,6 +19,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs, rigs
+from fastsplat.service.capture.early_refusal import refuse_hopeless
 from fastsplat.service.capture.impossible_cameras import take_out_impossible
 from fastsplat.service.capture.mapping import SEED, Mapping, Models, largest_first, mapper_options
 from fastsplat.service.capture.model_agreement import VerifiedMatches
@@ -57,7 +58,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     images = Path(request["image_folder"])
     files = [image["file"] for image in request["images"]]
     import_images(database, images, request["images"])
-    extract_and_match(database, images, files, request, folder, report)
+    extract_and_match(database, images, files, request, folder, report, request["min_registered_share"])
     report(MATCHING_DONE, "registering images")
     mapped = Mapping(
         database,
@@ -68,10 +69,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
         lambda done, message: report(MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * done, message),
     ).run(request["global_mapping_images"])
     if not mapped.models:
-        raise ReconstructionError(
-            "no two images see the same thing from different places",
-            hint="Send photos of one scene that overlap by two thirds, taken from different places.",
-        )
+        raise ReconstructionError("no two images see the same thing from different places", hint=geometry.PHOTO_HINT)
     # Before images are taken out: pairs that only one of has a place contradict a model, too.
     contradictions = mapped.contradictions
     impossible = take_out_impossible(mapped.models, request["max_side"])
@@ -154,8 +152,25 @@ def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -
 
 
 def extract_and_match(
-    database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, report: Report
+    database: Path,
+    images: Path,
+    files: list[str],
+    request: dict[str, Any],
+    folder: Path,
+    report: Report,
+    least_share: float | None = None,
 ) -> None:
+    """Write features and verified matches to the database.
+
+    Args:
+        database, images, request, folder, report: as in `reconstruct` and `import_images`.
+        files: of the images.
+        least_share: of images that must get a place: where their matches show that they cannot, they are refused before
+            all pairs are matched; None: any will do.
+
+    Raises:
+        ReconstructionError: the images have hardly any texture, or as `refuse_hopeless`.
+    """
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
     extraction.num_threads = _threads(request)
@@ -167,11 +182,16 @@ def extract_and_match(
         extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
     image_pairs = _choose_pairs(database, files, request)
-    for start in range(0, len(image_pairs), _PAIRS_A_STEP):
-        fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
-        report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
-        step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
-        _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
+    done, share = 0, None if rigs.has_rigs(request["images"]) else least_share
+    for part in pairs.telling_first(image_pairs, len(files)):
+        for start in range(0, len(part), _PAIRS_A_STEP):
+            fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * done / len(image_pairs)
+            report(fraction, f"matching image pairs {done}/{len(image_pairs)}")
+            step_pairs = part[start : start + _PAIRS_A_STEP]
+            _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
+            done += len(step_pairs)
+        if share is not None:
+            refuse_hopeless(database, min_share=share, complete=done == len(image_pairs))
 
 
 def _match(
