@@ -10,7 +10,9 @@ from pydantic import Field
 from fastsplat_contract.scenes import NextPageToken
 from fastsplat_contract.wire import Many, Response, travels
 
-NotPlaced = Literal["few_features", "no_overlap", "few_matches", "other_model", "masked", "unknown"]
+NotPlaced = Literal[
+    "few_features", "no_overlap", "few_matches", "other_model", "masked", "unknown", "lens", "unreadable"
+]
 PhotoDefect = Literal["blurred", "dark", "duplicate"]
 
 
@@ -25,7 +27,8 @@ class PhotoVerdict(Response):
         Field(
             description="why it is none. few_features: hardly any texture; no_overlap: it shows nothing that another "
             "photo shows; few_matches: too little of that; other_model: it belongs to a group of photos that shares "
-            "nothing with the scene's; masked: its mask leaves no pixel; unknown: structure from motion did not say"
+            "nothing with the scene's; masked: its mask leaves no pixel; unknown: structure from motion did not say; "
+            "lens: what it was taken with could not be worked out; unreadable: its file is damaged"
         ),
     ]
     defects: Annotated[

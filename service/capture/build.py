@@ -11,22 +11,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
 from fastsplat.service.capture.depth_maps import DEPTHS
 from fastsplat.service.capture.geometry import normalize_world
 from fastsplat.service.capture.gps_scale import with_gps
 from fastsplat.service.capture.gravity import vertical_of_capture
 from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.image_io import PhotoInfo, load_rgb
+from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
-from fastsplat.service.capture.lens_faces import face_name, is_fisheye
-from fastsplat.service.capture.lens_views import ViewLog, lens_of, posed_lens, test_views, views_of
+from fastsplat.service.capture.lens_views import ViewLog, test_views
 from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, matches_by_name, measure_photo
+from fastsplat.service.capture.photo_quality import judge_photos, matches_by_name
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
-from fastsplat.service.capture.posed_input import PosedImage, mask_warning
+from fastsplat.service.capture.posed_input import mask_warning
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
@@ -34,8 +32,6 @@ from fastsplat.service.capture.sfm_images import (
     SfmImage,
     frame_width,
     photo_ups,
-    source_ids,
-    source_pixels,
     upright_photos,
     video_frames,
 )
@@ -43,7 +39,7 @@ from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
 from fastsplat.service.capture.upload_validation import read_posed_dataset
-from fastsplat.service.capture.view_depths import view_depth
+from fastsplat.service.capture.view_sources import ViewSources
 from fastsplat.service.capture.view_writer import (
     IMAGES,
     LABELS,
@@ -52,7 +48,7 @@ from fastsplat.service.capture.view_writer import (
     WrittenViews,
     write_view,
 )
-from fastsplat.service.capture.withholding import WithheldPixels, Withholding, both_masks
+from fastsplat.service.capture.withholding import WithheldPixels, Withholding
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent
@@ -60,6 +56,7 @@ from fastsplat_contract.errors import InvalidInputError, ReconstructionError
 
 _STAGE = "capture"
 _DECODING = "decoding"
+_FEWEST_IMAGES = 2
 
 
 def build_capture(
@@ -135,7 +132,10 @@ class _Build:
 
     def reconstructed(self) -> Capture:
         """The capture of images or a video without poses."""
-        images = self._video_frames() if self.manifest.source == "video" else self._upright_photos()
+        log = ViewLog()
+        images = self._video_frames() if self.manifest.source == "video" else self._upright_photos(log)
+        if len(images) < _FEWEST_IMAGES:
+            raise _nothing_left(len(images) + len(log.left_out))
         request = {
             "image_folder": str(self.work / IMAGES),
             "images": [image.to_request() for image in images],
@@ -149,20 +149,23 @@ class _Build:
         vertical = vertical_of_capture(poses, points, photo_ups(registered, poses))
         poses, points = normalize_world(poses, points, None if vertical is None else vertical.up)
         table = self._label_table()
-        log = ViewLog()
         matches = matches_by_name(result["matches"], {image.file: image.name for image in images})
-        cameras = result["cameras"]
+        log.left_out.update(
+            {image.name: result["impossible"][image.file] for image in images if image.file in result["impossible"]}
+        )
+        cameras, made = result["cameras"], self._sources(table, log)
         sources = (
             source
             for image, pose in zip(registered, poses, strict=True)
-            for source in self._reconstructed_sources(image, pose, cameras[image.file], matches[image.name], table, log)
+            for source in made.reconstructed(image, pose, cameras[image.file], matches[image.name])
         )
         written = self._write(sources, len(registered), 0.9, 1.0)
-        unregistered = [image for image in images if image.file not in result["poses"]]
+        unregistered = [image for image in images if image.file not in result["poses"] or image.name in log.left_out]
+        names = {image.name for image in unregistered} | log.left_out.keys()
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(log.qualities) + len(unregistered),
-            unregistered=tuple(image.name for image in unregistered),
+            images=len(log.qualities) + len(names),
+            unregistered=tuple(sorted(names)),
             models=tuple(result["models"]),
             mean_reprojection_error_px=result["error_px"],
             warnings=(*self.manifest.warnings, *result["warnings"], *log.warnings(), *written.warnings),
@@ -170,7 +173,7 @@ class _Build:
                 [*log.qualities, *(image.quality for image in unregistered)],
                 _poses(written.views),
                 {image.name: matches[image.name] for image in unregistered} | log.matches,
-                written.masked,
+                log.left_out | dict.fromkeys(written.masked, "masked"),
             ),
             vertical=None if vertical is None else vertical.estimate,
         )
@@ -188,11 +191,8 @@ class _Build:
         table = self._label_table() or dataset.labels
         photo_by_path = {photo.path: photo for photo in self.manifest.photos}
         log = ViewLog()
-        sources = (
-            source
-            for image in dataset.images
-            for source in self._posed_sources(image, photo_by_path[image.path], table, log)
-        )
+        made = self._sources(table, log)
+        sources = (source for image in dataset.images for source in made.posed(image, photo_by_path[image.path]))
         written = self._write(sources, len(dataset.images), 0.0, 0.3)
         points, colors, error_px = dataset.points, dataset.point_colors, dataset.mean_reprojection_error_px
         views, scale, notes = written.views, None, tuple[str, ...]()
@@ -204,12 +204,15 @@ class _Build:
         has_labels = table is not None and any(written.label_maps)
         report = CaptureReport(
             source=self.manifest.source,
-            images=len(log.qualities),
+            images=len(log.qualities) + len(log.left_out),
+            unregistered=tuple(sorted(log.left_out)),
             models=(len(written.views),),
             mean_reprojection_error_px=error_px,
             warnings=(*self.manifest.warnings, *mask_warning(dataset), *log.warnings(), *written.warnings, *notes),
             splat=self.manifest.splat,
-            photos=judge_photos(log.qualities, _poses(views), None, written.masked),
+            photos=judge_photos(
+                log.qualities, _poses(views), None, log.left_out | dict.fromkeys(written.masked, "masked")
+            ),
             scale=scale,
         )
         names = [view.posed.name for view in written.views]
@@ -232,8 +235,14 @@ class _Build:
         count = len(capture.views)
         return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 
-    def _upright_photos(self) -> list[SfmImage]:
-        photos = upright_photos(self.manifest, self.files, self.work / IMAGES, self.settings, self.decoder, self.held)
+    def _sources(self, table: LabelTable | None, log: ViewLog) -> ViewSources:
+        images = self.work / IMAGES
+        return ViewSources(self.manifest, self.files, images, self.settings, self.decoder, self.held, table, log)
+
+    def _upright_photos(self, log: ViewLog) -> list[SfmImage]:
+        photos = upright_photos(
+            self.manifest, self.files, self.work / IMAGES, self.settings, self.decoder, self.held, log.left_out
+        )
         images, count = [], len(self.manifest.names)
         for image in photos:
             images.append(image)
@@ -258,84 +267,6 @@ class _Build:
         frames = video_frames(result["files"], (width, height), video, images, self.settings, self.decoder, self.held)
         return list(frames)
 
-    def _reconstructed_sources(
-        self,
-        image: SfmImage,
-        pose: NDArray[np.float64],
-        camera: list[Any],
-        matches: PhotoMatches,
-        table: LabelTable | None,
-        log: ViewLog,
-    ) -> Iterator[SourceImage]:
-        model, width, height, params = camera
-        camera_model = CameraModel(model, width, height, tuple(params))
-        try:
-            check_camera_model(camera_model, field=image.name)
-            lens = lens_of(camera_model, self.settings.max_side, field=image.name)
-        except InvalidInputError as error:
-            raise ReconstructionError(
-                f"structure from motion gave {image.name} a camera that cannot exist: {error.message}",
-                field=image.name,
-                hint="Leave out images that are cropped, edited or unlike the others.",
-            ) from error
-        log.add(lens, image.quality, matches, image)
-        stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
-        ids = None if stored is None or table is None else source_ids(image, self.files, stored, self.decoder)
-        source = SourceImage(
-            name=image.name,
-            pixels=source_pixels(image, self.work / IMAGES, self.decoder),
-            undistortion=lens.faces[0].undistortion,
-            world_from_camera=pose,
-            lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
-            label_ids=None if ids is None or table is None else table.translate(ids),
-            mask=both_masks(image.mask, self.held.usable(image.file)),
-            exposure_ev=None if image.photo is None else image.photo.exposure_ev,
-            taken_at=None if image.photo is None else image.photo.taken_at,
-        )
-        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
-        yield from views_of(source, lens)
-
-    def _posed_sources(
-        self, image: PosedImage, photo: PhotoInfo, table: LabelTable | None, log: ViewLog
-    ) -> Iterator[SourceImage]:
-        lens, geometries = posed_lens(image, photo, self.settings)
-        size = geometries[0].size
-        photo_in_use = self.held.take(image.name, self.decoder.photo(self.files, photo, size))
-        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
-        pixels, mask = photo_in_use.pixels, photo_in_use.usable
-        log.add(lens, measure_photo(image.name, pixels))
-        if image.mask is not None:
-            mask = both_masks(mask, self.decoder.ids(self.files, image.mask, photo, size) > 0)
-        depth, depth_size = None, self.manifest.depth_sizes.get(photo.path)
-        if image.depth is not None and depth_size is not None and not self.manifest.splat:
-            if is_fisheye(image.camera_model):
-                log.unused_depths += 1
-            else:
-                depth = view_depth(image, image.depth, depth_size, photo, self.decoder, self.files, self.settings)
-        label_ids = self._label_ids(photo, table, size)
-        for face, geometry in zip(lens.faces, geometries, strict=True):
-            unchanged = geometry.undistortion.map_xy is None and size == photo.upright_size
-            yield SourceImage(
-                name=face_name(image.name, face.name),
-                pixels=pixels,
-                undistortion=geometry.undistortion,
-                world_from_camera=geometry.world_from_camera,
-                lossless=photo.path.lower().endswith(".png") or unchanged,
-                label_ids=label_ids,
-                mask=mask,
-                depth=depth,
-                exposure_ev=photo.exposure_ev,
-                taken_at=photo.taken_at,
-            )
-
-    def _label_ids(
-        self, photo: PhotoInfo, table: LabelTable | None, size: tuple[int, int]
-    ) -> NDArray[np.uint16] | None:
-        stored = self.manifest.label_maps.get(photo.path)
-        if stored is None or table is None:
-            return None
-        return table.translate(self.decoder.ids(self.files, stored, photo, size))
-
     def _label_table(self) -> LabelTable | None:
         return read_label_table(self.files, self.manifest.labels, self.settings) if self.manifest.labels else None
 
@@ -349,6 +280,8 @@ class _Build:
                 blank.append(source.name)
             else:
                 written.append(view)
+        if not written and not blank:
+            raise _nothing_left(count)
         if not written:
             raise ReconstructionError(
                 "the masks leave no usable pixel in any image",
@@ -394,6 +327,14 @@ class _Build:
 
     def _report(self, fraction: float, message: str) -> None:
         self.progress(ProgressEvent(_STAGE, min(1.0, fraction), message))
+
+
+def _nothing_left(photos: int) -> ReconstructionError:
+    return ReconstructionError(
+        f"hardly one of {photos} photos can be used: they are damaged, or their lens cannot be undone",
+        limit=f"at least {_FEWEST_IMAGES} photos",
+        hint="Copy the photos from the camera again; with poses, check the cameras' distortion parameters.",
+    )
 
 
 def _poses(views: tuple[View, ...]) -> dict[str, NDArray[np.float64]]:

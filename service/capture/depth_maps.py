@@ -1,6 +1,6 @@
 """A capture's depth maps on disk and at the sizes that others look at them.
 
-They are stored as 16-bit PNG whose step is 1/65535 of the largest value. Imports little: trainings load them.
+They are stored as 16-bit PNG whose step is 1/65535 of nearly the largest value. Imports little: trainings load them.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from fastsplat_contract.camera import Camera
 DEPTHS = "depths"
 """The folder of a capture's maps."""
 _STEPS = 65_535
+_NEARLY_ALL, _FAR = 0.99, 4.0
 _EDGE = 0.04
 """A pixel whose depth differs from a neighbor's by a larger share of it lies on an edge, where sensors mix surfaces."""
 
@@ -24,9 +25,13 @@ F32 = NDArray[np.float32]
 
 
 def save_depth(depth: F32, camera: Camera, path: Path) -> SensorDepth:
-    """Write a map as a PNG, and say how it is to be read."""
-    unit = float(depth.max(initial=0.0)) / _STEPS or 1.0
-    Image.fromarray(np.round(depth / unit).astype(np.uint16)).save(path, compress_level=1)
+    """Write a map as a PNG, and say how it is to be read. A few pixels that are several times as far away as nearly all
+    others become unknown: they would make every step coarse."""
+    known = depth[depth > 0]
+    farthest = float(min(known.max(), _FAR * np.quantile(known, _NEARLY_ALL))) if len(known) else 0.0
+    unit = farthest / _STEPS or 1.0
+    steps = np.where(depth <= farthest, np.round(depth / unit), 0)
+    Image.fromarray(steps.astype(np.uint16)).save(path, compress_level=1)
     return SensorDepth(path, camera, unit)
 
 

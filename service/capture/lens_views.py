@@ -17,6 +17,8 @@ from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import SfmImage
 from fastsplat.service.capture.view_writer import SourceImage, ViewGeometry, reduced_camera
+from fastsplat.service.common.file_names import list_names
+from fastsplat_contract.photo_verdicts import NotPlaced
 
 F64 = NDArray[np.float64]
 
@@ -31,6 +33,8 @@ class ViewLog:
         matches: of the views of images without poses.
         place_of: of the first view of each photo that says where it was taken.
         unused_depths: how many depth maps belong to fisheye photos, of which none is used.
+        left_out: why photos are left out that were to become views, by name.
+        broken_maps: label and depth maps that cannot be read, and are not used.
     """
 
     lenses: dict[tuple[int, int], float] = field(default_factory=dict)
@@ -38,6 +42,8 @@ class ViewLog:
     matches: dict[str, PhotoMatches] = field(default_factory=dict)
     place_of: dict[str, PhotoPlace] = field(default_factory=dict)
     unused_depths: int = 0
+    left_out: dict[str, NotPlaced] = field(default_factory=dict)
+    broken_maps: list[str] = field(default_factory=list)
     _photos: set[str] = field(default_factory=set)
 
     def add(
@@ -66,10 +72,14 @@ class ViewLog:
         return [self.place_of.get(view) for view in views]
 
     def warnings(self) -> tuple[str, ...]:
-        """What becomes of fisheye photos, as sentences for people."""
-        lenses = tuple(_sentence(faces, angle, share) for (faces, angle), share in sorted(self.lenses.items()))
-        unused = f"The depth maps of {self.unused_depths} fisheye photos are not used."
-        return (*lenses, unused) if self.unused_depths else lenses
+        """What becomes of fisheye photos, and which maps are not used, as sentences for people."""
+        sentences = [_sentence(faces, angle, share) for (faces, angle), share in sorted(self.lenses.items())]
+        if self.unused_depths:
+            sentences.append(f"The depth maps of {self.unused_depths} fisheye photos are not used.")
+        if self.broken_maps:
+            count, names = len(self.broken_maps), list_names(self.broken_maps)
+            sentences.append(f"{count} label or depth maps cannot be read and are not used: {names}.")
+        return tuple(sentences)
 
 
 def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import shutil
 from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -53,6 +53,8 @@ _GLOBAL_PLACED = 0.95
 _FEWEST_TO_HOLD_OUT = 60
 """Matches of a pair that can do without a tenth of them."""
 _FEWEST_OF_REPEATS = 30
+_FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
+"""Shares of the progress: most captures need no more than the first mapping."""
 
 
 def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOptions:
@@ -149,7 +151,7 @@ class Mapping:
             registered += 1
             mapping_snapshots.keep_newest(snapshots, self.folder, pycolmap.Reconstruction)
             done = min(registered, self.count)
-            self.report(done / self.count, f"registering images {done}/{self.count}")
+            self.report(_FIRST_DONE * done / self.count, f"registering images {done}/{self.count}")
 
         snapshots = self.folder / "snapshots"
         snapshots.mkdir()
@@ -179,11 +181,16 @@ class Mapping:
         pairs = {pair: rows for pair, rows in pairs.items() if pair not in wrong}
         held_out = choose_held_out(pairs, _FEWEST_TO_HOLD_OUT)
         withhold(copy, held_out)
-        for name, guided in (("lower", False), ("guided", True), ("complete", False)):
+        tries = (("lower", False), ("guided", True), ("complete", False))
+        for number, (name, guided) in enumerate(tries):
             left = self._left_out(best)
             if not left:
                 break
-            self.report(1.0, f"registering {len(left)} images that have no place yet")
+            begin, end = (
+                _CONSISTENT_DONE + (1 - _CONSISTENT_DONE) * part / len(tries) for part in (number, number + 1)
+            )
+            message = f"registering {len(left)} images that have no place yet, try {number + 1} of {len(tries)}"
+            self.report(begin, message)
             if guided:
                 self.rematch(copy, _strongest_pairs(pairs, held_out, left))
                 withhold(copy, held_out)
@@ -191,13 +198,15 @@ class Mapping:
                 give_back(copy, held_out)
             few = len(left) > (1 - _FEW_PLACED) * self.count and name != "complete"
             start = None if few or not best.models else best.models[0]
-            again = self._map(copy, name, mapper_options(lower=True), start=start)
+            on_image = self._counter(0 if start is None else start.num_reg_images(), begin, end, message)
+            again = self._map(copy, name, mapper_options(lower=True), on_image, start)
             best = self._better(best, again, held_out)
         return best
 
     def _consistent(self, best: Mapped) -> tuple[Mapped, set[tuple[int, int]]]:
         """The better of `best` and what is mapped without contradicting pairs, and in the latter case these pairs."""
-        self.report(1.0, "registering images without contradicting pairs")
+        message = "registering images without contradicting pairs"
+        self.report(_FIRST_DONE, message)
         wrong = set(match_cycles.contradicting_pairs(self._verified.pairs, self._verified.pixels))
         if not wrong:
             return best, wrong
@@ -205,8 +214,19 @@ class Mapping:
         # Right pairs may have few matches beside wrong ones that look the same: all of them have a say.
         held_out = choose_held_out(self._verified.pairs, _FEWEST_OF_REPEATS)
         withhold(trial, held_out)
-        better = self._better(best, self._map(trial, "consistent", mapper_options()), held_out)
+        on_image = self._counter(0, _FIRST_DONE, _CONSISTENT_DONE, message)
+        better = self._better(best, self._map(trial, "consistent", mapper_options(), on_image), held_out)
         return (best, set()) if better is best else (better, wrong)
+
+    def _counter(self, placed: int, begin: float, end: float, message: str) -> Callable[[], None]:
+        """Called for each image, reports how far a mapping of `placed` and more images has come."""
+
+        def count() -> None:
+            nonlocal placed
+            placed = min(placed + 1, self.count)
+            self.report(begin + (end - begin) * placed / self.count, message)
+
+        return count
 
     def _copy(self, name: str, without: Collection[tuple[int, int]]) -> Path:
         """A copy of the database, in which these pairs are not verified."""
@@ -241,8 +261,7 @@ class Mapping:
         )
 
     def _largest_first(self, models: dict[int, pycolmap.Reconstruction]) -> Mapped:
-        ordered = sorted(models.values(), key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
-        return Mapped(ordered, self._verified)
+        return Mapped(largest_first(models.values()), self._verified)
 
     def _better(self, best: Mapped, later: Mapped, held_out: PairMatches) -> Mapped:
         """`later` if it places more images and explains no fewer matches, or explains more; else `best`."""
@@ -259,6 +278,11 @@ class Mapping:
         placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
         with pycolmap.Database.open(self.database) as reader:
             return {image.image_id for image in reader.read_all_images()} - placed
+
+
+def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
+    """In the order of `Models`."""
+    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
 def _strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:

@@ -7,10 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+Pair = tuple[int, int]
+
 _PROBES = 512
 _PROBES_OF_MANY = 256
 _MANY_IMAGES = 300
 _MAX_RATIO = 0.8
+_SPREAD_IMAGES = 6
 _NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
 
 
@@ -54,6 +57,14 @@ def choose_pairs(
         best = np.argsort(-scores[i], kind="stable")[:pairs_per_image]
         pairs |= {(min(i, int(j)), max(i, int(j))) for j in best if scores[i, j] > 0}
     return sorted(pairs)
+
+
+def telling_first(image_pairs: Sequence[tuple[int, int]], count: int) -> tuple[list[Pair], list[Pair]]:
+    """The pairs that tell most of all `count` images together, and the others: neighbors in the order of names, and
+    those among a few images that are spread evenly over it."""
+    spread = set(np.linspace(0, count - 1, min(count, _SPREAD_IMAGES)).round().astype(int).tolist())
+    telling = [(i, j) for i, j in image_pairs if j - i == 1 or {i, j} <= spread]
+    return telling, sorted(set(image_pairs) - set(telling))
 
 
 def _mutual_matches(first: NDArray[np.float32], second: NDArray[np.float32]) -> int:

@@ -97,16 +97,17 @@ def judge_photos(
     photos: Sequence[PhotoQuality],
     poses: Mapping[str, NDArray[np.float64]],
     matches: Mapping[str, PhotoMatches] | None,
-    masked: Sequence[str] = (),
+    reasons: Mapping[str, NotPlaced] | None = None,
 ) -> tuple[PhotoVerdict, ...]:
     """One verdict a photo, sorted by name.
 
     Args:
-        photos: all that were usable.
+        photos: all that could be read.
         poses: world_from_camera [4, 4] of those with a place, by name.
         matches: by name; None where poses came with the upload.
-        masked: names of those that their masks leave no pixel of.
+        reasons: why photos have no place, by name, where that is known; also of photos that could not be read.
     """
+    reasons = reasons or {}
     ordered = sorted(photos, key=lambda photo: photo.name)
     sharpness = _relative(np.array([photo.detail for photo in ordered]))
     crispness = _relative(np.array([photo.detail / max(photo.contrast, 1.0) for photo in ordered]))
@@ -119,9 +120,10 @@ def judge_photos(
         flags: Mapping[PhotoDefect, bool] = {"blurred": blurred, "dark": dark, "duplicate": bool(original)}
         shared = None if matches is None else matches.get(photo.name)
         placed = photo.name in poses
-        reason = None if placed else _reason(photo.name, shared, masked)
+        reason = None if placed else reasons.get(photo.name) or _reason(shared)
         defects = tuple(name for name, present in flags.items() if present)
-        between = (shared.nearest_placed, photo.name) if not placed and shared and shared.nearest_placed else ()
+        joins = reason in _JOINED_BY_MORE and shared is not None and shared.nearest_placed
+        between = (shared.nearest_placed, photo.name) if joins and shared else ()
         verdicts.append(
             PhotoVerdict(
                 name=photo.name,
@@ -136,7 +138,23 @@ def judge_photos(
                 between=between,
             )
         )
-    return tuple(verdicts)
+    unread = reasons.keys() - {photo.name for photo in ordered}
+    verdicts += [_unread(name, reasons[name]) for name in unread]
+    return tuple(sorted(verdicts, key=lambda verdict: verdict.name))
+
+
+def _unread(name: str, reason: NotPlaced) -> PhotoVerdict:
+    return PhotoVerdict(
+        name=name,
+        placed=False,
+        not_placed=reason,
+        defects=(),
+        duplicate_of="",
+        sharpness=0.0,
+        brightness=0.0,
+        matches=None,
+        advice=advice_of(reason, (), ""),
+    )
 
 
 def _relative(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -183,9 +201,7 @@ def _same_pose(first: str, second: str, poses: Mapping[str, NDArray[np.float64]]
     return float((one[:3, 2] * other[:3, 2]).sum()) >= _SAME_DIRECTION
 
 
-def _reason(name: str, matches: PhotoMatches | None, masked: Sequence[str]) -> NotPlaced:
-    if name in masked:
-        return "masked"
+def _reason(matches: PhotoMatches | None) -> NotPlaced:
     if matches is None:
         return "unknown"
     if matches.features < _MIN_FEATURES:
@@ -203,7 +219,12 @@ _REASONS: Mapping[NotPlaced, str] = {
     "or post the group as a scene of its own.",
     "masked": "Its mask leaves no pixel: in a mask, 0 is what to ignore.",
     "unknown": "Structure from motion found no place for it.",
+    "lens": "Its lens could not be worked out from this photo alone: send it as the camera stored it, neither cropped "
+    "nor edited, or leave it out.",
+    "unreadable": "It cannot be read to its end: copy it from the camera again, or leave it out.",
 }
+_JOINED_BY_MORE = frozenset({"few_features", "no_overlap", "few_matches", "other_model", "unknown"})
+"""Reasons against which one more photo helps."""
 _DEFECTS: Mapping[PhotoDefect, str] = {
     "blurred": "It is much less sharp than the others: hold the camera still, or take it again.",
     "dark": "It is nearly black: add light, or expose longer.",

@@ -19,7 +19,9 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fastsplat.service.capture import geometry, pairs, rigs
-from fastsplat.service.capture.mapping import SEED, Mapping, Models, mapper_options
+from fastsplat.service.capture.early_refusal import refuse_hopeless
+from fastsplat.service.capture.impossible_cameras import take_out_impossible
+from fastsplat.service.capture.mapping import SEED, Mapping, Models, largest_first, mapper_options
 from fastsplat.service.capture.model_agreement import VerifiedMatches
 from fastsplat_contract.errors import ReconstructionError
 
@@ -46,7 +48,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
 
     Returns:
         "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
-        `PhotoMatches` as a list}, "models", "error_px" and "warnings".
+        `PhotoMatches` as a list}, "impossible": {file: see `take_out_impossible`}, "models", "error_px" and "warnings".
 
     Raises:
         ReconstructionError: no usable geometry; see `validate_reconstruction`.
@@ -56,7 +58,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     images = Path(request["image_folder"])
     files = [image["file"] for image in request["images"]]
     import_images(database, images, request["images"])
-    extract_and_match(database, images, files, request, folder, report)
+    extract_and_match(database, images, files, request, folder, report, request["min_registered_share"])
     report(MATCHING_DONE, "registering images")
     mapped = Mapping(
         database,
@@ -67,23 +69,30 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
         lambda done, message: report(MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * done, message),
     ).run(request["global_mapping_images"])
     if not mapped.models:
+        raise ReconstructionError("no two images see the same thing from different places", hint=geometry.PHOTO_HINT)
+    # Before images are taken out: pairs that only one of has a place contradict a model, too.
+    contradictions = mapped.contradictions
+    impossible = take_out_impossible(mapped.models, request["max_side"])
+    models = largest_first(model for model in mapped.models if model.num_reg_images())
+    if not models:
         raise ReconstructionError(
-            "no two images see the same thing from different places",
-            hint="Send photos of one scene that overlap by two thirds, taken from different places.",
+            f"the lens of the photos could not be worked out: none of {len(impossible)} has a possible one",
+            hint="Send photos as the camera stored them, neither cropped nor edited, taken from different places.",
         )
-    best = mapped.models[0]
-    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in mapped.models))
+    best = models[0]
+    reconstruction = _summary(best, len(files), tuple(model.num_reg_images() for model in models))
     warnings = geometry.validate_reconstruction(
         reconstruction, min_points=request["min_points"], min_registered_share=request["min_registered_share"]
     )
-    warnings += geometry.repetition_warning(*mapped.contradictions)
+    warnings += geometry.repetition_warning(*contradictions)
     report(1.0, f"{best.num_reg_images()} of {len(files)} images registered")
     save_points(best, folder)
     image_by_name = {image.name: image for image in best.images.values() if image.has_pose}
     return {
         "poses": {name: world_from_camera(image).tolist() for name, image in image_by_name.items()},
         "cameras": {name: _camera(image.camera) for name, image in image_by_name.items()},
-        "matches": _matches_of_images(mapped.models, database),
+        "matches": _matches_of_images(models, database),
+        "impossible": impossible,
         "models": list(reconstruction.models),
         "error_px": best.compute_mean_reprojection_error(),
         "warnings": warnings,
@@ -143,8 +152,25 @@ def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -
 
 
 def extract_and_match(
-    database: Path, images: Path, files: list[str], request: dict[str, Any], folder: Path, report: Report
+    database: Path,
+    images: Path,
+    files: list[str],
+    request: dict[str, Any],
+    folder: Path,
+    report: Report,
+    least_share: float | None = None,
 ) -> None:
+    """Write features and verified matches to the database.
+
+    Args:
+        database, images, request, folder, report: as in `reconstruct` and `import_images`.
+        files: of the images.
+        least_share: of images that must get a place: where their matches show that they cannot, they are refused before
+            all pairs are matched; None: any will do.
+
+    Raises:
+        ReconstructionError: the images have hardly any texture, or as `refuse_hopeless`.
+    """
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
     extraction.num_threads = _threads(request)
@@ -156,11 +182,16 @@ def extract_and_match(
         extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
     image_pairs = _choose_pairs(database, files, request)
-    for start in range(0, len(image_pairs), _PAIRS_A_STEP):
-        fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
-        report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
-        step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
-        _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
+    done, share = 0, None if rigs.has_rigs(request["images"]) else least_share
+    for part in pairs.telling_first(image_pairs, len(files)):
+        for start in range(0, len(part), _PAIRS_A_STEP):
+            fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * done / len(image_pairs)
+            report(fraction, f"matching image pairs {done}/{len(image_pairs)}")
+            step_pairs = part[start : start + _PAIRS_A_STEP]
+            _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
+            done += len(step_pairs)
+        if share is not None:
+            refuse_hopeless(database, min_share=share, complete=done == len(image_pairs))
 
 
 def _match(
@@ -276,7 +307,6 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
     ]
     return geometry.Reconstruction(
         world_from_camera=np.stack([world_from_camera(image) for image in posed]),
-        relative_focals=np.array([rigs.relative_focal(image.camera) for image in posed]),
         points=np.array([point.xyz for point in model.points3D.values()]).reshape(-1, 3),
         angles_deg=np.array(angles),
         images=images,

@@ -29,7 +29,8 @@ from fastsplat.service.capture.photo_quality import PhotoQuality, measure_photo
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.upload_manifest import UploadManifest
 from fastsplat.service.capture.withholding import WithheldPixels
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.photo_verdicts import NotPlaced
 
 _FILM_DIAGONAL_MM = float(np.hypot(36.0, 24.0))
 _FISHEYE_FOV_DEG = 120.0
@@ -90,15 +91,17 @@ def upright_photos(
     settings: CaptureSettings,
     decoder: ImageDecoder,
     held: WithheldPixels,
+    left_out: dict[str, NotPlaced],
 ) -> Iterator[SfmImage]:
     """The images of an upload's photos, each written below `images` as it is asked for; panoramas become their faces.
 
     What `held` withholds is looked for in every image, of a panorama in each of its faces, and left out of all of them.
+    Photos that cannot be read are named in `left_out`.
 
     Raises:
         InvalidInputError: a photo is to be a panorama and cannot be one, or two views would have one name.
         LimitExceededError: more faces than `max_images`.
-        CorruptImageError, ResourceError: as `ImageDecoder.photo`.
+        ResourceError: as `ImageDecoder.photo`.
     """
     metadata = {photo.path: metadata_from_json(manifest.metadata.get(photo.path)) for photo in manifest.photos}
     frames = {photo.path: _frame(photo, metadata[photo.path], settings) for photo in manifest.photos}
@@ -107,10 +110,17 @@ def upright_photos(
     names = _Names(manifest.names if sides else ())
     for index, (photo, name) in enumerate(zip(manifest.photos, manifest.names, strict=True)):
         frame = frames[photo.path]
+        size = (
+            reduced_size(*photo.upright_size, settings.max_side) if frame is None else decoded_size(frame, min(sides))
+        )
+        try:
+            pixels = decoder.photo(files, photo, size)
+        except (CorruptImageError, LimitExceededError):
+            left_out[name] = "unreadable"
+            continue
         if frame is None:
-            yield _photo(index, photo, name, files, images, settings, decoder, held, metadata[photo.path])
+            yield _photo(f"{index:05d}.png", photo, name, pixels, images, settings, held, metadata[photo.path])
         else:
-            pixels = decoder.photo(files, photo, decoded_size(frame, min(sides)))
             for image in _faces(pixels, frame, min(sides), f"{index:05d}.png", name, images, settings, held):
                 yield replace(image, name=names.free(image.name), photo=photo, metadata=metadata[photo.path])
 
@@ -232,21 +242,19 @@ def _check_count(images: int, settings: CaptureSettings) -> None:
 
 
 def _photo(
-    index: int,
+    file: str,
     photo: PhotoInfo,
     name: str,
-    files: Path,
+    pixels: NDArray[np.uint8],
     images: Path,
     settings: CaptureSettings,
-    decoder: ImageDecoder,
     held: WithheldPixels,
     metadata: PhotoMetadata,
 ) -> SfmImage:
-    width, height = size = reduced_size(*photo.upright_size, settings.max_side)
-    file = f"{index:05d}.png"
-    pixels = held.take(name, decoder.photo(files, photo, size), file).pixels
+    pixels = held.take(name, pixels, file).pixels
     save_rgb(pixels, images / file)
-    model, focal_px = _lens(size, photo.focal_35mm, settings)
+    height, width = pixels.shape[:2]
+    model, focal_px = _lens((width, height), photo.focal_35mm, settings)
     group, quality = f"{photo.lens} {width}×{height}", measure_photo(name, pixels)
     return SfmImage(name, file, width, height, group, focal_px, photo, quality, model, metadata=metadata)
 

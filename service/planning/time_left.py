@@ -32,34 +32,45 @@ class Forecast:
     tail_s: float = 0.0
     bound_s: float | None = None
 
-    def seconds_left(self, event: ProgressEvent, elapsed_s: float) -> float | None:
+
+class _TimeLeft:
+    """Counts down from what was last said of a stage: by itself, by the model, or by the rate at which it last came
+    forward. What has counted down to nothing is not known any more."""
+
+    def __init__(self, forecast: Forecast) -> None:
+        self._forecast = forecast
+        self._ends_s, self._by_rate = forecast.own_s, forecast.own_s is None
+        self._fraction = 0.0
+
+    def seconds(self, event: ProgressEvent, elapsed_s: float) -> float | None:
         """Seconds until the whole job is done, `elapsed_s` seconds after the stage began; None: unknown."""
+        forecast = self._forecast
         own = self._own(event, elapsed_s)
-        known = None if own is None or self.later_s is None else own + self.later_s
-        if self.bound_s is None or elapsed_s >= self.bound_s:
+        known = None if own is None or forecast.later_s is None else own + forecast.later_s
+        if forecast.bound_s is None or elapsed_s >= forecast.bound_s:
             return known
-        left = self.bound_s - elapsed_s
+        left = forecast.bound_s - elapsed_s
         return left if known is None else min(known, left)
 
     def _own(self, event: ProgressEvent, elapsed_s: float) -> float | None:
         if "seconds_left" in event.metrics:
-            return event.metrics["seconds_left"] + self.tail_s
-        if self.own_s is not None:
-            return self.own_s - elapsed_s if elapsed_s < self.own_s else None
-        if event.fraction >= 1:
-            return 0.0
-        if event.fraction < _LEAST_FRACTION or elapsed_s < _LEAST_SECONDS:
-            return None
-        return elapsed_s * (1 - event.fraction) / event.fraction
+            self._ends_s, self._by_rate = elapsed_s + event.metrics["seconds_left"] + self._forecast.tail_s, False
+        elif self._by_rate:
+            if event.fraction >= 1:
+                return 0.0
+            came_forward, self._fraction = event.fraction > self._fraction, max(event.fraction, self._fraction)
+            if came_forward and event.fraction >= _LEAST_FRACTION and elapsed_s >= _LEAST_SECONDS:
+                self._ends_s = elapsed_s / event.fraction
+        return self._ends_s - elapsed_s if self._ends_s is not None and elapsed_s < self._ends_s else None
 
 
 def with_time_left(progress: Progress, forecast: Forecast, clock: Callable[[], float] = time.monotonic) -> Progress:
     """A `Progress` of a stage that begins now, whose events say how long the whole job still takes, where that is
     known, as the metric job_seconds_left; -1 where it is not known any more."""
-    started = clock()
+    started, time_left = clock(), _TimeLeft(forecast)
 
     def tell(event: ProgressEvent) -> None:
-        left = forecast.seconds_left(event, clock() - started)
+        left = time_left.seconds(event, clock() - started)
         progress(
             replace(event, metrics={**event.metrics, "job_seconds_left": -1.0 if left is None else round(left, 1)})
         )

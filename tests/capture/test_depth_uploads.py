@@ -14,8 +14,9 @@ from PIL import Image
 
 from fastsplat.service.capture import build_capture, load_capture, validate_upload
 from fastsplat.service.capture.depth_files import DepthFile, read_depth
-from fastsplat.service.capture.depth_maps import load_depth
+from fastsplat.service.capture.depth_maps import load_depth, save_depth
 from fastsplat.service.common.progress import silent
+from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 _POINTS = b"""ply
@@ -123,6 +124,33 @@ def test_depth_in_metres_tells_the_unit_of_poses_and_points(send, settings) -> N
     assert 0.02 <= scale.relative_error_95 < 0.021
     assert -capture.points[:150, 2].max() > 1 and -capture.points[:150, 2].min() < 2.01
     np.testing.assert_allclose(load_depth(capture.views[0].depth), _ramp() / 1000, rtol=3e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize("outliers", [0, 1, 7])
+def test_a_few_outliers_cost_no_precision_of_the_others(tmp_path: Path, outliers: int) -> None:
+    true = np.random.default_rng(0).uniform(1.0, 1.6, (24, 32)).astype(np.float32)
+    depth = true.copy()
+    depth.ravel()[:outliers] = 900.0
+    stored = load_depth(save_depth(depth, Camera(32, 24, 30.0, 30.0, 16.0, 12.0), tmp_path / "0.png"))
+    assert (stored.ravel()[:outliers] == 0).all()  # unknown
+    assert np.abs(stored - true).ravel()[outliers:].max() < 1e-4
+
+
+def test_a_far_view_that_is_no_outlier_stays_known(tmp_path: Path) -> None:
+    depth = np.full((24, 32), 1.5, np.float32)
+    depth[:, :2] = 40.0  # through a door
+    stored = load_depth(save_depth(depth, Camera(32, 24, 30.0, 30.0, 16.0, 12.0), tmp_path / "0.png"))
+    np.testing.assert_allclose(stored, depth, rtol=1e-3)
+
+
+def test_a_map_that_cannot_be_read_any_more_costs_the_map_alone(send, settings) -> None:
+    folder = send([_png(_ramp())] * 3)
+    files = validate_upload(folder, settings).folder / "files"
+    (files / "depth/1.png").unlink()  # a link to what was sent
+    (files / "depth/1.png").write_bytes(_png(_ramp())[:-40])
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    assert [view.depth is None for view in capture.views] == [False, True, False]
+    assert any("depth/1.png" in warning for warning in capture.report.warnings)
 
 
 def test_metric_poses_keep_their_unit(send, settings) -> None:

@@ -44,7 +44,6 @@ def _reconstruction(**changes: object) -> Reconstruction:
     points = np.random.default_rng(0).normal(size=(400, 3)) * 0.5
     values = {
         "world_from_camera": _ring(),
-        "relative_focals": np.full(8, 0.9),
         "points": points,
         "angles_deg": np.full(400, 20.0),
         "images": 8,
@@ -76,8 +75,6 @@ _STILL[:, :3, 3] = _STILL[0, :3, 3] + np.linspace(0, 1e-3, 8)[:, None]
     [
         ({"images": 100}, "8 of 100"),
         ({"points": np.zeros((10, 3)), "angles_deg": np.full(10, 20.0)}, "10 points"),
-        ({"relative_focals": np.full(8, 40.0)}, "focal length"),
-        ({"relative_focals": np.full(8, 0.05)}, "focal length"),
         ({"angles_deg": np.full(400, 0.3)}, "hardly moved"),
         ({"world_from_camera": _STILL}, "hardly moved"),
         ({"points": _reconstruction().points * [1, 1, 1e-6]}, "plane"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 
 import pytest
 
@@ -16,26 +17,47 @@ def _event(fraction: float, **metrics: float) -> ProgressEvent:
     return ProgressEvent("training", fraction, "", metrics)
 
 
+def _told(forecast: Forecast, *events: tuple[float, ProgressEvent]) -> list[float | None]:
+    """Seconds left as they are told with events at these seconds after the stage began; None: unknown."""
+    now, told = [0.0], []
+    tell = with_time_left(told.append, forecast, lambda: now[0])
+    for now[0], event in events:
+        tell(event)
+    return [None if (left := event.metrics["job_seconds_left"]) == -1 else left for event in told]
+
+
 def test_a_rate_says_something_only_after_a_while_and_only_if_the_rest_is_known() -> None:
-    assert Forecast(100.0).seconds_left(_event(0.25), 30.0) == pytest.approx(190.0)
-    assert Forecast(100.0).seconds_left(_event(0.01), 30.0) is None
-    assert Forecast(100.0).seconds_left(_event(0.25), 0.5) is None
-    assert Forecast(None).seconds_left(_event(0.25), 30.0) is None
-    assert Forecast(100.0).seconds_left(_event(1.0), 30.0) == 100.0
+    assert _told(Forecast(100.0), (30.0, _event(0.25))) == [190.0]
+    assert _told(Forecast(100.0), (30.0, _event(0.01))) == [None]
+    assert _told(Forecast(100.0), (0.5, _event(0.25))) == [None]
+    assert _told(Forecast(None), (30.0, _event(0.25))) == [None]
+    assert _told(Forecast(100.0), (30.0, _event(1.0))) == [100.0]
 
 
 def test_what_the_stage_says_goes_before_the_model_and_what_is_overdue_is_unknown() -> None:
     forecast = Forecast(later_s=20.0, own_s=60.0, tail_s=5.0)
-    assert forecast.seconds_left(_event(0.0), 10.0) == 70.0
-    assert forecast.seconds_left(_event(0.5, seconds_left=200.0), 90.0) == 225.0
-    assert forecast.seconds_left(_event(0.9), 61.0) is None
+    assert _told(forecast, (10.0, _event(0.0))) == [70.0]
+    said = (90.0, _event(0.5, seconds_left=200.0))
+    assert _told(forecast, said, (100.0, _event(0.5))) == [225.0, 215.0]  # events without it, as those of previews
+    assert _told(forecast, (61.0, _event(0.9))) == [None]
 
 
 def test_a_time_budget_bounds_it_until_it_is_spent() -> None:
-    forecast = Forecast(later_s=None, bound_s=120.0)
-    assert forecast.seconds_left(_event(0.0), 20.0) == 100.0
-    assert forecast.seconds_left(_event(0.0), 121.0) is None
-    assert Forecast(later_s=10.0, bound_s=120.0).seconds_left(_event(0.5), 20.0) == 30.0
+    assert _told(Forecast(None, bound_s=120.0), (20.0, _event(0.0)), (121.0, _event(0.0))) == [100.0, None]
+    assert _told(Forecast(10.0, bound_s=120.0), (20.0, _event(0.5))) == [30.0]
+
+
+@pytest.mark.parametrize("forecast", [Forecast(5.0), Forecast(5.0, own_s=40.0), Forecast(5.0, own_s=40.0, tail_s=2.0)])
+@pytest.mark.parametrize("metrics", [{}, {"seconds_left": 33.0}])
+def test_while_a_stage_stands_still_its_time_left_counts_down_or_is_withdrawn(
+    forecast: Forecast, metrics: dict[str, float]
+) -> None:
+    events = [(20.0 + 2 * number, _event(0.5)) for number in range(60)]
+    first, *later = _told(forecast, (20.0, _event(0.5, **metrics)), *events[1:])
+    assert first is not None and later[-1] is None
+    known = [first, *(left for left in later if left is not None)]
+    assert all(now == pytest.approx(before - 2) for before, now in pairwise(known))
+    assert later[len(known) - 1 :] == [None] * (len(later) - len(known) + 1)
 
 
 def test_events_say_it_and_say_when_it_is_no_longer_known() -> None:

@@ -1055,6 +1055,8 @@ class _NotPlacedEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NotPlaced.V
     NOT_PLACED_OTHER_MODEL: _NotPlaced.ValueType  # 4
     NOT_PLACED_MASKED: _NotPlaced.ValueType  # 5
     NOT_PLACED_UNKNOWN: _NotPlaced.ValueType  # 6
+    NOT_PLACED_LENS: _NotPlaced.ValueType  # 7
+    NOT_PLACED_UNREADABLE: _NotPlaced.ValueType  # 8
 
 class NotPlaced(_NotPlaced, metaclass=_NotPlacedEnumTypeWrapper): ...
 
@@ -1065,6 +1067,8 @@ NOT_PLACED_FEW_MATCHES: NotPlaced.ValueType  # 3
 NOT_PLACED_OTHER_MODEL: NotPlaced.ValueType  # 4
 NOT_PLACED_MASKED: NotPlaced.ValueType  # 5
 NOT_PLACED_UNKNOWN: NotPlaced.ValueType  # 6
+NOT_PLACED_LENS: NotPlaced.ValueType  # 7
+NOT_PLACED_UNREADABLE: NotPlaced.ValueType  # 8
 Global___NotPlaced: _TypeAlias = NotPlaced  # noqa: Y015
 
 class _PhotoDefect:
@@ -6517,7 +6521,8 @@ class PhotoVerdict(_message.Message):
     not_placed: Global___NotPlaced.ValueType
     """why it is none. few_features: hardly any texture; no_overlap: it shows nothing that another photo shows;
     few_matches: too little of that; other_model: it belongs to a group of photos that shares nothing with the scene's;
-    masked: its mask leaves no pixel; unknown: structure from motion did not say
+    masked: its mask leaves no pixel; unknown: structure from motion did not say; lens: what it was taken with could not
+    be worked out; unreadable: its file is damaged
     """
     duplicate_of: _builtins.str
     """for duplicate: the name of that photo, else empty"""

@@ -7,7 +7,8 @@ import { ErrorNote, sentence } from "../ui/parts";
 import { FinishButton } from "./FinishButton";
 import { JobPreview } from "./JobPreview";
 import { PlacedView } from "./PlacedView";
-import { duration, secondsLeft } from "./timing";
+import { duration, jobCountdown, stageCountdown } from "./timing";
+import { useTimeLeft } from "./useTimeLeft";
 import { WorkerNote } from "./WorkerNote";
 
 /** The stages of a job, why it failed, and what can be done about it. */
@@ -22,6 +23,7 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       .finally(() => setBusy(false));
   };
   const details = operation.error?.details;
+  const left = useTimeLeft((previous, now) => jobCountdown(previous, operation.seconds_left, now), !operation.done);
   return (
     <section class="job" aria-labelledby="job-title">
       <h2 id="job-title">{texts.job.title}</h2>
@@ -29,9 +31,7 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
         {announcement(operation)}
       </p>
       <WorkerNote operation={operation} />
-      {operation.seconds_left !== null && (
-        <p class="job-left">{texts.jobWatching.left(duration(operation.seconds_left))}</p>
-      )}
+      {left !== null && <p class="job-left">{texts.jobWatching.left(duration(left))}</p>}
       {operation.state === "CANCELLED" && <p class="note">{texts.job.cancelled}</p>}
       {operation.error && (
         <div class="note error" role="alert">
@@ -70,7 +70,8 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
 
 function Stage({ stage, active }: { stage: StageProgress; active: boolean }) {
   const name = texts.job.stages[stage.stage] ?? stage.stage;
-  const left = active ? secondsLeft(stage) : null;
+  const known = useTimeLeft((previous, now) => stageCountdown(previous, stage, now), active);
+  const left = active ? known : null;
   return (
     <li>
       <span class="stage-name">{name}</span>

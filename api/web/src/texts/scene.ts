@@ -56,6 +56,8 @@ export const sceneTexts = {
       other_model: "Not placed: belongs to another group",
       masked: "Not placed: masked entirely",
       unknown: "Not placed",
+      lens: "Not placed: its lens could not be worked out",
+      unreadable: "Not placed: the file is damaged",
     },
     defects: { blurred: "Blurred", dark: "Dark", duplicate: "Duplicate" },
   },

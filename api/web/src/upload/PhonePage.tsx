@@ -1,6 +1,7 @@
 import { getOperation } from "../api/calls";
 import { linkRefused, uploadKey } from "../app/uploadLink";
-import { duration, secondsLeft } from "../jobs/timing";
+import { duration, stageCountdown } from "../jobs/timing";
+import { useTimeLeft } from "../jobs/useTimeLeft";
 import { serverStatus } from "../server/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote, Loading, sentence } from "../ui/parts";
@@ -37,7 +38,7 @@ function PhoneJob({ operationId }: { operationId: string }) {
     (operation) => (operation?.done ? null : PAUSE_MS),
   );
   const stage = value?.stages.at(-1);
-  const left = stage ? secondsLeft(stage) : null;
+  const left = useTimeLeft((previous, now) => stageCountdown(previous, stage, now), !value?.done);
   return (
     <section class="sheet">
       <h1>{texts.phone.arrived}</h1>
