@@ -81,7 +81,6 @@ def without(labels: Sequence[str], *gone: str) -> list[str]:
         (KITCHEN, "cooking pot", "kettle"),
         (KITCHEN, "fork", "spoon"),
         (KITCHEN, "water", "bottle"),
-        (LIVING_ROOM, "cup", "vase"),
         (FRUIT_TABLE, "fruit", "apple"),
     ],
 )
@@ -112,10 +111,17 @@ def test_minilm_takes_tea_for_a_spoon_before_a_coffee_machine(ask: Ask) -> None:
 
 def test_minilm_looks_for_fruit_in_the_vase_rather_than_on_the_plant(ask: Ask) -> None:
     # The paper's library answers "pottedplant". MiniLM puts the vase first (and the plant second), not surely: the set
-    # that holds the right answer nine times in ten says "perhaps nothing here" too.
+    # that holds the right answer nine times in ten has both.
     answer = ask(LIVING_ROOM, "fruit")
     assert [match.label for match in answer.matches[:2]] == ["vase", "pottedplant"]
-    assert 0 in answer.label_set and (answer.probability or 0) < 0.7
+    assert len(answer.label_set) > 1 and (answer.probability or 0) < 0.7
+
+
+def test_minilm_alone_finds_no_cup_where_there_is_a_vase(ask: Ask) -> None:
+    # The paper's living room answers "vase". MiniLM puts it first, too, at a score that questions to which nothing
+    # answers reach as well.
+    answer = ask(LIVING_ROOM, "cup")
+    assert answer.matches[0].label == "vase" and answer.verdict == "absent"
 
 
 def test_minilm_calls_a_cooking_pot_a_cooking_spoon(ask: Ask) -> None:
