@@ -1,4 +1,5 @@
-"""Score the product's answers on questions that nothing was fitted to.
+"""Score the product's answers on questions that no weight was fitted to. They have been read at every step of the work
+on answers, so they validate it and test nothing any more.
 
     python -m benchmarks.absence --models DIR [--encoder NAME] [--lexicon NAME] [--misses] [--dry-run]
 
@@ -8,7 +9,9 @@ benchmarks/results/absence.json:
   rightly_absent: share of the absent questions that are said to be absent;
   auroc: that a present question's `presence` is above an absent one's (ties half);
   leading_ece: calibration error of the leading entry's probability, over ten bins of equal count;
-  label_sets: how often the 90 % label set holds an acceptable answer, and its mean size.
+  label_sets: how often the 90 % label set holds an acceptable answer where there is one, and says "nothing here" where
+    there is none, and its mean size;
+  found_and_named_unlisted: found_and_named of the questions that the list of common things does not hold word by word.
 Intervals are 95 %, by 2,000 draws of whole dictionaries.
 """
 
@@ -22,10 +25,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, read_cases
-from benchmarks.calibration.calibrate import auroc, calibration_error
+from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, listed_keys, read_cases
+from benchmarks.calibration.separation import auroc, calibration_error
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
-from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.lexicon import Lexicon, open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
@@ -78,12 +81,16 @@ def figures(answered: Sequence[_Answered]) -> dict[str, float]:
     present = [each for each in answered if each.case.answers]
     absent = [each for each in answered if not each.case.answers]
     right = np.array([each.first in each.case.answers for each in answered], dtype=np.float64)
+    listed = listed_keys()
+    unlisted = [each.right for each in present if label_key(each.case.question) not in listed]
     return {
         "found_and_named": float(np.mean([each.right for each in present])),
+        "found_and_named_unlisted": float(np.mean(unlisted)) if unlisted else 0.0,
         "rightly_absent": float(np.mean([each.right for each in absent])),
         "auroc": auroc(np.array([e.presence for e in present]), np.array([e.presence for e in absent])),
         "leading_ece": calibration_error(np.array([each.probability for each in answered]), right),
-        "label_sets_covered": float(np.mean([each.covered for each in answered])),
+        "label_sets_covered_present": float(np.mean([each.covered for each in present])),
+        "label_sets_covered_absent": float(np.mean([each.covered for each in absent])),
         "label_sets_size": float(np.mean([len([name for name in each.label_set if name]) for each in answered])),
     } | {kind: float(np.mean([each.right for each in answered if each.case.list == kind])) for kind in PRESENT + ABSENT}
 
@@ -167,9 +174,7 @@ def main() -> None:
                 said = "absent" if each.absent else each.first
                 print(f"{each.case.scene}, {each.case.list}: {each.case.question!r} -> {said} ({each.probability:.2f})")
     if not arguments.dry_run:
-        chosen = (
-            "calibration: on benchmarks/calibration, which shares no question with these; nothing was chosen on them"
-        )
+        chosen = "calibration: on benchmarks/calibration, which shares no question; these were read at every step"
         document = provenance(start, settings=arguments, chosen_on=chosen) | {
             "encoder": arguments.encoder,
             "lexicon": arguments.lexicon or None,

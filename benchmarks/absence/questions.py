@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.calibration.lists import names_of, read_pairs, read_scenes
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.common_things import FILE as LISTED
 
 FILE = Path(__file__).with_name("questions.txt")
 FITTED = FILE.parents[1] / "calibration" / "lists.txt"
@@ -16,6 +18,9 @@ COMPOUNDS = FITTED.with_name("compounds.txt")
 """Cases that may fit them, too, of five lists more."""
 PRESENT = ("synonym", "kind", "use")
 ABSENT = ("far", "household", "near")
+_SIMILAR = 0.75
+"""Of the words of two questions together, from which on they are one question said twice."""
+_LITTLE_WORDS = frozenset("a an the of in on to for with my your some something and or at by from".split())
 _PRESENT_TOO = ("compound", "standin")
 _ABSENT_TOO = ("feigned", "other", "sibling")
 
@@ -60,6 +65,20 @@ def read_cases(path: Path = FILE) -> list[Case]:
     return cases
 
 
+def content_words(question: str) -> tuple[str, ...]:
+    """The words of a question that say what it is about, in their basic forms and their order."""
+    return tuple(label_key(word) for word in question.lower().split() if word not in _LITTLE_WORDS)
+
+
+def said_alike(one: tuple[str, ...], other: tuple[str, ...]) -> bool:
+    """Whether two questions, by their `content_words`, are one with a word more or less. Of two words the order counts:
+    a soap dish is no dish soap. Words that stand alone are compared by their keys."""
+    if min(len(one), len(other)) < 3:
+        return len(one) > 1 and one == other
+    first, second = set(one), set(other)
+    return len(first & second) >= _SIMILAR * len(first | second)
+
+
 def calibrating_keys() -> set[str]:
     """Keys of every question that thresholds or weights are fitted to."""
     keys = {label_key(pair.query) for pair in read_pairs()}
@@ -67,10 +86,20 @@ def calibrating_keys() -> set[str]:
     return keys | {label_key(case.question) for path in (FITTED, COMPOUNDS) for case in read_cases(path)}
 
 
+def listed_keys() -> set[str]:
+    """Keys of all that the product's own list of common things holds word by word: names, kinds and uses."""
+    parts = (part for line in LISTED.read_text().splitlines() for part in re.split(r"[|,;]", line))
+    return {label_key(part) for part in parts}
+
+
 def doubles(cases: list[Case]) -> Iterator[str]:
     """What is wrong with the lists, a sentence each: questions that stand twice, that bear a name of what is there, or
-    that stand in a list that calibrates."""
+    that stand, with other little words or a word more, in a list that calibrates."""
     calibrating = calibrating_keys()
+    by_word: dict[str, list[tuple[str, ...]]] = {}
+    for words in {content_words(key) for key in calibrating}:
+        for word in words:
+            by_word.setdefault(word, []).append(words)
     first: dict[str, Case] = {}
     for case in cases:
         key = label_key(case.question)
@@ -79,6 +108,9 @@ def doubles(cases: list[Case]) -> Iterator[str]:
         first.setdefault(key, case)
         if key in calibrating:
             yield f"{case.question!r} of {case.scene} calibrates"
+        mine = content_words(case.question)
+        if any(said_alike(mine, other) for word in mine for other in by_word.get(word, ())):
+            yield f"{case.question!r} of {case.scene} calibrates in other words"
         names = [label_key(label) for label in case.labels]
         borne = (
             [name for name in names if f" {name} " in f" {key} "] if case.answers else [n for n in names if n == key]

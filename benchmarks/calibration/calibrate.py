@@ -2,13 +2,12 @@
 
     python -m benchmarks.calibration.calibrate --models DIR [--encoder NAME] [--templates] [--lexicon NAME] [--dry-run]
 
-Thresholds come from `pairs.txt`; every other label sets them, the remaining ones and the dictionaries of `scenes.txt`
-judge them:
-  related: the score that one in a hundred absent pairs reaches, because a dictionary asks that question once per entry;
-  exact: the highest score that a pair which is not exact reaches, because an encoder of sentences puts "toast" as near
-    to "toaster" as another name of it.
-Probabilities and label sets come from `scenes.txt`, by scene: of four in a row, the first fits the two logistic models
-(Platt's scaling) and the temperature, the second and third give the conformal scores, the fourth judges.
+The dictionaries of `scenes.txt` are divided in four parts, those that share labels in one (`folds`): the first fits,
+the second and third give the conformal scores, the fourth judges.
+  related: the best score of a question at which as large a share of what is there is lost as of what is not is let in;
+  exact: the highest score that a pair of `pairs.txt` which is not exact reaches, because an encoder of sentences puts
+    "toast" as near to "toaster" as another name of it; every other label sets it, the remaining ones judge it.
+Probabilities are two logistic models (Platt's scaling); the presence is a half at the threshold.
 `--templates` compares prompt templates and both scores instead of writing anything, on the scenes that do not judge, so
 that what is chosen by them is judged by scenes that chose nothing. `--lexicon wordnet` fits what weighs lexicon and
 encoder instead, see `fit_meaning`; with `--templates` it compares those for this model, by cross-validation.
@@ -27,10 +26,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 
 from benchmarks.calibration.fit_meaning import compare_templates, fit_meaning
+from benchmarks.calibration.folds import folds_of
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
+from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
@@ -40,12 +41,12 @@ from fastsplat.service.query.meaning import FILE as MEANING_FILE
 from fastsplat.service.query.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.probability import (
     Logistic,
+    Nonconformities,
     ScoreCalibration,
     candidates,
     entry_probability,
     label_set,
     leads,
-    nonconformity_bound,
     present_probability,
 )
 from fastsplat.service.query.relevancy import entries, relevancy_scores
@@ -53,7 +54,8 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.text_similarity import text_similarity
 
 F64 = NDArray[np.float64]
-_ABSENT_RATE = 0.01
+_FIT, _CONFORMAL, _JUDGE = 0, (1, 2), 3
+"""The parts of the dictionaries."""
 _COVERAGES = (0.5, 0.8, 0.9, 0.95)
 _CANDIDATES: tuple[tuple[str, ...], ...] = (
     ("{}",),
@@ -66,10 +68,11 @@ _CANDIDATES: tuple[tuple[str, ...], ...] = (
 
 @dataclass(frozen=True)
 class ScoredQuestion:
-    """One question with its scores: `first` and `also` are rows of the dictionary; `named` if the hash table knows the
-    name, so that the scores decide nothing."""
+    """One question with its scores: `part` is its dictionary's, `first` and `also` are rows of the dictionary; `named`
+    if the hash table knows the name, so that the scores decide nothing."""
 
     scene: int
+    part: int
     where: str
     labels: tuple[str, ...]
     query: str
@@ -90,18 +93,20 @@ def measure(
     embedded = cache.embed(negatives)
     pairs = read_pairs()
     names: tuple[Score, ...] = ("similarity", "relevancy")
-    scenes = [scene for number, scene in enumerate(read_scenes()) if not (choosing and number % 4 == 3)]
+    scenes = read_scenes()
+    if choosing:
+        scenes = [scene for scene, part in zip(scenes, _parts(scenes), strict=True) if part != _JUDGE]
     results: dict[Score, tuple[ScoreCalibration, dict[str, Any]]] = {}
     for name in names:
         values = np.array(
             [_scores(name, cache, [pair.label], [pair.query], [NameMatch()], embedded)[0, 0] for pair in pairs]
         )
-        related, exact, figures = _thresholds(pairs, values)
+        exact = _exact_from(pairs, values)
         questions = ask_scenes(name, cache, embedded, scenes)
         margins = questions if name == "relevancy" else ask_scenes("relevancy", cache, embedded, scenes)
         temperature = _temperature(margins)
-        calibration = fit(questions, related, exact, temperature)
-        results[name] = (calibration, figures | judge(questions, calibration))
+        calibration = fit(questions, exact, temperature)
+        results[name] = (calibration, _pair_figures(pairs, values, calibration) | judge(questions, calibration))
     return results
 
 
@@ -109,35 +114,42 @@ def ask_scenes(
     name: Score, cache: TextCache, negatives: NDArray[np.float32], scenes: Sequence[Questions] | None = None
 ) -> list[ScoredQuestion]:
     """Every question of the scenes, by default those of `scenes.txt`, with its scores; `negatives` are embedded."""
+    asked = read_scenes() if scenes is None else scenes
     return [
         question
-        for number, scene in enumerate(read_scenes() if scenes is None else scenes)
-        for question in _ask(name, number, scene, cache, negatives)
+        for number, (scene, part) in enumerate(zip(asked, _parts(asked), strict=True))
+        for question in _ask(name, number, part, scene, cache, negatives)
     ]
 
 
-def fit(questions: Sequence[ScoredQuestion], related: float, exact: float, temperature: float) -> ScoreCalibration:
-    """The logistic models from every fourth scene, the conformal scores from the two that follow it."""
-    fitting = [question for question in questions if question.scene % 4 == 0 and not question.named]
+def _parts(scenes: Sequence[Questions]) -> list[int]:
+    return folds_of([scene.labels for scene in scenes], 4)
+
+
+def fit(questions: Sequence[ScoredQuestion], exact: float, temperature: float) -> ScoreCalibration:
+    """The threshold and the logistic models from the first part, the conformal scores from the second and third."""
+    fitting = [question for question in questions if question.part == _FIT and not question.named]
     best = np.array([question.scores.max() for question in fitting])
-    present = _logistic(best[:, None], np.array([bool(question.first) for question in fitting]))
+    here = np.array([bool(question.first) for question in fitting])
+    related = round(equal_loss(best[here], best[~here]), 4)
+    present = logistic_fit(best[:, None], here, balanced(here))
     background = round(float(np.median(best[[not question.first for question in fitting]])), 4)
     features, accepted = [], []
     for question in fitting:
         judged = [row for row in range(len(question.labels)) if row not in question.also]
         features.append(np.stack([question.scores, leads(question.scores, background)], axis=1)[judged])
         accepted += [row in question.first for row in judged]
-    entry = _logistic(np.concatenate(features), np.array(accepted))
+    entry = logistic_fit(np.concatenate(features), np.array(accepted))
     models = ScoreCalibration(
-        related=round(related, 4),
+        related=related,
         exact=round(exact, 4),
         entry=Logistic(score=entry[0], lead=entry[1], offset=entry[2]),
-        present=Logistic(score=present[0], offset=present[1]),
+        present=Logistic(score=present[0], offset=round(-present[0] * related, 4)),
         background=background,
         temperature=temperature,
-        scenes=(),
+        scenes=Nonconformities(),
     )
-    return models.model_copy(update={"scenes": conformal_scenes(questions, models, (1, 2))})
+    return models.model_copy(update={"scenes": conformal_scenes(questions, models)})
 
 
 def _temperature(questions: Sequence[ScoredQuestion]) -> float:
@@ -145,7 +157,7 @@ def _temperature(questions: Sequence[ScoredQuestion]) -> float:
     signed = [
         (margin if row in question.first else -margin)
         for question in questions
-        if question.scene % 4 == 0 and not question.named
+        if question.part == _FIT and not question.named
         for row, margin in enumerate(question.scores.tolist())
         if row not in question.also
     ]
@@ -155,16 +167,16 @@ def _temperature(questions: Sequence[ScoredQuestion]) -> float:
     return round(float(optimum.x), 2)
 
 
-def conformal_scenes(
-    questions: Sequence[ScoredQuestion], models: ScoreCalibration, quarters: Sequence[int]
-) -> tuple[tuple[float, ...], ...]:
+def conformal_scenes(questions: Sequence[ScoredQuestion], models: ScoreCalibration) -> Nonconformities:
     """By scene, the nonconformity of each question's best acceptable answer; none where a name decides."""
-    by_scene: dict[int, list[float]] = {}
+    present: dict[int, list[float]] = {}
+    absent: dict[int, list[float]] = {}
     for question in questions:
-        if question.scene % 4 in quarters and not question.named:
+        if question.part in _CONFORMAL and not question.named:
             values = nonconformities(question, models)
+            by_scene = present if question.first else absent
             by_scene.setdefault(question.scene, []).append(round(min(values[row] for row in acceptable(question)), 5))
-    return tuple(tuple(values) for values in by_scene.values())
+    return Nonconformities(present=tuple(map(tuple, present.values())), absent=tuple(map(tuple, absent.values())))
 
 
 def nonconformities(question: ScoredQuestion, models: ScoreCalibration) -> F64:
@@ -181,7 +193,7 @@ def acceptable(question: ScoredQuestion) -> set[int]:
 def judge(questions: Sequence[ScoredQuestion], calibration: ScoreCalibration) -> dict[str, Any]:
     """Figures on the scenes that fitted nothing."""
     scored = [question for question in questions if not question.named]
-    judges = [question for question in scored if question.scene % 4 == 3]
+    judges = [question for question in scored if question.part == _JUDGE]
     accepted, entry_p, top_right, top_p, here, here_p = [], [], [], [], [], []
     for question in judges:
         entry = entry_probability(question.scores, calibration)
@@ -208,11 +220,12 @@ def judge(questions: Sequence[ScoredQuestion], calibration: ScoreCalibration) ->
         figures[f"{name}_brier_of_base_rate"] = round(float(y.mean() * (1 - y.mean())), 4)
         figures[f"{name}_ece"] = round(calibration_error(p, y), 4)
     for coverage in _COVERAGES:
-        bound = nonconformity_bound(calibration.scenes, coverage)
-        sets = [label_set(nonconformities(question, calibration), bound) for question in judges]
-        covered = [bool(acceptable(question) & set(chosen)) for question, chosen in zip(judges, sets, strict=True)]
+        bounds = calibration.scenes.bounds(coverage)
+        sets = [label_set(nonconformities(question, calibration), bounds) for question in judges]
+        covered = np.array([bool(acceptable(q) & set(members)) for q, members in zip(judges, sets, strict=True)])
         figures[f"label_sets_{coverage}"] = {
-            "covered": round(float(np.mean(covered)), 4),
+            "covered_present": round(float(covered[here].mean()), 4),
+            "covered_absent": round(float(covered[~np.array(here)].mean()), 4),
             "mean_size": round(float(np.mean([len(chosen) for chosen in sets])), 2),
         }
     share = QuerySettings().related_probability
@@ -256,31 +269,29 @@ def related_rows(scores: F64, entry: F64, calibration: ScoreCalibration, share: 
     return (scores >= calibration.related) & ((entry >= share) | (scores == scores.max()))
 
 
-def _thresholds(pairs: Sequence[Pair], values: F64) -> tuple[float, float, dict[str, Any]]:
+def _exact_from(pairs: Sequence[Pair], values: F64) -> float:
+    setting = [pair.sets and pair.kind != "exact" for pair in pairs]
+    return float(np.nextafter(values[setting].max(), np.inf))
+
+
+def _pair_figures(pairs: Sequence[Pair], values: F64, calibration: ScoreCalibration) -> dict[str, Any]:
+    """How well the thresholds judge the pairs that set none."""
     kinds = np.array([pair.kind for pair in pairs])
-    sets = np.array([pair.sets for pair in pairs])
-    related_from = float(np.quantile(values[sets & (kinds == "absent")], 1 - _ABSENT_RATE))
-    exact_from = float(np.nextafter(values[sets & (kinds != "exact")].max(), np.inf))
-    exact, related, absent = (values[~sets & (kinds == kind)] for kind in ("exact", "related", "absent"))
-    right = (np.concatenate([exact, related]) >= related_from).sum() + (absent < related_from).sum()
-    return (
-        related_from,
-        exact_from,
-        {
-            "pairs_held_out": int((~sets).sum()),
-            "auroc_related_against_absent": round(auroc(related, absent), 4),
-            "auroc_exact_against_rest": round(auroc(exact, np.concatenate([related, absent])), 4),
-            "accuracy_related_or_exact_against_absent": round(float(right) / int((~sets).sum()), 4),
-            "related_recall": round(float((related >= related_from).mean()), 4),
-            "absent_false_positives": round(float((absent >= related_from).mean()), 4),
-            "exact_recall": round(float((exact >= exact_from).mean()), 4),
-            "exact_false_positives": round(float((np.concatenate([related, absent]) >= exact_from).mean()), 4),
-        },
-    )
+    judging = np.array([not pair.sets for pair in pairs])
+    exact, related, absent = (values[judging & (kinds == kind)] for kind in ("exact", "related", "absent"))
+    return {
+        "pairs_held_out": int(judging.sum()),
+        "auroc_related_against_absent": round(auroc(related, absent), 4),
+        "auroc_exact_against_rest": round(auroc(exact, np.concatenate([related, absent])), 4),
+        "related_recall": round(float((related >= calibration.related).mean()), 4),
+        "absent_false_positives": round(float((absent >= calibration.related).mean()), 4),
+        "exact_recall": round(float((exact >= calibration.exact).mean()), 4),
+        "exact_false_positives": round(float((np.concatenate([related, absent]) >= calibration.exact).mean()), 4),
+    }
 
 
 def _ask(
-    name: Score, number: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]
+    name: Score, number: int, part: int, scene: Questions, cache: TextCache, negatives: NDArray[np.float32]
 ) -> list[ScoredQuestion]:
     texts = [question.query for question in scene.asked]
     matches = [NameIndex(dictionary_of(scene.labels)).match(text) for text in texts]
@@ -288,6 +299,7 @@ def _ask(
     return [
         ScoredQuestion(
             number,
+            part,
             scene.name,
             scene.labels,
             question.query,
@@ -313,35 +325,6 @@ def _scores(
     similarity = text_similarity(texts, matches, dictionary.labels, cache)
     scores = relevancy_scores(similarity, dictionary, 1.0)
     return scores.similarity if name == "similarity" else scores.margin
-
-
-def _logistic(features: F64, truth: NDArray[np.bool_]) -> list[float]:
-    """Weights and offset of the logistic regression of truth [R] on features [R, F], by maximum likelihood with a
-    ridge so weak that it only matters where the classes separate."""
-    columns = np.column_stack([features, np.ones(len(features))])
-    sign = np.where(truth, 1.0, -1.0)
-
-    def loss(weights: F64) -> float:
-        ridge = 1e-3 * float((weights[:-1] ** 2).sum()) / len(columns)
-        return float(np.logaddexp(0.0, -sign * (columns @ weights)).mean()) + ridge
-
-    optimum = minimize(loss, np.zeros(columns.shape[1]), method="BFGS")
-    return [round(float(weight), 3) for weight in optimum.x]
-
-
-def calibration_error(probability: F64, truth: F64, bins: int = 10) -> float:
-    """Expected calibration error over bins of equal count."""
-    order = probability.argsort()
-    parts = np.array_split(order, bins)
-    return float(
-        sum(abs(probability[part].mean() - truth[part].mean()) * len(part) for part in parts) / len(probability)
-    )
-
-
-def auroc(positive: F64, negative: F64) -> float:
-    """Probability that a positive scores above a negative, ties half."""
-    difference = positive[:, None] - negative[None, :]
-    return float((difference > 0).mean() + 0.5 * (difference == 0).mean())
 
 
 def _written(entry: dict[str, Any]) -> str:

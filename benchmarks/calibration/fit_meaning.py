@@ -2,9 +2,11 @@
 
 It learns from the dictionaries of `scenes.txt`, `lists.txt` and `compounds.txt`. Every choice (units of the hidden
 layer, ridge) and every probability comes from predictions for dictionaries that the model of that fold has not seen:
-five folds of whole dictionaries. Of each question that has an answer there is a second one without it, at a lower
-weight: the same words to a dictionary from which the answers were taken, so that the form of a question ("something to
-...") says nothing of whether the thing is there.
+five folds of whole dictionaries, those that share labels in one (`folds`). What is there counts as much as what is not,
+however many questions there are of each, and a label is shown from a presence of a half on: there as large a share of
+the one is lost as of the other is let in. Of each question that has an answer there is a second one without it, at a
+lower weight: the same words to a dictionary from which the answers were taken, so that the form of a question
+("something to ...") says nothing of whether the thing is there.
 """
 
 from __future__ import annotations
@@ -20,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from benchmarks.absence.questions import COMPOUNDS, FITTED, read_cases
+from benchmarks.absence.questions import ABSENT, COMPOUNDS, FITTED, PRESENT, read_cases
+from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
+from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import Lexicon
 from fastsplat.service.perception.text import TextEncoder
@@ -29,7 +33,7 @@ from fastsplat.service.query.embeddings import TextCache, TextCaches
 from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, expanded, summed_odds
 from fastsplat.service.query.name_matching import NameIndex
-from fastsplat.service.query.probability import Logistic, candidates, label_set, nonconformity_bound
+from fastsplat.service.query.probability import Logistic, Nonconformities, candidates, label_set
 from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.text_similarity import text_similarity
 
@@ -45,8 +49,11 @@ _CANDIDATES = ((16, 2e-3),)
 """Hidden units and ridge. 16 and 24 units and ridges of 0.001, 0.002 and 0.004 differ by less than dictionaries do."""
 _LIMIT = 5.0
 _CACHED_TEXTS = 100_000
-_ABSENT_SHARE = 0.9
-"""Of the absent questions, the share that is to be said to be absent: who is shown something else is misled."""
+_USUAL = ("scenes", *PRESENT, *ABSENT)
+"""Lists of what people ask. The others are of hard cases, to learn from; they say nothing of how often such are asked,
+so probabilities and the threshold are fitted without them."""
+_SHOWN_FROM = 0.5
+"""The presence from which on a label is shown: probabilities are fitted so that losses are equal there."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +62,8 @@ class Asked:
 
     Attributes:
         dictionary: number of the dictionary.
+        group: that of the dictionaries that share labels with it, see `twin_groups`.
+        fold: of the cross-validation.
         kind: its list, or "scenes".
         base: float64 [N, B], see `LabelMeanings.compare`.
         right: bool [N], labels that answer; none where nothing does.
@@ -62,6 +71,8 @@ class Asked:
     """
 
     dictionary: int
+    group: int
+    fold: int
     kind: str
     base: F64
     right: NDArray[np.bool_]
@@ -134,7 +145,7 @@ def fit_meaning(
         output=_rounded(net.output),
         offset=round(net.offset, 4),
         **_probabilities(asked, logits),
-        scenes=(),
+        scenes=Nonconformities(),
         figures={},
     )
     model = model.model_copy(update={"scenes": _conformal(asked, logits, model)})
@@ -160,14 +171,12 @@ def compare_templates(
         present = np.array([each.right.any() for each in asked])
         first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
         odds = np.array([summed_odds(z) for z in logits])
-        from benchmarks.calibration.calibrate import auroc
-
-        shown = odds > np.quantile(odds[~present], _ABSENT_SHARE)
+        shown = odds >= equal_loss(odds[present], odds[~present])
         figures = {
             "templates": templates,
             "bits": round(_likelihood(asked, logits), 4),
             "first_right": round(float(first[present].mean()), 4),
-            "found_and_named_at_0.9_absent": round(float((shown & first)[present].mean()), 4),
+            "found_and_named_at_equal_loss": round(float((shown & first)[present].mean()), 4),
             "auroc": round(auroc(odds[present], odds[~present]), 4),
         }
         report(json.dumps(figures))
@@ -184,6 +193,8 @@ def questions(lexicon: Lexicon, caches: TextCaches) -> list[Asked]:
         for case in read_cases(path)
     ]
     asked: list[Asked] = []
+    dictionaries = [labels for (_, labels), _ in groupby(whole, key=lambda row: row[:2])]
+    groups, folds = twin_groups(dictionaries), folds_of(dictionaries, _FOLDS)
     for number, ((_, labels), rows) in enumerate(groupby(whole, key=lambda row: row[:2])):
         dictionary = dictionary_of(labels)
         meanings, names = LabelMeanings(dictionary, lexicon, caches), NameIndex(dictionary)
@@ -195,7 +206,7 @@ def questions(lexicon: Lexicon, caches: TextCaches) -> list[Asked]:
             similarity = text_similarity([text], [match], embedded, caches.texts)[0]
             base = meanings.compare(text, match, similarity).columns
             right, beside = (np.array([label in these for label in labels]) for these in (answers, also))
-            asked.append(Asked(number, kind, base, right, ~beside))
+            asked.append(Asked(number, groups[number], folds[number], kind, base, right, ~beside))
     return asked
 
 
@@ -280,9 +291,9 @@ def _out_of_fold(asked: Sequence[Asked], units: int, ridge: float) -> list[F64]:
     """The logits of each question by a model that has not seen its dictionary."""
     logits: list[F64] = [np.zeros(0)] * len(asked)
     for fold in range(_FOLDS):
-        net = fit_net([each for each in asked if each.dictionary % _FOLDS != fold], units, ridge)
+        net = fit_net([each for each in asked if each.fold != fold], units, ridge)
         for place, each in enumerate(asked):
-            if each.dictionary % _FOLDS == fold:
+            if each.fold == fold:
                 logits[place] = net.logits(each.base)
     return logits
 
@@ -298,43 +309,44 @@ def _likelihood(asked: Sequence[Asked], logits: Sequence[F64]) -> float:
 
 
 def _probabilities(asked: Sequence[Asked], logits: Sequence[F64]) -> dict[str, Any]:
-    """Platt's scaling of the leading label and of the presence, and the presence from which on a label is shown: the
-    lowest at which `_ABSENT_SHARE` of the absent questions are said to be absent."""
+    """Platt's scaling of the leading label and of the presence, and the presence from which on a label is shown."""
+    usual = [(each, z) for each, z in zip(asked, logits, strict=True) if each.kind in _USUAL]
+    asked, logits = [each for each, _ in usual], [z for _, z in usual]
     present = np.array([each.right.any() for each in asked])
     first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
-    entry = _platt(np.array([z.max() for z in logits]), first)
-    here = _platt(np.array([summed_odds(z) for z in logits]), present)
-    model = [
-        max(
-            float(logistic(np.array(here.score * summed_odds(z) + here.offset))),
-            float(logistic(np.array(entry.score * z.max() + entry.offset))),
-        )
-        for z in logits
-    ]
-    presence = np.array(model)
-    related = float(np.ceil(1e4 * np.quantile(presence[~present], _ABSENT_SHARE, method="higher"))) / 1e4
-    return {"entry": entry, "present": here, "related": related}
-
-
-def _platt(scores: F64, truth: NDArray[np.bool_]) -> Logistic:
-    sign = np.where(truth, 1.0, -1.0)
-    optimum = minimize(
-        lambda w: np.logaddexp(0.0, -sign * (w[0] * scores + w[1])).mean(), np.array([1.0, 0.0]), method="BFGS"
+    weights = balanced(present)
+    entry = _platt(np.array([z.max() for z in logits]), first, weights)
+    here = _platt(np.array([summed_odds(z) for z in logits]), present, weights)
+    presence = np.maximum(
+        [entry.score * z.max() + entry.offset for z in logits],
+        [here.score * summed_odds(z) + here.offset for z in logits],
     )
-    return Logistic(score=round(float(optimum.x[0]), 4), offset=round(float(optimum.x[1]), 4))
+    apart = equal_loss(presence[present], presence[~present])  # of log-odds: 0 but for what the fit leaves
+    moved = [each.model_copy(update={"offset": round(each.offset - apart, 4)}) for each in (entry, here)]
+    return {"entry": moved[0], "present": moved[1], "related": _SHOWN_FROM}
 
 
-def _conformal(asked: Sequence[Asked], logits: Sequence[F64], model: MeaningModel) -> tuple[tuple[float, ...], ...]:
-    """By dictionary of `lists.txt`, whose questions are the harder ones, the nonconformity of each question's best
-    acceptable answer."""
-    by_dictionary: dict[int, list[float]] = {}
+def _platt(scores: F64, truth: NDArray[np.bool_], weights: F64) -> Logistic:
+    score, offset = logistic_fit(scores[:, None], truth, weights)
+    return Logistic(score=score, offset=offset)
+
+
+def _conformal(
+    asked: Sequence[Asked], logits: Sequence[F64], model: MeaningModel, without: int | None = None
+) -> Nonconformities:
+    """By dictionary of `lists.txt` and `compounds.txt`, whose questions are the harder ones, the nonconformity of each
+    question's best acceptable answer; without those of the group `without`."""
+    present: dict[int, list[float]] = {}
+    absent: dict[int, list[float]] = {}
     for each, z in zip(asked, logits, strict=True):
-        if each.kind == "scenes":
+        if each.kind == "scenes" or each.group == without:
             continue
         values = _nonconformities(z, model)
-        best = values[1:][each.right].min() if each.right.any() else values[0]
-        by_dictionary.setdefault(each.dictionary, []).append(round(float(best), 4))
-    return tuple(tuple(values) for values in by_dictionary.values())
+        if each.right.any():
+            present.setdefault(each.dictionary, []).append(round(float(values[1:][each.right].min()), 4))
+        else:
+            absent.setdefault(each.dictionary, []).append(round(float(values[0]), 4))
+    return Nonconformities(present=tuple(map(tuple, present.values())), absent=tuple(map(tuple, absent.values())))
 
 
 def _nonconformities(logits: F64, model: MeaningModel) -> F64:
@@ -343,35 +355,41 @@ def _nonconformities(logits: F64, model: MeaningModel) -> F64:
 
 
 def judge(asked: Sequence[Asked], logits: Sequence[F64], model: MeaningModel) -> dict[str, Any]:
-    """Figures of the cross-validation, all lists and each list; label sets by bounds that leave a dictionary out."""
-    from benchmarks.calibration.calibrate import auroc, calibration_error
-
+    """Figures of the cross-validation, of all lists and each; label sets by bounds without the dictionary's twins."""
     present = np.array([each.right.any() for each in asked])
     first = np.array([each.right[int(z.argmax())] for each, z in zip(asked, logits, strict=True)])
     likely = [model.likely(z) for z in logits]
     presence = np.array([model.presence(z, p) for z, p in zip(logits, likely, strict=True)])
+    weights = balanced(present)
     shown = presence >= model.related
     right = np.where(present, shown & first, ~shown)
-    covered, sizes = [], []
-    dictionaries = sorted({each.dictionary for each in asked if each.kind != "scenes"})
+    bounds = {group: _conformal(asked, logits, model, group).bounds(0.9) for group in {each.group for each in asked}}
+    covered: dict[bool, list[bool]] = {True: [], False: []}
+    sizes = []
     for each, z in zip(asked, logits, strict=True):
         if each.kind == "scenes":
             continue
-        others = tuple(s for d, s in zip(dictionaries, model.scenes, strict=True) if d != each.dictionary)
-        chosen = label_set(_nonconformities(z, model), nonconformity_bound(others, 0.9))
+        members = label_set(_nonconformities(z, model), bounds[each.group])
         truth = set((np.flatnonzero(each.right) + 1).tolist()) or {0}
-        covered.append(bool(truth & set(chosen)))
-        sizes.append(sum(label_id > 0 for label_id in chosen))
+        covered[bool(each.right.any())].append(bool(truth & set(members)))
+        sizes.append(sum(label_id > 0 for label_id in members))
     kinds = np.array([each.kind for each in asked])
+    usual = np.isin(kinds, _USUAL)
     figures = {
         "dictionaries": len({each.dictionary for each in asked}),
+        "groups": len({each.group for each in asked}),
         "questions": len(asked),
+        "found": float(shown[present].mean()),
+        "usual_found": float(shown[present & usual].mean()),
+        "usual_found_and_named": float(right[present & usual].mean()),
+        "usual_rightly_absent": float(right[~present & usual].mean()),
         "found_and_named": float(right[present].mean()),
         "rightly_absent": float(right[~present].mean()),
         "auroc": auroc(presence[present], presence[~present]),
-        "leading_ece": calibration_error(np.array([p.max() for p in likely]), first.astype(np.float64)),
-        "presence_ece": calibration_error(presence, present.astype(np.float64)),
-        "label_sets_covered": float(np.mean(covered)),
+        "leading_ece": calibration_error(np.array([p.max() for p in likely]), first.astype(np.float64), weights),
+        "presence_ece": calibration_error(presence, present.astype(np.float64), weights),
+        "label_sets_covered_present": float(np.mean(covered[True])),
+        "label_sets_covered_absent": float(np.mean(covered[False])),
         "label_sets_size": float(np.mean(sizes)),
     }
     figures |= {f"right_{kind}": float(right[kinds == kind].mean()) for kind in sorted(set(kinds.tolist()))}

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from fastsplat.service.query.label_meanings import BASE
-from fastsplat.service.query.probability import Logistic
+from fastsplat.service.query.probability import Logistic, Nonconformities
 from fastsplat.service.query.relevancy import F64, logistic
 from fastsplat.service.query.settings import QuerySettings
 
@@ -43,7 +43,7 @@ class MeaningModel(BaseModel):
         entry: probability that who asks accepts a label, of its logit.
         present: probability that anything in the dictionary answers, of the logarithm of the summed odds.
         related: the presence from which on labels are shown as answers.
-        scenes: nonconformities of each calibration dictionary, for `nonconformity_bound`.
+        scenes: nonconformities of the calibration dictionaries.
         figures: of the cross-validation over dictionaries.
     """
 
@@ -62,7 +62,7 @@ class MeaningModel(BaseModel):
     entry: Logistic
     present: Logistic
     related: float
-    scenes: tuple[tuple[float, ...], ...]
+    scenes: Nonconformities
     figures: Mapping[str, Any]
 
     @cached_property

@@ -29,6 +29,25 @@ class Logistic(BaseModel):
     offset: float
 
 
+class Nonconformities(BaseModel):
+    """1 − the probability of each calibration question's best acceptable answer, by scene, of questions that have one
+    and of those that have none apart: what holds for both together may hold for one of them only.
+
+    Attributes:
+        present: of questions to which an entry answers.
+        absent: of questions to which nothing here answers.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    present: tuple[tuple[float, ...], ...] = ()
+    absent: tuple[tuple[float, ...], ...] = ()
+
+    def bounds(self, coverage: float) -> tuple[float, float]:
+        """Up to which nonconformity "nothing here", and up to which an entry, belongs to a set of this coverage."""
+        return nonconformity_bound(self.absent, coverage), nonconformity_bound(self.present, coverage)
+
+
 class ScoreCalibration(BaseModel):
     """The calibration of one encoder and one score.
 
@@ -39,7 +58,7 @@ class ScoreCalibration(BaseModel):
         present: probability that anything in the dictionary answers, of its best score.
         background: the usual best score of a dictionary that has nothing for a text; an entry leads over this at most.
         temperature: t by which relevancy σ(t·margin) comes nearest to the probability that an entry is accepted.
-        scenes: for each calibration scene its questions' nonconformities, for `nonconformity_bound`.
+        scenes: nonconformities of the calibration scenes.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -50,7 +69,7 @@ class ScoreCalibration(BaseModel):
     present: Logistic
     background: float
     temperature: float
-    scenes: tuple[tuple[float, ...], ...]
+    scenes: Nonconformities
 
 
 def leads(scores: F64, background: float) -> F64:
@@ -106,12 +125,18 @@ def nonconformity_bound(scenes: tuple[tuple[float, ...], ...], coverage: float) 
     return float(values[order[place]]) if place < len(values) else np.inf
 
 
-def label_set(nonconformity: F64, bound: float) -> tuple[int, ...]:
-    """The answers whose `candidates` value is within the bound, likeliest first (ties: lower id first); the likeliest
-    alone if none is, because no answer is no answer."""
+def label_set(nonconformity: F64, bounds: tuple[float, float]) -> tuple[int, ...]:
+    """The answers whose `candidates` value is within their bound, likeliest first (ties: lower id first); the likeliest
+    always, because no answer is no answer.
+
+    With the bounds of a coverage it holds an acceptable answer that often of questions that have one, and "nothing
+    here" that often of questions that have none (conformal prediction with a bound a class: Vovk, "Conditional validity
+    of inductive conformal predictors", 2012).
+    """
     order = nonconformity.argsort(kind="stable")
-    count = max(1, int((nonconformity <= bound).sum()))
-    return tuple(order[:count].tolist())
+    within = nonconformity <= np.where(np.arange(len(nonconformity)) == 0, *bounds)
+    within[order[0]] = True
+    return tuple(order[within[order]].tolist())
 
 
 @dataclass(frozen=True)
@@ -154,19 +179,17 @@ def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreC
     return believed(likely, present, confidence, calibration.scenes, coverage)
 
 
-def believed(
-    likely: F64, present: float, confidence: F64, scenes: tuple[tuple[float, ...], ...], coverage: float
-) -> Belief:
+def believed(likely: F64, present: float, confidence: F64, scenes: Nonconformities, coverage: float) -> Belief:
     """Probabilities where no name decides.
 
     Args:
         likely: float64 [N], 0..1, that each entry answers, if it is named rightly.
         present: 0..1, that anything answers, if all are.
         confidence: float64 [N], 0..1, that each entry is named rightly.
-        scenes: nonconformities of each calibration scene, see `nonconformity_bound`.
+        scenes: nonconformities of the calibration scenes.
         coverage: 0..1, of the label set.
     """
-    labels = label_set(candidates(likely, present), nonconformity_bound(scenes, coverage))
+    labels = label_set(candidates(likely, present), scenes.bounds(coverage))
     entries = likely * confidence
     best = confidence[entries.argmax()] if len(entries) else 1.0
     return Belief(entries, float(present * best), _doubted(labels, confidence, coverage))

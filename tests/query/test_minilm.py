@@ -18,7 +18,7 @@ from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
 from fastsplat.service.query.calibration import calibration_for
 from fastsplat.service.query.embeddings import TextCache
-from fastsplat.service.query.probability import label_set, nonconformity_bound
+from fastsplat.service.query.probability import label_set
 from fastsplat.service.scene import Scene
 from fastsplat_contract.queries import Answer
 
@@ -81,7 +81,6 @@ def without(labels: Sequence[str], *gone: str) -> list[str]:
         (KITCHEN, "cooking pot", "kettle"),
         (KITCHEN, "fork", "spoon"),
         (KITCHEN, "water", "bottle"),
-        (LIVING_ROOM, "cup", "vase"),
         (FRUIT_TABLE, "fruit", "apple"),
     ],
 )
@@ -112,10 +111,17 @@ def test_minilm_takes_tea_for_a_spoon_before_a_coffee_machine(ask: Ask) -> None:
 
 def test_minilm_looks_for_fruit_in_the_vase_rather_than_on_the_plant(ask: Ask) -> None:
     # The paper's library answers "pottedplant". MiniLM puts the vase first (and the plant second), not surely: the set
-    # that holds the right answer nine times in ten says "perhaps nothing here" too.
+    # that holds the right answer nine times in ten has both.
     answer = ask(LIVING_ROOM, "fruit")
     assert [match.label for match in answer.matches[:2]] == ["vase", "pottedplant"]
-    assert 0 in answer.label_set and (answer.probability or 0) < 0.7
+    assert len(answer.label_set) > 1 and (answer.probability or 0) < 0.7
+
+
+def test_minilm_alone_finds_no_cup_where_there_is_a_vase(ask: Ask) -> None:
+    # The paper's living room answers "vase". MiniLM puts it first, too, at a score that questions to which nothing
+    # answers reach as well.
+    answer = ask(LIVING_ROOM, "cup")
+    assert answer.matches[0].label == "vase" and answer.verdict == "absent"
 
 
 def test_minilm_calls_a_cooking_pot_a_cooking_spoon(ask: Ask) -> None:
@@ -321,13 +327,18 @@ def test_label_sets_cover_what_they_say_on_scenes_they_never_saw(encoder: TextEn
     found = calibration_for(encoder.name, encoder.sha256, score, settings.templates, settings.negatives)
     assert found is not None
     asked = [question for question in ask_scenes(score, cache, cache.embed(settings.negatives)) if not question.named]
-    judges = [question for question in asked if question.scene % 4 == 3]
+    judges = [question for question in asked if question.part == 3]
     assert len(judges) >= 100
     sizes = []
     for coverage in (0.5, 0.8, 0.9, 0.95):
-        bound = nonconformity_bound(found.scenes, coverage)
-        sets = [label_set(nonconformities(question, found), bound) for question in judges]
-        hits = sum(bool(acceptable(question) & set(chosen)) for question, chosen in zip(judges, sets, strict=True))
-        assert hits >= binom.ppf(0.001, len(judges), coverage)
+        bounds = found.scenes.bounds(coverage)
+        sets = [label_set(nonconformities(question, found), bounds) for question in judges]
+        for present in (True, False):
+            hits = [
+                bool(acceptable(question) & set(members))
+                for question, members in zip(judges, sets, strict=True)
+                if bool(question.first) == present
+            ]
+            assert sum(hits) >= binom.ppf(0.001, len(hits), coverage)
         sizes.append(sum(map(len, sets)))
     assert sizes == sorted(sizes) and sizes[0] < sizes[-1]

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from fastsplat.service.query.probability import (
     LEAD_LIMIT,
     Logistic,
+    Nonconformities,
     ScoreCalibration,
     candidates,
     entry_probability,
@@ -27,7 +28,7 @@ CALIBRATION = ScoreCalibration(
     entry=Logistic(score=15.0, lead=8.0, offset=-8.0),
     present=Logistic(score=29.0, offset=-12.5),
     background=0.33,
-    scenes=(),
+    scenes=Nonconformities(),
 )
 scores = arrays(np.float64, st.integers(1, 30), elements=st.floats(-1, 1))
 
@@ -51,7 +52,7 @@ def test_nothing_is_in_an_empty_dictionary() -> None:
     none = np.zeros((3, 0))
     entry = entry_probability(none, CALIBRATION)
     np.testing.assert_array_equal(present_probability(none, entry, CALIBRATION), np.zeros(3))
-    assert label_set(candidates(entry[0], 0.0), 0.1) == (0,)
+    assert label_set(candidates(entry[0], 0.0), (0.1, 0.1)) == (0,)
 
 
 def test_a_lead_is_over_the_best_of_the_others() -> None:
@@ -92,15 +93,30 @@ def test_more_than_the_scenes_can_promise_is_everything() -> None:
     assert nonconformity_bound(scenes, 0.91) == np.inf
     assert nonconformity_bound((), 0.5) == np.inf
     values = np.linspace(0, 1, 8)
-    assert label_set(values, np.inf) == tuple(range(8))
+    assert label_set(values, (np.inf, np.inf)) == tuple(range(8))
     assert nonconformity_bound(scenes, 0.0) == -np.inf
 
 
-@given(arrays(np.float64, st.integers(1, 30), elements=st.floats(0, 1)), st.floats(0, 1), st.floats(0, 1))
-def test_sets_grow_with_the_bound_and_never_vanish(values: np.ndarray, one: float, other: float) -> None:
-    small, large = (label_set(values, bound) for bound in sorted((one, other)))
-    assert small and large[: len(small)] == small
+bounds = st.tuples(st.floats(0, 1), st.floats(0, 1))
+
+
+@given(arrays(np.float64, st.integers(1, 30), elements=st.floats(0, 1)), bounds, bounds)
+def test_sets_grow_with_the_bounds_and_never_vanish(
+    values: np.ndarray, one: tuple[float, float], other: tuple[float, float]
+) -> None:
+    small = label_set(values, (min(one[0], other[0]), min(one[1], other[1])))
+    large = label_set(values, (max(one[0], other[0]), max(one[1], other[1])))
+    assert small and set(small) <= set(large) and large[0] == small[0]
     assert values[small[0]] == values.min()
+    assert (np.diff(values[list(large)]) >= 0).all()
+
+
+def test_what_is_there_and_what_is_not_have_bounds_of_their_own() -> None:
+    """A common bound would cover both together, and one of them too seldom."""
+    scenes = Nonconformities(present=((0.6,),) * 9, absent=((0.1,),) * 9)
+    assert scenes.bounds(0.9) == (0.1, 0.6)
+    assert label_set(np.array([0.3, 0.5, 0.7]), scenes.bounds(0.9)) == (0, 1)  # 0 as the likeliest
+    assert label_set(np.array([0.5, 0.3, 0.55]), scenes.bounds(0.9)) == (1, 2)
 
 
 def test_scenes_weigh_the_same_whatever_they_were_asked() -> None:

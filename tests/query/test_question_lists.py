@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from benchmarks.absence.questions import ABSENT, COMPOUNDS, FITTED, PRESENT, calibrating_keys, doubles, read_cases
+from benchmarks.absence.questions import (
+    ABSENT,
+    COMPOUNDS,
+    FITTED,
+    PRESENT,
+    calibrating_keys,
+    content_words,
+    doubles,
+    read_cases,
+    said_alike,
+)
+from benchmarks.calibration.folds import folds_of, twin_groups
+from benchmarks.calibration.lists import read_scenes
+from benchmarks.calibration.separation import equal_loss
 from fastsplat.service.common.dictionary import label_key
 
 
@@ -33,11 +51,41 @@ def test_the_proof_finds_every_kind_of_double() -> None:
     fitted = read_cases(FITTED)[0]
     assert len(list(doubles([cases[0], cases[0]]))) == 1
     assert "calibrates" in next(doubles([fitted]))
+    of_five = next(case for case in read_cases(FITTED) if len(content_words(case.question)) > 3)
+    assert list(doubles([replace(fitted, question=f"{of_five.question} quietly")]))
+    assert not said_alike(content_words("soap dish"), content_words("dish soap"))
     labels, here, gone = ("red cup", "pan"), ("red cup",), tuple[str, ...]()
     named = type(cases[0])
     assert list(doubles([named("x", labels, "use", "drink from the red cup", here)]))
     assert list(doubles([named("x", labels, "near", "pan", gone)]))
     assert not list(doubles([named("x", labels, "near", "pan flute of gold", gone)]))
+
+
+def test_dictionaries_that_share_labels_are_in_one_fold() -> None:
+    """Also by way of a third; and every fold has some."""
+    chain = [("cup", "pan", "fork"), ("pan", "fork", "lamp", "bed"), ("bed", "lamp", "rug"), ("owl", "oak", "elm")]
+    assert twin_groups(chain) == [0, 0, 0, 3]
+    scenes = [scene.labels for scene in read_scenes()]
+    folds, groups = folds_of(scenes, 4), twin_groups(scenes)
+    assert len(set(zip(groups, folds, strict=True))) == len(set(groups)) and set(folds) == {0, 1, 2, 3}
+    assert max(Counter(folds).values()) - min(Counter(folds).values()) <= 2
+
+
+@given(
+    arrays(np.float64, st.integers(1, 40), elements=st.floats(0, 1)),
+    arrays(np.float64, st.integers(1, 40), elements=st.floats(0, 1)),
+)
+def test_equal_loss_loses_as_much_as_it_lets_in(present: np.ndarray, absent: np.ndarray) -> None:
+    """Up to one score of either side, and what is tied with it."""
+    threshold = equal_loss(present, absent)
+    scores = np.unique(np.concatenate([present, absent]))
+
+    def excess(at: float) -> float:
+        return float((present < at).mean() - (absent >= at).mean())
+
+    below, above = scores[scores < threshold], scores[scores >= threshold]
+    assert not len(below) or excess(below[-1]) <= 0 or excess(threshold) >= 0
+    assert not len(above) or excess(np.nextafter(above[0], np.inf)) >= 0
 
 
 @pytest.mark.parametrize("line", ["kind: a thing -> spoon", "another: a thing"])
