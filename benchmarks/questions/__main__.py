@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
 from benchmarks.questions.judging import Truth, contradictions, is_right, truth_of
-from benchmarks.questions.trained_questions import Photographed, Question, read_scenes, things_of
+from benchmarks.questions.trained_questions import Photographed, Question, read_scenes, things_of, views_by_photo
 from benchmarks.relations.__main__ import share_right
 from fastsplat.service.library.local_scene import LocalScene, open_scene
 from fastsplat.service.library.sample import open_sample
@@ -62,7 +62,7 @@ def truth_in(scene: LocalScene, photographed: Photographed) -> Truth:
         )
         return np.asarray(np.load(io.BytesIO(content)))
 
-    ids = things_of(photographed.objects, scene.views, thing_map)
+    ids = things_of(photographed.objects, views_by_photo(scene.views), thing_map)
     return truth_of(photographed.objects, ids, {thing.id: thing.name for thing in scene.things()})
 
 
@@ -71,9 +71,9 @@ def ask_all(scene: LocalScene, photographed: Photographed, truth: Truth) -> list
     names = {name for name in truth.names.values() if name}
     names |= {each.name for thing in scene.things() if not thing.name for each in thing.suggestions}
     judged = []
+    views = views_by_photo(scene.views)
     for question in photographed.questions:
-        view = question.view if question.view in scene.views else ""
-        answer = scene.ask(question.text, **({"asker_view": view} if view else {}))
+        answer = scene.ask(question.text, asker_view=views.get(question.view))
         named = any(truth.named(key) for key in question.keys)
         right = is_right(question, answer, truth)
         judged.append(Judged(question, answer, right, named, tuple(contradictions(answer, names))))

@@ -7,7 +7,7 @@
   with a name is it while the answer speaks of things without one, is no false statement, and right.
 - Colors, relations and orders of what is named have to be decided; of what is not named, as above.
 - A number has to be the true one; where not each of the things is one with its name, it may be left open.
-- Near to what is here, but not here: "not here", or that it cannot be said. Far from it: "not here"; that it cannot be
+- Near to what is here, but not here: "not here", that it cannot be said, or a probability below one half. Far from it: "not here"; that it cannot be
   said only where most things have no name. Nonsense: nothing may be shown.
 - Another language: the right thing, or that English alone is understood.
 
@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 from benchmarks.questions.trained_questions import PhotoObject, Question
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.absence import RATHER
 from fastsplat_contract.queries import Answer
 
 _DECIDED = ("exact", "related", "possible")
@@ -58,7 +59,7 @@ def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if question.kind == "foreign" and not _shown(answer):
         return "English" in answer.explanation
     if question.kind in ("near", "nonsense", "foreign"):
-        return not _shown(answer)
+        return not _shown(answer) or (answer.verdict == "possible" and (answer.probability or 1.0) < RATHER)
     if question.kind == "far":
         nameless = sum(not name for name in truth.names.values())
         return not _shown(answer) and (answer.verdict == "absent" or 2 * nameless > len(truth.names))

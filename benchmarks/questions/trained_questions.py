@@ -123,14 +123,19 @@ def _questions(scene: str, line: str, number: int) -> Iterator[Question]:
     yield Question(scene, kind, text, parsed["view"] or "", keys, tuple(names_of(told["also"] or "")), count)
 
 
+def views_by_photo(views: Sequence[str]) -> Mapping[str, str]:
+    """The scene's names of its cameras, by the file names of their photos."""
+    return {view.rsplit("/", 1)[-1]: view for view in views}
+
+
 def things_of(
-    objects: Sequence[PhotoObject], views: Sequence[str], thing_map: Callable[[str], NDArray[np.uint16]]
+    objects: Sequence[PhotoObject], views: Mapping[str, str], thing_map: Callable[[str], NDArray[np.uint16]]
 ) -> Mapping[str, int]:
     """By key, the thing that most of the pixels of each object show; without those that none shows.
 
     Args:
         objects: of the scene.
-        views: the photos that have a place in it.
+        views: of the scene, by their photos: those that have a place in it.
         thing_map: ids [H, W] of the things that a view shows, 0 for none.
     """
     ids = {}
@@ -138,7 +143,7 @@ def things_of(
         shown = []
         for photo, x, y in each.places:
             if photo in views:
-                drawn = thing_map(photo)
+                drawn = thing_map(views[photo])
                 row, column = int(y * drawn.shape[0]), int(x * drawn.shape[1])
                 shown.append(int(drawn[row, column]))
         counted = Counter(number for number in shown if number)

@@ -167,7 +167,7 @@ class Answer(Response):
         Verdict,
         Field(
             description="exact: the thing asked for is here; related: something close is, and its label says what; "
-            "absent: nothing relevant is here; possible: it may be here, but rather not, or its name is only suggested, "
+            "absent: nothing relevant is here; possible: it may be here, but its name is not sure or only suggested, "
             "and `probability` says how likely; undecided: it cannot be said, and `things` are those that may be meant"
         ),
     ]
@@ -175,8 +175,8 @@ class Answer(Response):
     probability: Annotated[
         float | None,
         Field(
-            description="calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that what "
-            "is shown is what was asked for; absent without calibration, and where nothing is decided"
+            description="calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that "
+            "what is shown is what was asked for; absent without calibration, and where nothing is decided"
         ),
     ]
     label_set: Annotated[

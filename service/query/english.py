@@ -9,7 +9,7 @@ from collections.abc import Callable
 _WORD = re.compile(r"[^\W\d_]+")
 _ELSEWHERE = frozenset(
     # German, French, Spanish, Italian, Portuguese, Dutch: words of grammar that are no English words.
-    "wo ist sind der das dem den des ein eine einen einer und mit auf unter neben welche welcher welches wie viele gibt "
+    "wo ist sind der das dem den des ein eine einen einer und mit auf unter neben welche welcher welches wie viele "
     "où est sont le la les une un des du et avec sur sous dans quelle quel combien qui "
     "dónde donde está están el los las una unos unas y con sobre debajo cuántos cuántas cuál "
     "dove è sono il lo gli uno sotto sopra quanti quante quale "

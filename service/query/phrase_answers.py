@@ -43,7 +43,7 @@ class AskedScene:
 
 
 def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
-    """The answer to a name, or, where it is "wall", "floor" or "table" and nothing is named so, the surfaces that are."""
+    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls."""
     kind = surface_kind(noun_phrase(plain.text)) if plain.verdict in ("absent", "undecided") else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
     if not ids:
@@ -87,6 +87,8 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         refusal = Refusal("not_understood", question.not_understood)
     elif refusal is None and question.asks == "count" and solved.undecided:
         refusal = next(iter(solved.undecided.values()))
+    elif refusal is None and question.asks == "count" and solved.named.suggested:
+        refusal = Refusal("not_named", reading.head)
     elif refusal is None and not solved.things and not solved.named.by_name:
         refusal = Refusal("not_named", reading.head)
     nothing = refusal is not None and refusal.reason == "not_named" and refusal.part == reading.head
@@ -104,8 +106,9 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         refusal=refusal,
     )
     if refusal is not None:
+        may_be = phrase.undecided or (solved.named.ids if reading.head else ())
         plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, ""))
-        return _undecided(plain, things, phrase.undecided)
+        return _undecided(plain, things, may_be)
     if nothing and head is not None:
         ordered = tuple(match._replace(relevant=False) for match in head.matches)
         return replace(head, text=plain.text, phrase=phrase, matches=ordered, things=())
@@ -146,6 +149,7 @@ def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
     return Named(
         ids,
         by_name=answer.decided_by == "name" and answer.verdict != "undecided",
+        suggested=bool(ids) and not any(label_id in scene.things.by_label for label_id in labels),
         whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
         likely=answer.probability if ids and answer.probability is not None else 1.0,
         taken=answer.explanation.rstrip(".") if answer.verdict == "possible" and ids else "",

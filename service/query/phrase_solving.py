@@ -41,6 +41,7 @@ class Named:
         ids: of things and parts.
         by_name: whether it is their name, or an alias; False for what was found by meaning.
         whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
+        suggested: whether the name is merely suggested for them.
         likely: 0..1, that the things are called so.
         taken: what is taken for what the group calls, where that is not sure; "" where it is.
     """
@@ -48,6 +49,7 @@ class Named:
     ids: tuple[int, ...]
     by_name: bool
     whole: bool = False
+    suggested: bool = False
     likely: float = 1.0
     taken: str = ""
 

@@ -61,8 +61,8 @@ class _Judgement:
 
 @dataclass(frozen=True)
 class Ranked:
-    """An answer, and the ids of those of its labels that name what was asked for, or a kind of it: what a number counts,
-    and what stands somewhere."""
+    """An answer, and the ids of those of its labels that name what was asked for, or a kind of it, and do not merely
+    serve in its place."""
 
     answer: Answer
     standing: frozenset[int]
