@@ -35,18 +35,19 @@ def explain(answer: Answer, unchecked: str = "", may_be: int = 0, language: str 
         return f"Only English is understood, and {question} {what}; no name in this scene is written so."
     if answer.verdict == "undecided":
         return f"It cannot be said whether {question} is here{_because(answer)}."
+    percent = "" if answer.probability in (None, 1.0) else f" ({_percent(answer.probability or 0.0)})"
+    labels = [match.label for match in answer.matches if match.relevant]
+    if answer.verdict == "possible":
+        kind = f", a kind of {question}" if answer.relation == "kind_of" else ""
+        label = _quoted(labels[0]) if labels else question
+        if not may_be:
+            return f"{label} may be here{kind}{percent}: a thing is named so, and the name is not sure."
+        things = "a thing without a name" if may_be == 1 else f"{may_be} things without a name"
+        return f"{label} may be here{kind}{percent}: it is suggested for {things}."
     if not answer.matches:
         return f"This scene has no labels, so {question} cannot be found{_unnamed(answer.searched)}."
     best = answer.matches[0]
-    percent = "" if answer.probability in (None, 1.0) else f" ({_percent(answer.probability or 0.0)})"
-    labels = [match.label for match in answer.matches if match.relevant]
     remark = f"; {_quoted(unchecked)} was not checked" if unchecked else ""
-    if answer.verdict == "possible":
-        kind = f", a kind of {question}" if answer.relation == "kind_of" else ""
-        if not may_be:
-            return f"{_quoted(labels[0])} may be here{kind}{percent}: a thing is named so, and the name is not sure."
-        things = "a thing without a name" if may_be == 1 else f"{may_be} things without a name"
-        return f"{_quoted(labels[0])} may be here{kind}{percent}: it is suggested for {things}."
     if answer.method == "lexicon" and answer.decided_by == "score" and answer.verdict != "absent":
         relation = _RELATIONS[answer.relation, answer.relation_subject].format(label=_quoted(labels[0]), text=question)
         return f"{relation}{percent}{_enumerated(labels[1:], ', then ')}{remark}."

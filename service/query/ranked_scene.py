@@ -63,7 +63,9 @@ class RankedScene:
         answers = self.ranker.rank(query)
         if self._things is not None:
             names = self._things
-            answers = tuple(replace(answer, things=names.of_labels(answer.relevant_ids)) for answer in answers)
+            answers = tuple(
+                replace(answer, things=names.of_labels(answer.relevant_ids) or answer.things) for answer in answers
+            )
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name)
         surfaces = [] if self._things is None else [thing for thing in self._things.present if thing.surface]
         if not any(parsed) and not surfaces:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.absence import RATHER, unnamed_probability
 from fastsplat.service.query.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.calibration import calibration_key
@@ -220,21 +221,26 @@ class Ranker:
             belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
         elif calibration is not None and likely is not None:
             belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
-        if belief is not None and judged.verdict == "absent":
+        if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
             unnamed = unnamed_probability(self._searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
+        suggested: tuple[float, tuple[int, ...]] = (0.0, ())
+        if self._things is not None and judged.verdict == "absent":
+            suggested = self._things.suggested_names.get(label_key(text), suggested)
         language = self._language(text) if judged.verdict == "absent" else ""
         probability = None
         if belief is not None:
             probability = belief.of_verdict(None if judged.verdict == "absent" else order[0])
         verdict = judged.verdict
-        if language or (verdict == "absent" and probability is not None and probability < RATHER):
+        if suggested[1]:
+            verdict, probability = "possible", suggested[0]
+        elif language or (verdict == "absent" and probability is not None and probability < RATHER):
             verdict, probability = "undecided", None
         elif judged.suggested or (verdict == "exact" and probability is not None and probability < RATHER):
             verdict = "possible"
         threshold = context.exact if judged.verdict == "exact" else context.related
         threshold = threshold if meant is None else meant.model.related
-        shown = judged.verdict if verdict == "possible" else verdict
+        shown = verdict if verdict != "possible" else "exact" if suggested[1] else judged.verdict
         relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
@@ -250,19 +256,22 @@ class Ranker:
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
-            matches=self._matches(order, scores, context, judged.relevant, belief),
+            matches=() if suggested[1] else self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
             searched=self._searched,
             relation=relation,
             relation_subject=subject,
             method=method,
+            things=suggested[1],
         )
         unchecked = match.unchecked
         if comparison is not None and judged.verdict == "related":
             before = comparison.compounds.before.get(int(order[0]), "")
             unchecked = " ".join(words for words in (before, unchecked) if words)
-        may_be = () if self._things is None or not judged.suggested else self._things.of_labels(answer.relevant_ids)
+        may_be = suggested[1]
+        if self._things is not None and judged.suggested:
+            may_be = self._things.of_labels(answer.relevant_ids)
         standing = frozenset(
             label_id
             for label_id in answer.relevant_ids

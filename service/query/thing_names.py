@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.scene.types import Thing
 from fastsplat_contract.queries import Searched
 
@@ -48,16 +48,20 @@ class ThingNames:
     def suggested(self) -> Mapping[int, tuple[float, tuple[int, ...]]]:
         """For each label that nothing bears and that is suggested for things without a name: the largest probability,
         and those of these things for which it is at least half as large, the likeliest first."""
-        likely: dict[int, dict[int, float]] = {}
+        by_id = {self.dictionary.id_of(name): each for name, each in self.suggested_names.items()}
+        return {label_id: each for label_id, each in by_id.items() if label_id and label_id not in self.by_label}
+
+    @cached_property
+    def suggested_names(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
+        """As `suggested`, of all names that are suggested, by their keys: the dictionary need not have them."""
+        likely: dict[str, dict[int, float]] = {}
         for thing in self.present:
             for name, probability in () if thing.name else thing.suggestions:
-                label_id = self.dictionary.id_of(name)
-                if label_id is not None and label_id not in self.by_label:
-                    likely.setdefault(label_id, {})[thing.id] = probability
-        ranked = {label_id: sorted(own.items(), key=lambda each: -each[1]) for label_id, own in likely.items()}
+                likely.setdefault(label_key(name), {})[thing.id] = probability
+        ranked = {name: sorted(own.items(), key=lambda each: -each[1]) for name, own in likely.items()}
         return {
-            label_id: (own[0][1], tuple(thing_id for thing_id, each in own if 2 * each >= own[0][1]))
-            for label_id, own in ranked.items()
+            name: (own[0][1], tuple(thing_id for thing_id, each in own if 2 * each >= own[0][1]))
+            for name, own in ranked.items()
         }
 
     def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:

@@ -39,4 +39,8 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
         assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or sets[0].decided_by == "name")
         assert {(answer.verdict, answer.matches) for answer in sets} == {(sets[0].verdict, sets[0].matches)}
         if not count:
-            assert sets[0].verdict == ("undecided" if text == "茶壶" else "absent") and sets[0].presence == 0 and sets[-1].label_set == (0,)
+            assert (
+                sets[0].verdict == ("undecided" if text == "茶壶" else "absent")
+                and sets[0].presence == 0
+                and sets[-1].label_set == (0,)
+            )

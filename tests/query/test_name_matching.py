@@ -181,7 +181,7 @@ def test_a_confidence_below_one_is_in_every_probability_of_its_entry(
 ) -> None:
     scene = make_scene(("mug", "boat", "kettle"), code=2)
     doubted = (DictionaryEntry("mug"), DictionaryEntry("boat", views=1, confidence=0.3), DictionaryEntry("kettle"))
-    texts = ["boat", "the red boat", "mug", "quark"]
+    texts = ["boat", "the old boat", "mug", "quark"]
     sure, unsure = (
         SceneIndex(one, calibrated_encoder, QuerySettings())
         for one in (scene, replace(scene, dictionary=Dictionary(doubted)))

@@ -4273,7 +4273,7 @@ class Answer(_message.Message):
     """as asked"""
     verdict: Global___Verdict.ValueType
     """exact: the thing asked for is here; related: something close is, and its label says what; absent: nothing relevant
-    is here; possible: it may be here, but rather not, or its name is only suggested, and `probability` says how likely;
+    is here; possible: it may be here, but its name is not sure or only suggested, and `probability` says how likely;
     undecided: it cannot be said, and `things` are those that may be meant
     """
     explanation: _builtins.str
