@@ -7,8 +7,8 @@
   with a name is it while the answer speaks of things without one, is no false statement, and right.
 - Colors, relations and orders of what is named have to be decided; of what is not named, as above.
 - A number has to be the true one; where not each of the things is one with its name, it may be left open.
-- Near to what is here, but not here: "not here", that it cannot be said, or a probability below one half. Far from it: "not here"; that it cannot be
-  said only where most things have no name. Nonsense: nothing may be shown.
+- Near to what is here, but not here: "not here", that it cannot be said, or a probability below one half. Far from
+  it: "not here"; that it cannot be said only where most things have no name. Nonsense: nothing may be shown.
 - Another language: the right thing, or that English alone is understood.
 
 Beside that no answer may contradict itself, see `contradictions`.

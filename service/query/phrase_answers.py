@@ -87,9 +87,9 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         refusal = Refusal("not_understood", question.not_understood)
     elif refusal is None and question.asks == "count" and solved.undecided:
         refusal = next(iter(solved.undecided.values()))
-    elif refusal is None and question.asks == "count" and solved.named.suggested:
-        refusal = Refusal("not_named", reading.head)
-    elif refusal is None and not solved.things and not solved.named.by_name:
+    elif refusal is None and (
+        (question.asks == "count" and solved.named.suggested) or not (solved.things or solved.named.by_name)
+    ):
         refusal = Refusal("not_named", reading.head)
     nothing = refusal is not None and refusal.reason == "not_named" and refusal.part == reading.head
     if nothing and head is not None and head.verdict == "absent":
@@ -107,7 +107,7 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     )
     if refusal is not None:
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
-        plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, ""))
+        plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, may_be=may_be))
         return _undecided(plain, things, may_be)
     if nothing and head is not None:
         ordered = tuple(match._replace(relevant=False) for match in head.matches)

@@ -26,21 +26,24 @@ _REASONS: Mapping[RefusalReason, str] = {
 }
 
 
-def phrase_sentence(answer: PhraseAnswer, called: Mapping[int, str], taken: str) -> str:
+def phrase_sentence(
+    answer: PhraseAnswer, called: Mapping[int, str], taken: str = "", may_be: Sequence[int] = ()
+) -> str:
     """What was decided, or why it could not be; by which measurements, its witnesses say.
 
     Args:
         answer: complete.
         called: the names of things, by id; "" for none.
         taken: what was taken for something that the question calls, where that is not sure; "" without.
+        may_be: things that may be meant where nothing was decided.
     """
     if answer.refusal is not None:
         why = _REASONS[answer.refusal.reason].format(part=_quoted(answer.refusal.part))
         understood = ""
         if answer.refusal.reason == "not_understood" and (answer.head or answer.conditions):
             understood = f"; understood was {_asked(answer)}"
-        may_be = f"; it may be {_names(answer.undecided, called)}" if answer.undecided else ""
-        return f"It cannot be decided, because {why}{understood}{may_be}."
+        shown = f"; it may be {_names(may_be, called)}" if may_be else ""
+        return f"It cannot be decided, because {why}{understood}{shown}."
     doubt = f"; {taken[:1].lower()}{taken[1:].rstrip('.')}" if taken else ""
     undecided = f"; undecided: {_names(answer.undecided, called)}" if answer.undecided else ""
     if not answer.things:

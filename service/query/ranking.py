@@ -221,6 +221,10 @@ class Ranker:
             belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
         elif calibration is not None and likely is not None:
             belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
+        if belief is not None and meant is not None and judged.verdict == "related" and belief.presence < RATHER:
+            rows = np.flatnonzero(judged.relevant).tolist()
+            if not any(stands_for(row, match, comparison) for row in rows):  # it would stand in, under a doubtful name
+                judged = _Judgement("absent", self._mask(()), self._mask(()), named=False)
         if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
             unnamed = unnamed_probability(self._searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
