@@ -1,4 +1,4 @@
-"""Answers of the sample scene as it was trained: none contradicts its own figure, and what is offered is never denied."""
+"""Answers of the sample scene, as trained: none contradicts its own figure, and what is offered is never denied."""
 
 from __future__ import annotations
 
