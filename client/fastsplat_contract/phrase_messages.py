@@ -92,7 +92,7 @@ class PhraseAnswer(Response):
     refusal: Annotated[
         Refusal | None,
         Field(
-            description="why it could not be decided; the rest of the answer is then of the text as if it were a "
-            "name, and nothing of its conditions was used"
+            description="why it could not be decided; the verdict is then undecided, and the answer's things are those "
+            "of which it could not be"
         ),
     ] = None

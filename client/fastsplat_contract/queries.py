@@ -16,9 +16,9 @@ from fastsplat_contract.scenes import Color, SceneObject
 from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
-Verdict = Literal["exact", "related", "absent"]
+Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
 DecidedBy = Literal["name", "score"]
-Relation = Literal["same", "kind_of", "part_of", "related", "absent"]
+Relation = Literal["same", "kind_of", "part_of", "related", "absent", "undecided"]
 RelationSubject = Literal["label", "question"]
 AnswerMethod = Literal["lexicon", "encoder", "names"]
 PictureKind = Literal[
@@ -167,13 +167,17 @@ class Answer(Response):
         Verdict,
         Field(
             description="exact: the thing asked for is here; related: something close is, and its label says what; "
-            "absent: nothing relevant is here"
+            "absent: nothing relevant is here; possible: it may be here, but its name is not sure or only suggested, "
+            "and `probability` says how likely; undecided: it cannot be said, and `things` are those that may be meant"
         ),
     ]
     explanation: Annotated[str, Field(description="one sentence for people")]
     probability: Annotated[
         float | None,
-        Field(description="calibrated, 0..1, that the verdict is right; absent without calibration"),
+        Field(
+            description="calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that "
+            "what is shown is what was asked for; absent without calibration, and where nothing is decided"
+        ),
     ]
     label_set: Annotated[
         Many[int],
@@ -232,8 +236,8 @@ class Answer(Response):
         Relation,
         Field(
             description="what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and "
-            "part_of: see `relation_subject`; related: by association; absent: nothing here answers. Takes the place "
-            "of `verdict`, which stays beside it for one release"
+            "part_of: see `relation_subject`; related: by association; absent: nothing here answers; undecided: "
+            "nothing is said. Takes the place of `verdict`, which stays beside it for one release"
         ),
     ] = "absent"
     relation_subject: Annotated[
@@ -254,7 +258,7 @@ class Answer(Response):
         PhraseAnswer | None,
         Field(
             description="what else the text says beside a name, and which things that means; absent for a plain name. "
-            "Where it was decided, things, objects and masks are of these things alone"
+            "Things, objects and masks are of these things alone; where it was not decided, of those that may be meant"
         ),
     ] = None
 
@@ -265,8 +269,14 @@ class Answer(Response):
 
     @property
     def meant_things(self) -> tuple[int, ...] | None:
-        """The things that a phrase was decided to mean; None where the answer is about all things of the labels."""
-        return None if self.phrase is None or self.phrase.refusal is not None else self.phrase.things
+        """The things that this answer is about where it picks some; None where it is about all things of its labels."""
+        picks = self.verdict == "possible" or not self.relevant_ids
+        return self.things if self.phrase is not None or (self.things and picks) else None
+
+    @property
+    def shows_something(self) -> bool:
+        """Whether there are things, or entries of the dictionary, to be shown."""
+        return bool(self.things or self.relevant_ids)
 
 
 @dataclass(frozen=True)

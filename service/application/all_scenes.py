@@ -88,7 +88,7 @@ class AllScenes:
         answers = ranked.answer(
             query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
         )
-        present = any(answer.verdict != "absent" for answer in answers)
+        present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):
             return self._ask_one(query, dataclasses.replace(request, version=version))
         mask3d = None

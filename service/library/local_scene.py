@@ -152,7 +152,7 @@ class LocalScene:
             chosen = viewpoint or cameras[len(cameras) // 2].name
             return Picture(self._png("things", chosen), f"{self.info.name}: every thing in a color of its own")
         answer = self.ask(text)
-        if not viewpoint and answer.verdict != "absent":
+        if not viewpoint and answer.verdict not in ("absent", "undecided"):
             best = self._service.photos.best_views(self.id, (), text, 1).views
             viewpoint = best[0].view if best else ""
         chosen = viewpoint or cameras[len(cameras) // 2].name

@@ -5,6 +5,9 @@ from __future__ import annotations
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Searched
 
+RATHER = 0.5
+"""What is said to be here, or not here, is at least so likely; what is less likely is possible, or cannot be said."""
+
 
 def searched_names(scene: Scene) -> int | None:
     """How many names a detector looked for in the scene's photos, or its label maps had; None if nobody noted it."""
@@ -12,16 +15,15 @@ def searched_names(scene: Scene) -> int | None:
     return count if isinstance(count, int) and not isinstance(count, bool) else None
 
 
-def unnamed_probability(searched: Searched, suggested: float) -> float:
+def unnamed_probability(searched: Searched) -> float:
     """0..1: that a thing without a name is what was asked for, when no named thing is.
 
     Before anything is looked at, it is as likely as not that the scene has what is asked for, and if so, that it is any
     of its things. That none of the n named things is it leaves (u / (n + u)) / (u / (n + u) + 1) = u / (n + 2u) for the
-    u things without a name. A suggestion that is likelier says more.
+    u things without a name.
 
     Args:
         searched: n and u.
-        suggested: the largest probability with which the text is suggested as the name of such a thing, 0 for none.
     """
     named, unnamed = searched.named_things or 0, searched.unnamed_things
-    return max(unnamed / (named + 2 * unnamed), suggested) if unnamed else 0.0
+    return unnamed / (named + 2 * unnamed) if unnamed else 0.0

@@ -8,6 +8,20 @@ from fastsplat_contract.queries import Relation, RelationSubject, Verdict
 
 Related = tuple[Relation, RelationSubject | None]
 
+_STANDING: tuple[Related, ...] = (("same", None), ("kind_of", "label"))
+
+
+def stands_for(row: int, match: NameMatch, comparison: Comparison | None) -> bool:
+    """Whether what the entry in a row names is what the question asks for: by its name, a synonym, or as a kind of it,
+    and not merely something that may serve in its place."""
+    if row + 1 in (*match.exact, *match.heads):
+        return True
+    if comparison is not None:
+        known_as = comparison.columns[row, BASE.index("known_as")] > 0
+        if known_as or (comparison.relations.same[row] > 0 and comparison.meaning.whole):
+            return True
+    return answer_relation("related", row, match, comparison) in _STANDING
+
 
 def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Comparison | None) -> Related:
     """The relation of the entry in a row to the question, and which of the two is the kind or the part of the other.
@@ -21,8 +35,8 @@ def answer_relation(verdict: Verdict, row: int, match: NameMatch, comparison: Co
         match: what the question names.
         comparison: what the lexicon says of question and entries; None: no lexicon was asked.
     """
-    if verdict == "absent":
-        return "absent", None
+    if verdict == "absent" or verdict == "undecided":
+        return verdict, None
     if verdict == "exact":
         return "same", None
     if row + 1 in match.hyponyms:

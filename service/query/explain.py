@@ -8,7 +8,6 @@ from fastsplat_contract.queries import Answer, Relation, RelationSubject, Search
 
 _MAX_LABELS = 3
 _MAX_QUOTED = 60
-_MAX_IDS = 10
 
 _RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
     ("same", None): "The scene has {label}, which is the same as {text}",
@@ -21,23 +20,33 @@ _RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
 """How a sentence says a relation."""
 
 
-def explain(answer: Answer, unchecked: str = "", may_be: Sequence[int] = (), suggested: float = 0.0) -> str:
+def explain(answer: Answer, unchecked: str = "", may_be: int = 0, language: str = "") -> str:
     """A sentence that says which entries answer and how probable that is.
 
     Args:
         answer: complete but for the explanation.
         unchecked: words of the question that no entry answers for, see `NameMatch.unchecked`.
-        may_be: things without a name for which the text is suggested.
-        suggested: the largest probability of these suggestions.
+        may_be: how many things without a name the answer is about, because its name is suggested for them.
+        language: "foreign" or "unknown" for a text that is no English.
     """
     question = _quoted(answer.text)
-    if not answer.matches:
-        return (
-            f"This scene has no labels, so {question} cannot be found{_looked_for(answer.searched, may_be, suggested)}."
-        )
-    best = answer.matches[0]
+    if language:
+        what = "is of another language" if language == "foreign" else "is no word that is known here"
+        return f"Only English is understood, and {question} {what}; no name in this scene is written so."
+    if answer.verdict == "undecided":
+        return f"It cannot be said whether {question} is here{_because(answer)}."
     percent = "" if answer.probability in (None, 1.0) else f" ({_percent(answer.probability or 0.0)})"
     labels = [match.label for match in answer.matches if match.relevant]
+    if answer.verdict == "possible":
+        kind = f", a kind of {question}" if answer.relation == "kind_of" else ""
+        label = _quoted(labels[0]) if labels else question
+        if not may_be:
+            return f"{label} may be here{kind}{percent}: a thing is named so, and the name is not sure."
+        things = "a thing without a name" if may_be == 1 else f"{may_be} things without a name"
+        return f"{label} may be here{kind}{percent}: it is suggested for {things}."
+    if not answer.matches:
+        return f"This scene has no labels, so {question} cannot be found{_unnamed(answer.searched)}."
+    best = answer.matches[0]
     remark = f"; {_quoted(unchecked)} was not checked" if unchecked else ""
     if answer.method == "lexicon" and answer.decided_by == "score" and answer.verdict != "absent":
         relation = _RELATIONS[answer.relation, answer.relation_subject].format(label=_quoted(labels[0]), text=question)
@@ -53,30 +62,29 @@ def explain(answer: Answer, unchecked: str = "", may_be: Sequence[int] = (), sug
     if answer.threshold is None:
         return (
             f"No label is named {question}; the text encoder is not calibrated for these prompts, so that only names "
-            f"count (nearest: {_quoted(best.label)}){_looked_for(answer.searched, may_be, suggested)}."
+            f"count (nearest: {_quoted(best.label)}){_unnamed(answer.searched)}."
         )
-    looked_for = _looked_for(answer.searched, may_be, suggested)
     if answer.searched.named_things is not None:
         things = _count(answer.searched.named_things, "named thing")
-        return f"{question} is not among {things}{percent}{looked_for}; the nearest is {_quoted(best.label)}."
-    return f"No label matches {question}{percent}; the nearest is {_quoted(best.label)}{looked_for}."
+        return f"{question} is not among {things}{percent}{_unnamed(answer.searched)}."
+    return f"No label matches {question}{percent}; the nearest is {_quoted(best.label)}{_unnamed(answer.searched)}."
 
 
-def _looked_for(searched: Searched, may_be: Sequence[int], suggested: float) -> str:
-    """ "; 5 have no name (3, 7, 8 and 2 more); this scene was searched for 80 names", as far as it is known."""
-    text = ""
-    if searched.unnamed_things:
-        text += f"; {searched.unnamed_things} have no name ({_ids(searched.unnamed, searched.unnamed_things)})"
-    if may_be:
-        text += f"; it may be thing {_ids(may_be, len(may_be))} ({_percent(suggested)})"
-    if searched.names is not None:
-        text += f"; this scene was searched for {_count(searched.names, 'name')}"
-    return text
+def _because(answer: Answer) -> str:
+    """Why it cannot be said."""
+    named, unnamed = answer.searched.named_things, answer.searched.unnamed_things
+    if unnamed and not named:
+        return ": no thing in this scene has a name yet"
+    if unnamed:
+        have = "has no name" if unnamed == 1 else "have no name"
+        return f": it is not among {_count(named or 0, 'named thing')}, and {unnamed} {have}"
+    return f"; the nearest is {_quoted(answer.matches[0].label)}" if answer.matches else ""
 
 
-def _ids(ids: Sequence[int], count: int) -> str:
-    more = f" and {count - _MAX_IDS} more" if count > _MAX_IDS else ""
-    return ", ".join(map(str, ids[:_MAX_IDS])) + more
+def _unnamed(searched: Searched) -> str:
+    """ "; 5 have no name", where things have none."""
+    count = searched.unnamed_things
+    return f"; {count} {'has' if count == 1 else 'have'} no name" if count else ""
 
 
 def _count(count: int, noun: str) -> str:

@@ -170,6 +170,10 @@ class LabelMeanings:
         """Whether these are the labels and aliases of a dictionary, in order."""
         return self._names == _names(dictionary)
 
+    def is_word(self, word: str) -> bool:
+        """Whether the lexicon has a word, as a name or as a verb."""
+        return bool(self._lexicon.senses(word)) or self._lexicon.is_verb(word)
+
     def meaning(self, text: str) -> Meaning:
         """The senses of a question: of the whole phrase, or of its head."""
         phrase = parse_noun_phrase(text)

@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from fastsplat.service.query.absence import RATHER
 from fastsplat.service.query.name_matching import NameIndex
-from fastsplat.service.query.phrase_sentences import phrase_sentence
+from fastsplat.service.query.noun_phrases import noun_phrase
+from fastsplat.service.query.phrase_sentences import phrase_sentence, surface_sentence
 from fastsplat.service.query.phrase_solving import Named, PhraseSolver, Solved
 from fastsplat.service.query.phrases import ParsedQuestion, Phrase, Possession
+from fastsplat.service.query.ranking import Ranked
 from fastsplat.service.query.relations import F64, asker_at
+from fastsplat.service.query.surface_names import surface_kind, things_in_room, unnamed_surfaces
 from fastsplat.service.query.thing_measures import ThingMeasures
 from fastsplat.service.query.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
 from fastsplat_contract.queries import Answer
 
-Rank = Callable[[Sequence[str]], Sequence[Answer]]
+Rank = Callable[[Sequence[str]], Sequence[Ranked]]
 """The answers to some texts, each as if it were a name."""
 
 
@@ -38,20 +42,37 @@ class AskedScene:
     unit: str
 
 
+def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
+    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls."""
+    kind = surface_kind(noun_phrase(plain.text)) if plain.verdict in ("absent", "undecided") else ""
+    ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
+    if not ids:
+        return plain
+    sure = kind != "horizontal surface"
+    return replace(
+        _undecided(plain, scene.things, ids),
+        verdict="exact" if sure else "possible",
+        relation="same" if sure else "related",
+        explanation=surface_sentence(noun_phrase(plain.text), len(ids), sure=sure),
+    )
+
+
 def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, world_from_camera: F64 | None) -> Answer:
     """The answer to one such text.
 
     Args:
         question: what it says.
-        plain: the answer to it as if it were a name, which stays where nothing can be decided.
+        plain: the answer to it as if it were a name.
         scene: whom it is asked of.
         world_from_camera: float64 [4, 4] where the asker stands, OpenCV axes; None if nobody said that.
     """
     things = scene.things
-    groups = sorted({name for reading in question.readings for name in _names_in(reading)})
-    answers = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
-    named = {name: _named(name, answer, things, scene.names) for name, answer in answers.items()}
-    named[""] = Named(tuple(thing.id for thing in things.present if not thing.surface), by_name=True)
+    spoken = {name for reading in question.readings for name in _names_in(reading)}
+    groups = sorted(spoken - {""})
+    ranked = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
+    named = {name: _named(name, each, scene) for name, each in ranked.items()}
+    if "" in spoken:
+        named[""] = Named(things_in_room(things.present, scene.open_measures()), by_name=True)
     asker = None
     if world_from_camera is not None:
         measures = scene.open_measures()
@@ -60,13 +81,19 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit)
     solved = _agreed([solver.solve(reading) for reading in question.readings], question)
     reading = question.readings[0]
+    head = ranked[reading.group if solved.named.whole else reading.head].answer if reading.head else None
     refusal = solved.refusal
     if question.not_understood:
         refusal = Refusal("not_understood", question.not_understood)
     elif refusal is None and question.asks == "count" and solved.undecided:
         refusal = next(iter(solved.undecided.values()))
-    elif refusal is None and not solved.things and not solved.named.by_name:
+    elif refusal is None and (
+        (question.asks == "count" and solved.named.suggested) or not (solved.things or solved.named.by_name)
+    ):
         refusal = Refusal("not_named", reading.head)
+    nothing = refusal is not None and refusal.reason == "not_named" and refusal.part == reading.head
+    if nothing and head is not None and head.verdict == "absent":
+        refusal = None  # where nothing is that, nothing is that anywhere
     phrase = PhraseAnswer(
         asks=question.asks,
         head=reading.head,
@@ -79,27 +106,53 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         refusal=refusal,
     )
     if refusal is not None:
-        return replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, plain.explanation))
-    head = answers.get(reading.group if solved.named.whole else reading.head, plain)
-    return _decided(replace(head, text=plain.text, phrase=phrase), things, anything=not reading.head)
+        may_be = phrase.undecided or (solved.named.ids if reading.head else ())
+        plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, may_be=may_be))
+        return _undecided(plain, things, may_be)
+    if nothing and head is not None:
+        ordered = tuple(match._replace(relevant=False) for match in head.matches)
+        return replace(head, text=plain.text, phrase=phrase, matches=ordered, things=())
+    spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
+    likely = min((each.likely for each in spoken_of), default=1.0)
+    taken = next((each.taken for each in spoken_of if each.taken), "")
+    return _decided(replace(head or plain, text=plain.text, phrase=phrase), things, likely, taken)
+
+
+def _taking_part(phrase: PhraseAnswer) -> set[int]:
+    """The things that a decided answer speaks of: those that it shows, and what they were compared with."""
+    return {*phrase.things, *(other for witness in phrase.witnesses for other in witness.others)}
 
 
 def _names_in(phrase: Phrase) -> set[str]:
-    """The noun groups of a phrase and of all that it speaks of."""
+    """The noun groups of a phrase and of all that it speaks of; "" for anything at all."""
     inner = [] if phrase.rank is None else [*phrase.rank.anchors]
     for condition in phrase.conditions:
         inner += [condition.phrase] if isinstance(condition, Possession) else condition.anchors
-    names = {phrase.head, phrase.group} if phrase.head else set[str]()
+    names = {phrase.head, phrase.group} if phrase.head else {""}
     return names.union(*map(_names_in, inner))
 
 
-def _named(name: str, answer: Answer, things: ThingNames, names: NameIndex) -> Named:
-    match = names.match(name)
-    ids = [thing_id for label_id in answer.relevant_ids for thing_id in things.by_label.get(label_id, ())]
+def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
+    """What a noun group names: things of that name, or of a kind of it; else surfaces without a name that may be called
+    so. What may merely serve in its place is none."""
+    answer, match = ranked.answer, scene.names.match(name)
+    below = answer.relation_subject == "question" and answer.relation == "kind_of"
+    labels = [
+        label_id for label_id in answer.relevant_ids if label_id in ranked.standing or (below and not ranked.standing)
+    ]
+    ids = scene.things.of_labels(labels)
+    kind = "" if ids else surface_kind(name)
+    if kind:
+        surfaces = unnamed_surfaces(kind, scene.things.present, scene.open_measures())
+        taken = surface_sentence(name, len(surfaces), sure=False) if kind == "horizontal surface" else ""
+        return Named(surfaces, by_name=bool(surfaces), likely=1.0, taken=taken)
     return Named(
-        tuple(dict.fromkeys(ids)) if answer.verdict != "absent" else (),
-        by_name=answer.decided_by == "name",
-        whole=answer.verdict == "exact" and bool(match.exact) and not match.unchecked,
+        ids,
+        by_name=answer.decided_by == "name" and answer.verdict != "undecided",
+        suggested=bool(ids) and not any(label_id in scene.things.by_label for label_id in labels),
+        whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
+        likely=answer.probability if ids and answer.probability is not None else 1.0,
+        taken=answer.explanation.rstrip(".") if answer.verdict == "possible" and ids else "",
     )
 
 
@@ -117,21 +170,12 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     return replace(first, things=(), undecided={}, refusal=Refusal("ambiguous", part))
 
 
-def _decided(answer: Answer, things: ThingNames, anything: bool) -> Answer:
-    """The answer for the things that were decided on, with the entries of their names first. How probable that is,
-    nobody has measured, where no name says it."""
-    assert answer.phrase is not None
-    ids = answer.phrase.things
-    bearing = {label_id for label_id, own in things.by_label.items() if set(own) & set(ids)}
-    matches = tuple(match._replace(relevant=match.label_id in bearing) for match in answer.matches)
-    ordered = tuple(sorted(matches, key=lambda match: not match.relevant))
-    answer = replace(answer, matches=ordered, things=ids, explanation=phrase_sentence(answer.phrase, ""))
-    if ids and not anything:
-        return answer
+def _undecided(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
+    """An answer that says nothing of what was asked, for the things that may be meant."""
     return replace(
-        answer,
-        verdict="exact" if ids else "absent",
-        relation="same" if ids else "absent",
+        _shown(answer, things, ids),
+        verdict="undecided",
+        relation="undecided",
         relation_subject=None,
         decided_by="name",
         probability=None,
@@ -139,4 +183,37 @@ def _decided(answer: Answer, things: ThingNames, anything: bool) -> Answer:
         label_set=(),
         coverage=None,
         threshold=None,
+    )
+
+
+def _shown(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
+    """An answer about these things, with the entries of their names first, in their order."""
+    order = {
+        things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
+    }
+    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
+    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
+    nameless = bool(ids) and not any(match.relevant for match in matches)
+    return replace(answer, matches=() if nameless else ordered, things=ids)  # the first one is the answer's name
+
+
+def _decided(answer: Answer, things: ThingNames, likely: float, taken: str) -> Answer:
+    """The answer for the things that were decided on.
+
+    Args:
+        answer: to the head, with the phrase.
+        things: of the scene.
+        likely: 0..1, that the things it speaks of are called rightly; how probable the rest is, nobody has measured.
+        taken: what was taken for what the question calls them, though it is not sure; "" for nothing.
+    """
+    assert answer.phrase is not None
+    ids = answer.phrase.things
+    shown = _undecided(_shown(answer, things, ids), things, ids)
+    doubtful = bool(taken) or likely < RATHER
+    return replace(
+        shown,
+        verdict=("possible" if doubtful else "exact") if ids else "absent",
+        relation="same" if ids else "absent",
+        probability=likely if ids and likely < 1.0 else None,
+        explanation=phrase_sentence(answer.phrase, things.called, taken),
     )

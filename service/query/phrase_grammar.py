@@ -8,7 +8,7 @@ the text encoder answers.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from fastsplat.service.common.dictionary import label_key
@@ -51,6 +51,8 @@ _COUNTING = re.compile(r"^\W*how\s+many\s+", re.IGNORECASE)
 _ARE_THERE = re.compile(r"\s+(?:(?:are|is)\s+(?:there|here)|(?:do|can)\s+(?:you|i|we)\s+see)\b", re.IGNORECASE)
 _OF_WHICH = re.compile(r"^(?:which|one|any|all|some)(?:\s+one)?\s+of\s+(?=(?:the|my|our|your)\s)", re.IGNORECASE)
 _WHAT_IS = re.compile(r"^\W*(?:what|which)(?:'s|\s+is|\s+are)\s+", re.IGNORECASE)
+IsName = Callable[[str], bool]
+"""Whether some words are the name of something."""
 _EDGE = "?!.,;:\"'`“”‘’«»¿¡()[]"
 _JOINTS = frozenset({"and", "but", "or", ","})
 
@@ -95,8 +97,9 @@ class _Item:
     anchors: tuple[Phrase, ...]
 
 
-def parse_question(text: str) -> ParsedQuestion | None:
-    """What a question says beside a name; None where it says nothing beside one, or is a description.
+def parse_question(text: str, is_name: IsName = lambda _: False) -> ParsedQuestion | None:
+    """What a question says beside a name; None where it says nothing beside one, or is a description. A color in a name
+    ("red wine", "orange juice") is a part of it.
 
     The cost is linear in the words, of which there are at most 64, with at most 14 readings of four conditions.
     """
@@ -114,8 +117,8 @@ def parse_question(text: str) -> ParsedQuestion | None:
         head_words, rest = [*head_words, *rest.text.split()], None
     sided = any(part.marker is not None and part.marker.kind == "side" for part in parts)
     asking = bool(_WHAT_IS.match(text)) or (sided and head_words[-1:] and head_words[-1].casefold() in ORDINALS)
-    group = _noun_group(head_words, asking=bool(asking), described=described and rest is None)
-    head, items, leftover = _items(group, parts[1:])
+    group = _noun_group(head_words, is_name, asking=bool(asking), described=described and rest is None)
+    head, items, leftover = _items(group, parts[1:], is_name)
     leftover += [] if rest is None else [rest.text]
     readings = tuple(_readings(head, items))
     if asks == "things" and all(reading.is_plain for reading in readings):
@@ -125,12 +128,14 @@ def parse_question(text: str) -> ParsedQuestion | None:
     return ParsedQuestion(asks, readings, " ".join(leftover))
 
 
-def parsed_questions(texts: Sequence[str], names: NameIndex) -> tuple[ParsedQuestion | None, ...]:
+def parsed_questions(
+    texts: Sequence[str], names: NameIndex, is_name: IsName = lambda _: False
+) -> tuple[ParsedQuestion | None, ...]:
     """What each text says beside a name; None for those that say nothing, and for names of the dictionary themselves:
     a "can of paint" may be one."""
     parsed = []
     for text in texts:
-        question = parse_question(text)
+        question = parse_question(text, is_name)
         if question is not None and question.asks == "things":
             match = names.match(text)
             question = None if match.exact and not match.unchecked else question
@@ -193,7 +198,7 @@ def _without_joint(part: _Part) -> bool:
     return joined
 
 
-def _items(group: _Group, parts: Sequence[_Part]) -> tuple[Phrase, list[_Item], list[str]]:
+def _items(group: _Group, parts: Sequence[_Part], is_name: IsName) -> tuple[Phrase, list[_Item], list[str]]:
     """The head with the adjectives after "is", its conditions in order, and what was not understood."""
     head, number = group.phrase, group.number
     items: list[_Item] = []
@@ -218,7 +223,7 @@ def _items(group: _Group, parts: Sequence[_Part]) -> tuple[Phrase, list[_Item], 
             leftover += [part.text] if unclear else []
             head, number = (head, number) if unclear else (ranked, None)
         elif part.marker.kind == "distance" and head.rank is not None and head.rank.by == "distance":
-            anchors = _anchors(part)
+            anchors = _anchors(part, is_name)
             clear = bool(anchors) and not head.rank.anchors and not part.negated
             leftover += [] if clear else [part.text]
             if clear:
@@ -226,7 +231,7 @@ def _items(group: _Group, parts: Sequence[_Part]) -> tuple[Phrase, list[_Item], 
                 head = replace(head, rank=replace(rank, anchors=anchors, text=f"{rank.text} {part.text}"))
                 items += [_Item(part, anchors)]
         else:
-            anchors = _anchors(part)
+            anchors = _anchors(part, is_name)
             needs = part.marker.kind in ("of", "with") or (part.marker.relation == "between")
             if (not anchors and needs) or (not part.words and part.marker.kind != "distance"):
                 leftover.append(part.text)
@@ -239,7 +244,7 @@ def _items(group: _Group, parts: Sequence[_Part]) -> tuple[Phrase, list[_Item], 
 
 def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | None:
     """The head with the adjectives that are said of it after "is"; None if they are none."""
-    group = _noun_group(words, asking=True)
+    group = _noun_group(words, lambda _: False, asking=True)
     said = group.phrase
     if said.head or (said.rank and (head.rank or negated)) or (said.sizes and negated):
         return None
@@ -248,7 +253,7 @@ def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | No
     return _Group(grown, group.number)
 
 
-def _anchors(part: _Part) -> tuple[Phrase, ...]:
+def _anchors(part: _Part, is_name: IsName) -> tuple[Phrase, ...]:
     """What a relation is to; nothing for the asker."""
     words = [word for word in part.words if word]
     if not words or (len(words) == 1 and words[0].casefold() in ASKER):
@@ -257,14 +262,15 @@ def _anchors(part: _Part) -> tuple[Phrase, ...]:
     if part.marker is not None and part.marker.relation == "between":
         joint = next((at for at, word in enumerate(words) if word.casefold() == "and"), 0)
         groups = [words[:joint], words[joint + 1 :]] if 0 < joint < len(words) - 1 else groups
-    return tuple(_noun_group(group).phrase for group in groups)
+    return tuple(_noun_group(group, is_name).phrase for group in groups)
 
 
-def _noun_group(words: Sequence[str], asking: bool = False, described: bool = False) -> _Group:
+def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, described: bool = False) -> _Group:
     """A noun group by its words: determiners, then modifiers in any order, then the head, which comes last.
 
     Args:
         words: of the group.
+        is_name: whether words are a name, so that a color that leads them is a part of it.
         asking: whether adjectives may stand without a noun: "what is red?".
         described: whether a description follows, so that "thing" is a part of it and does not mean anything at all.
     """
@@ -285,6 +291,8 @@ def _noun_group(words: Sequence[str], asking: bool = False, described: bool = Fa
     while left and (asking or len(left) > 1 or left[0].casefold() in SUPERLATIVES):
         key = left[0].casefold()
         after = left[1].casefold() if len(left) > 1 else ""
+        if key in NAMES and any(is_name(" ".join(left[:end])) for end in range(2, len(left) + 1)):
+            break
         if key in SHADES and after in NAMES and (asking or len(left) > 2):
             colors.append(ColorWord(after, SHADES[key]))
             left.pop(0)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason, Witness
+from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
 
-_MAX_IDS = 10
+_MAX_NAMES = 10
 _MAX_QUOTED = 60
 
 _REASONS: Mapping[RefusalReason, str] = {
@@ -25,26 +26,38 @@ _REASONS: Mapping[RefusalReason, str] = {
 }
 
 
-def phrase_sentence(answer: PhraseAnswer, rest: str) -> str:
-    """What was decided, by which measurement, or why it could not be.
+def phrase_sentence(
+    answer: PhraseAnswer, called: Mapping[int, str], taken: str = "", may_be: Sequence[int] = ()
+) -> str:
+    """What was decided, or why it could not be; by which measurements, its witnesses say.
 
     Args:
         answer: complete.
-        rest: the sentence about the text as a name, which follows where nothing was decided.
+        called: the names of things, by id; "" for none.
+        taken: what was taken for something that the question calls, where that is not sure; "" without.
+        may_be: things that may be meant where nothing was decided.
     """
     if answer.refusal is not None:
         why = _REASONS[answer.refusal.reason].format(part=_quoted(answer.refusal.part))
         understood = ""
         if answer.refusal.reason == "not_understood" and (answer.head or answer.conditions):
             understood = f"; understood was {_asked(answer)}"
-        return f"It cannot be decided, because {why}{understood}. {rest}".strip()
-    undecided = f"; undecided: {_ids(answer.undecided)}" if answer.undecided else ""
+        shown = f"; it may be {_names(may_be, called)}" if may_be else ""
+        return f"It cannot be decided, because {why}{understood}{shown}."
+    doubt = f"; {taken[:1].lower()}{taken[1:].rstrip('.')}" if taken else ""
+    undecided = f"; undecided: {_names(answer.undecided, called)}" if answer.undecided else ""
     if not answer.things:
-        return f"Nothing here is {_asked(answer)}{_by(answer.witnesses, -1)}{undecided}."
-    by = _by([witness for witness in answer.witnesses if witness.thing == answer.things[0]], 1)
+        return f"Nothing here is {_asked(answer)}{undecided}{doubt}."
     if answer.asks == "count":
-        return f"{len(answer.things)} here: {_asked(answer)}: {_ids(answer.things)}{by}{undecided}."
-    return f"{_asked(answer)[:1].upper()}{_asked(answer)[1:]}: {_ids(answer.things)}{by}{undecided}."
+        return f"{len(answer.things)} here: {_asked(answer)}{undecided}{doubt}."
+    asked = _asked(answer)
+    return f"{asked[:1].upper()}{asked[1:]}: {_names(answer.things, called)}{undecided}{doubt}."
+
+
+def surface_sentence(noun: str, count: int, *, sure: bool) -> str:
+    """That surfaces without a name are what a noun calls, by their shape and place."""
+    surfaces = "A surface without a name is" if count == 1 else f"{count} surfaces without a name are"
+    return f"{surfaces} {'' if sure else 'taken for '}{_quoted(noun)}, by shape and place."
 
 
 def _asked(answer: PhraseAnswer) -> str:
@@ -52,23 +65,16 @@ def _asked(answer: PhraseAnswer) -> str:
     return ", ".join([head, *answer.conditions])
 
 
-def _by(witnesses: Sequence[Witness], sign: int) -> str:
-    """The least clear of the measurements that decided."""
-    decided = [witness for witness in witnesses if witness.clearness * sign >= 1]
-    if not decided:
-        return ""
-    witness = min(decided, key=lambda each: abs(each.clearness))
-    of = f" of thing {witness.thing}" if sign < 0 else ""
-    to = f" to {_ids(witness.others)}" if witness.others else ""
-    unit = {"delta_e": " ΔE", "share": "", "ratio": "", "unit": " units", "deg": "°"}.get(
-        witness.unit, f" {witness.unit}"
-    )
-    return f" ({witness.measure.replace('_', ' ')}{of}{to}: {witness.value:.3g}{unit.rstrip()})"
-
-
-def _ids(ids: Sequence[int]) -> str:
-    more = f" and {len(ids) - _MAX_IDS} more" if len(ids) > _MAX_IDS else ""
-    return ("thing " if len(ids) == 1 else "things ") + ", ".join(map(str, ids[:_MAX_IDS])) + more
+def _names(ids: Sequence[int], called: Mapping[int, str]) -> str:
+    """ "apple", 2 of "orange", and 3 things without a name."""
+    counted = Counter(called.get(each, "") for each in ids)
+    nameless = counted.pop("", 0)
+    names = [_quoted(name) if count == 1 else f"{count} of {_quoted(name)}" for name, count in counted.items()]
+    if len(names) > _MAX_NAMES:
+        names = [*names[:_MAX_NAMES], f"{len(names) - _MAX_NAMES} more names"]
+    if nameless:
+        names.append("a thing without a name" if nameless == 1 else f"{nameless} things without a name")
+    return ", ".join(names)
 
 
 def _quoted(text: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
 
@@ -41,11 +41,17 @@ class Named:
         ids: of things and parts.
         by_name: whether it is their name, or an alias; False for what was found by meaning.
         whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
+        suggested: whether the name is merely suggested for them.
+        likely: 0..1, that the things are called so.
+        taken: what is taken for what the group calls, where that is not sure; "" where it is.
     """
 
     ids: tuple[int, ...]
     by_name: bool
     whole: bool = False
+    suggested: bool = False
+    likely: float = 1.0
+    taken: str = ""
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,7 @@ class PhraseSolver:
         if phrase.head and group.whole:
             return group
         head = self.names.get(phrase.head, Named((), by_name=False))
-        return Named(head.ids, head.by_name)
+        return replace(head, whole=False)
 
     def _resolve(self, phrase: Phrase, named: Named | None = None) -> tuple[tuple[int, ...], dict[int, Refusal]]:
         named = named or self._named(phrase)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.query.english import is_foreign
 from fastsplat.service.query.phrase_grammar import parsed_questions
 from fastsplat.service.query.query_text import TextQuery
-from fastsplat.service.query.ranking import Ranker
+from fastsplat.service.query.ranking import Ranked, Ranker
 from fastsplat.service.query.thing_names import ThingNames
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
@@ -62,22 +62,24 @@ class RankedScene:
         """
         answers = self.ranker.rank(query)
         if self._things is not None:
-            ids = self._things.by_label
+            names = self._things
             answers = tuple(
-                replace(answer, things=tuple(chain.from_iterable(ids.get(label, ()) for label in answer.relevant_ids)))
-                for answer in answers
+                replace(answer, things=names.of_labels(answer.relevant_ids) or answer.things) for answer in answers
             )
-        parsed = parsed_questions(query.texts, self.ranker.names)
-        if not any(parsed):
+        parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name)
+        surfaces = [] if self._things is None else [thing for thing in self._things.present if thing.surface]
+        if not any(parsed) and not surfaces:
             return answers
-        from fastsplat.service.query.phrase_answers import AskedScene, answer_phrase
+        from fastsplat.service.query.phrase_answers import AskedScene, answer_phrase, answer_surface
 
-        def rank(texts: Sequence[str]) -> tuple[Answer, ...]:
-            return self.ranker.rank(replace(query, texts=tuple(texts)))
+        def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
+            return self.ranker.rank_meant(replace(query, texts=tuple(texts)))
 
         named = things().names if self._things is None else self._things
         scene = AskedScene(named, self.ranker.names, rank, lambda: things().measures, self._unit)
         return tuple(
-            plain if phrase is None else answer_phrase(phrase, plain, scene, asker)
+            (answer_surface(plain, scene) if phrase is None else answer_phrase(phrase, plain, scene, asker))
+            if not is_foreign(plain.text)
+            else plain
             for plain, phrase in zip(answers, parsed, strict=True)
         )

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.absence import unnamed_probability
-from fastsplat.service.query.answer_relation import answer_relation
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.absence import RATHER, unnamed_probability
+from fastsplat.service.query.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.calibration import calibration_key
 from fastsplat.service.query.embeddings import TextCaches, text_caches
+from fastsplat.service.query.english import has_no_word, is_foreign
 from fastsplat.service.query.explain import explain
 from fastsplat.service.query.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, model_for, weighs_meanings
@@ -48,12 +50,23 @@ class _Judgement:
         relevant: bool [N], the entries that the answer speaks of.
         leading: bool [N], those among them that lead whatever they score.
         named: whether the names alone decided.
+        suggested: whether the entries are merely suggested for things without a name.
     """
 
     verdict: Verdict
     relevant: Mask
     leading: Mask
     named: bool
+    suggested: bool = False
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """An answer, and the ids of those of its labels that name what was asked for, or a kind of it, and do not merely
+    serve in its place."""
+
+    answer: Answer
+    standing: frozenset[int]
 
 
 @dataclass(frozen=True)
@@ -110,10 +123,12 @@ class Ranker:
         self._labels = [entry.label for entry in entries]
         self._confidence = np.array([entry.confidence for entry in entries], dtype=np.float64)
         self._present = np.ones(len(entries), dtype=np.bool_)
+        self._suggested = np.zeros(len(entries), dtype=np.bool_)
         if things is not None and labels.mode == "things":
-            sure = [things.probabilities.get(label_id, 0.0) for label_id in range(1, len(entries) + 1)]
-            self._confidence = np.array(sure, dtype=np.float64)
-            self._present = np.array([label_id in things.by_label for label_id in range(1, len(entries) + 1)], np.bool_)
+            sure = things.probabilities | {label_id: likely for label_id, (likely, _) in things.suggested.items()}
+            self._confidence = np.array([sure.get(row + 1, 0.0) for row in range(len(entries))], dtype=np.float64)
+            self._present = np.array([row + 1 in sure for row in range(len(entries))], dtype=np.bool_)
+            self._suggested = np.array([row + 1 in things.suggested for row in range(len(entries))], dtype=np.bool_)
         self._names = NameIndex(labels.dictionary)
         if caches is None:
             caches = text_caches(encoder, settings) if before is None else before._caches
@@ -145,7 +160,18 @@ class Ranker:
         """The names of the dictionary."""
         return self._names
 
+    def is_name(self, text: str) -> bool:
+        """Whether the dictionary or the lexicon has the whole of a text as the name of something."""
+        match = self._names.match(text)
+        return bool(match.exact and not match.unchecked) or (
+            self._meanings is not None and self._meanings.meaning(text).whole
+        )
+
     def rank(self, query: TextQuery) -> tuple[Answer, ...]:
+        """One answer per text, in order, see `rank_meant`."""
+        return tuple(ranked.answer for ranked in self.rank_meant(query))
+
+    def rank_meant(self, query: TextQuery) -> tuple[Ranked, ...]:
         """One answer per text, in order; every answer ranks the whole dictionary.
 
         Raises:
@@ -167,7 +193,7 @@ class Ranker:
             for row, (text, match) in enumerate(zip(query.texts, matches, strict=True))
         )
 
-    def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Answer:
+    def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Ranked:
         """The answer to one text, of scores [N]."""
         by_similarity = self._settings.score == "similarity"
         primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
@@ -185,6 +211,8 @@ class Ranker:
         else:
             likely = None if calibration is None else entry_probability(primary, calibration)
             judged = self._judge(match, context, primary, likely)
+        comparison = None if meant is None else meant.comparison
+        judged = self._with_suggestions(judged, match, comparison)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
         belief: Belief | None = None
         if likely is not None and match.exact:
@@ -193,21 +221,38 @@ class Ranker:
             belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
         elif calibration is not None and likely is not None:
             belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
-        suggested, may_be = (0.0, ()) if self._things is None else self._things.suggested(text)
+        if belief is not None and meant is not None and judged.verdict == "related" and belief.presence < RATHER:
+            rows = np.flatnonzero(judged.relevant).tolist()
+            if not any(stands_for(row, match, comparison) for row in rows):  # it would stand in, under a doubtful name
+                judged = _Judgement("absent", self._mask(()), self._mask(()), named=False)
         if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
-            unnamed = unnamed_probability(self._searched, suggested)
+            unnamed = unnamed_probability(self._searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
+        suggested: tuple[float, tuple[int, ...]] = (0.0, ())
+        if self._things is not None and judged.verdict == "absent":
+            suggested = self._things.suggested_names.get(label_key(text), suggested)
+        language = self._language(text) if judged.verdict == "absent" else ""
+        probability = None
+        if belief is not None:
+            probability = belief.of_verdict(None if judged.verdict == "absent" else order[0])
+        verdict = judged.verdict
+        if suggested[1]:
+            verdict, probability = "possible", suggested[0]
+        elif language or (verdict == "absent" and probability is not None and probability < RATHER):
+            verdict, probability = "undecided", None
+        elif judged.suggested or (verdict == "exact" and probability is not None and probability < RATHER):
+            verdict = "possible"
         threshold = context.exact if judged.verdict == "exact" else context.related
         threshold = threshold if meant is None else meant.model.related
-        comparison = None if meant is None else meant.comparison
-        relation, subject = answer_relation(judged.verdict, int(order[0]) if len(order) else -1, match, comparison)
+        shown = verdict if verdict != "possible" else "exact" if suggested[1] else judged.verdict
+        relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",
             text=text,
-            verdict=judged.verdict,
+            verdict=verdict,
             explanation="",
-            probability=None if belief is None else belief.of_verdict(None if judged.verdict == "absent" else order[0]),
+            probability=probability,
             label_set=() if belief is None else belief.label_set,
             coverage=None if belief is None else coverage,
             decided_by="name" if judged.named else "score",
@@ -215,19 +260,49 @@ class Ranker:
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
-            matches=self._matches(order, scores, context, judged.relevant, belief),
+            matches=() if suggested[1] else self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
             searched=self._searched,
             relation=relation,
             relation_subject=subject,
             method=method,
+            things=suggested[1],
         )
         unchecked = match.unchecked
         if comparison is not None and judged.verdict == "related":
             before = comparison.compounds.before.get(int(order[0]), "")
             unchecked = " ".join(words for words in (before, unchecked) if words)
-        return replace(answer, explanation=explain(answer, unchecked, may_be, suggested))
+        may_be = suggested[1]
+        if self._things is not None and judged.suggested:
+            may_be = self._things.of_labels(answer.relevant_ids)
+        standing = frozenset(
+            label_id
+            for label_id in answer.relevant_ids
+            if judged.verdict == "exact" or stands_for(label_id - 1, match, comparison)
+        )
+        return Ranked(replace(answer, explanation=explain(answer, unchecked, len(may_be), language)), standing)
+
+    def _language(self, text: str) -> str:
+        """Why a text is no English question: "foreign" or "unknown"; "" for one that is."""
+        if is_foreign(text):
+            return "foreign"
+        meanings = self._meanings
+        return "unknown" if meanings is not None and has_no_word(text, meanings.is_word) else ""
+
+    def _with_suggestions(self, judged: _Judgement, match: NameMatch, comparison: Comparison | None) -> _Judgement:
+        """A judgement in which names that are merely suggested for things without one stand back behind those that
+        things bear; alone they make an answer possible, where they name what was asked for, or a kind of it."""
+        borne = judged.relevant & ~self._suggested
+        if borne.any() or not judged.relevant.any():
+            return replace(judged, relevant=borne, leading=judged.leading & borne)
+        if judged.verdict == "exact":
+            return replace(judged, suggested=True)
+        rows = [row for row in np.flatnonzero(judged.relevant).tolist() if stands_for(row, match, comparison)]
+        if not rows:
+            return _Judgement("absent", borne, borne, named=False)
+        relevant = self._mask([row + 1 for row in rows])
+        return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=True)
 
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None

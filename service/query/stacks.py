@@ -81,7 +81,7 @@ class Stacks:
         touches = Measured("gap", gap, "length", clearness(gap, near, 3 * near))
         carried = touches.clearness > -1 and any(
             self.direct(one, carrier).clearness >= 1
-            for carrier in self._solids()
+            for carrier in self._carriers()
             if carrier.id not in (one.id, wall.id)
         )
         return Judged(min(touches.clearness, -1.0) if carried else touches.clearness, (touches,))
@@ -90,7 +90,7 @@ class Stacks:
         """Whether a thing may rest on, or be in, something else that rests on the other; at most so many between."""
         if most == 0 or one.low <= other.low or not _may_touch(one, other):
             return False
-        for carrier in self._solids():
+        for carrier in self._carriers():
             if carrier.id in (one.id, other.id) or carrier.low > one.high or not _may_touch(one, carrier):
                 continue
             carries = max(self.direct(one, carrier).clearness, is_in(one, carrier).clearness) > -1
@@ -98,9 +98,10 @@ class Stacks:
                 return True
         return False
 
-    def _solids(self) -> list[ThingShape]:
-        """Whole things that are no floor, wall or ceiling."""
-        ids = (thing.id for thing in self.things.values() if not thing.parent and not thing.surface)
+    def _carriers(self) -> list[ThingShape]:
+        """Whole things that others may stand on: all but walls and ceilings."""
+        sides = ("wall", "ceiling")
+        ids = (thing.id for thing in self.things.values() if not thing.parent and thing.surface not in sides)
         return [shape for thing_id in ids if (shape := self.measures.shape(thing_id)) is not None]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -44,19 +44,40 @@ class ThingNames:
         sure = {thing.id: thing.probability for thing in (*self.present, *self.parts)}
         return {label_id: max(sure[thing_id] for thing_id in ids) for label_id, ids in self.by_label.items()}
 
-    def suggested(self, name: str) -> tuple[float, tuple[int, ...]]:
-        """The largest probability with which this name is suggested for things without one, and these things; 0 for
-        none."""
-        return self._suggested.get(label_key(name), (0.0, ()))
+    @cached_property
+    def suggested(self) -> Mapping[int, tuple[float, tuple[int, ...]]]:
+        """For each label that nothing bears and that is suggested for things without a name: the largest probability,
+        and those of these things for which it is at least half as large, the likeliest first."""
+        by_id = {self.dictionary.id_of(name): each for name, each in self.suggested_names.items()}
+        return {label_id: each for label_id, each in by_id.items() if label_id and label_id not in self.by_label}
 
     @cached_property
-    def _suggested(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
-        names: dict[str, tuple[float, tuple[int, ...]]] = {}
+    def suggested_names(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
+        """As `suggested`, of all names that are suggested, by their keys: the dictionary need not have them."""
+        likely: dict[str, dict[int, float]] = {}
         for thing in self.present:
             for name, probability in () if thing.name else thing.suggestions:
-                most, ids = names.get(label_key(name), (0.0, ()))
-                names[label_key(name)] = (max(most, probability), (*ids, thing.id))
-        return names
+                likely.setdefault(label_key(name), {})[thing.id] = probability
+        ranked = {name: sorted(own.items(), key=lambda each: -each[1]) for name, own in likely.items()}
+        return {
+            name: (own[0][1], tuple(thing_id for thing_id, each in own if 2 * each >= own[0][1]))
+            for name, own in ranked.items()
+        }
+
+    def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
+        """The things that bear these labels, or for which those are suggested that nothing bears, in the order of the
+        labels."""
+        ids = [
+            thing_id
+            for label_id in label_ids
+            for thing_id in self.by_label.get(label_id) or self.suggested.get(label_id, (0.0, ()))[1]
+        ]
+        return tuple(dict.fromkeys(ids))
+
+    @cached_property
+    def called(self) -> Mapping[int, str]:
+        """What a sentence calls each thing and part: its name, or "" for none."""
+        return {thing.id: thing.name for thing in (*self.present, *self.parts)}
 
     @cached_property
     def searched(self) -> Searched:

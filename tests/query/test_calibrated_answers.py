@@ -25,7 +25,9 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
         for answer in sets:
             named = count > 0 and text == "thing 0x"
             assert len(answer.matches) == count and (answer.decided_by == "name") == named
-            assert 0 <= answer.probability <= 1 and 0 <= answer.presence <= 1
+            assert 0 <= answer.presence <= 1
+            assert (answer.probability is None) == (answer.verdict == "undecided")
+            assert answer.probability is None or 0.5 <= answer.probability <= 1 or answer.verdict == "related"
             assert answer.presence >= max((match.probability for match in answer.matches), default=0)
             if answer.verdict == "absent":
                 assert answer.probability == pytest.approx(1 - answer.presence)
@@ -37,4 +39,8 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
         assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or sets[0].decided_by == "name")
         assert {(answer.verdict, answer.matches) for answer in sets} == {(sets[0].verdict, sets[0].matches)}
         if not count:
-            assert sets[0].verdict == "absent" and sets[0].probability == 1 and sets[-1].label_set == (0,)
+            assert (
+                sets[0].verdict == ("undecided" if text == "茶壶" else "absent")
+                and sets[0].presence == 0
+                and sets[-1].label_set == (0,)
+            )

@@ -139,7 +139,7 @@ def test_why_similarity_is_the_default(ask: Ask, text: str, first: str) -> None:
     assert by_relevancy.index(first) < by_similarity.index(first)
 
 
-@pytest.mark.parametrize("text", ["the kettle", "Where is the coffee machine?", "knives", "a white SPOON"])
+@pytest.mark.parametrize("text", ["the kettle", "Where is the coffee machine?", "knives", "an old SPOON"])
 def test_named_objects_are_exact(ask: Ask, text: str) -> None:
     assert ask(KITCHEN, text).verdict == "exact"
 
@@ -161,8 +161,12 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
     ask: Ask, labels: Sequence[str], text: str, first: str
 ) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "related" and relevant(answer)[0] == first and (answer.probability or 0) < 1
-    assert answer.probability == answer.matches[0].probability
+    assert (answer.probability or 0) < 1
+    if answer.verdict == "undecided":  # nothing measures what it says of the name
+        assert relevant(answer) in ([first], []) and answer.phrase is not None and answer.phrase.refusal is not None
+    else:
+        assert relevant(answer)[0] == first
+        assert answer.verdict == "related" and answer.probability == answer.matches[0].probability
 
 
 @pytest.mark.parametrize(
@@ -178,7 +182,7 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
 )
 def test_a_name_that_is_only_mentioned_is_unlikely(ask: Ask, labels: Sequence[str], text: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict != "exact" and 0 in answer.label_set  # "nothing here" is not ruled out
+    assert answer.verdict == "undecided" or (answer.verdict != "exact" and 0 in answer.label_set)
     assert all((match.probability or 0) < 0.6 for match in answer.matches)
 
 
@@ -208,7 +212,7 @@ def test_most_absent_things_are_absent(ask: Ask, labels: Sequence[str]) -> None:
 @pytest.mark.parametrize("text", ["🧸", "茶壶", "чайник", "إبريق الشاي", "x" * 1000, "object"])
 def test_unusual_texts_get_an_answer(ask: Ask, text: str) -> None:
     answer = ask(KITCHEN, text)
-    assert answer.verdict in ("related", "absent") and len(answer.matches) == len(KITCHEN)
+    assert answer.verdict in ("related", "absent", "undecided") and len(answer.matches) == len(KITCHEN)
 
 
 def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Callable[..., Scene]) -> None:

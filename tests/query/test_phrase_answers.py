@@ -97,7 +97,8 @@ def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: 
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None and answer.verdict == "exact"
     assert set(answer.phrase.things) == set(answer.things) == things
-    assert all(f"thing {thing}" in answer.explanation for thing in things)
+    names = {thing.id: thing.name for thing in index.things.listed}
+    assert all(f'"{names[thing]}"' in answer.explanation for thing in things)
     decisive = [witness for witness in answer.phrase.witnesses if witness.thing in things]
     assert decisive and all(witness.clearness >= 1 for witness in decisive)
 
@@ -138,20 +139,26 @@ def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(ind
         ("the mug without a handle", None, "not_measured"),
         ("the silver lamp", None, "not_measured"),
         ("the largest mug", None, "too_close"),
-        ("the piano on the table", None, "not_named"),
-        ("how many pianos are there?", None, "not_named"),
     ],
 )
-def test_what_cannot_be_decided_is_refused_and_answered_as_before(
+def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     index: SceneIndex, text: str, asker: np.ndarray | None, reason: str
 ) -> None:
     answer = _answer(index, text, asker)
     assert answer.phrase is not None and _reason(answer) == reason
+    assert (answer.verdict, answer.relation, answer.probability) == ("undecided", "undecided", None)
     assert answer.explanation.startswith("It cannot be decided, because ")
-    assert answer.phrase.count is None and answer.meant_things is None
-    (plain,) = _ranked(index, text)
-    assert answer.explanation.endswith(plain.explanation)
-    assert replace(answer, phrase=None, explanation="", things=()) == replace(plain, explanation="", things=())
+    assert answer.phrase.count is None and answer.meant_things == answer.things
+    names = {thing.id: thing.name for thing in index.things.listed}
+    shown = {match.label for match in answer.matches if match.relevant}
+    assert shown == {names[thing] for thing in answer.things} and set(answer.phrase.undecided) <= set(answer.things)
+
+
+@pytest.mark.parametrize("text", ["the piano on the table", "how many pianos are there?"])
+def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> None:
+    answer = _answer(index, text)
+    assert answer.phrase is not None and (answer.verdict, _reason(answer), answer.things) == ("absent", None, ())
+    assert answer.phrase.count == (0 if text.startswith("how") else None)
 
 
 @pytest.mark.parametrize("text", ["the mug on the table", "what is under the table?", "the tallest mug"])

@@ -29,8 +29,9 @@ _SHOWN_ERRORS = 3
 
 _INSTRUCTIONS = """Questions to 3D scenes made of photos: what is there, where, how large, how far apart.
 
-- `find` first. Its verdict is the answer: exact, related (something close; its label says what), or absent. Say an
-  absence as one; unnamed things are told beside it, as one of them may be what was asked for.
+- `find` first. Its verdict is the answer: exact, related (something close; its label says what), absent, possible
+  (it may be here, as likely as it says), or undecided (it cannot be said). Say an absence as one; unnamed things are
+  told beside it, as one of them may be what was asked for.
 - Say lengths in meters only where unit is "m". Where it is "scene units" only ratios mean anything.
 - Probabilities are calibrated: 0.6 is wrong 4 times in 10.
 - Left, right, in front and behind need `view`, the place they are seen from.

@@ -95,9 +95,11 @@ class Found:
     """The answer to one question.
 
     Attributes:
-        verdict: exact: the thing asked for is here; related: something close is, and `label` says what; absent.
-        relation: what `label` is to the question: same, kind_of or part_of (one of the other), related, absent.
-        probability: that the verdict is right, 0..1; None where nothing says it.
+        verdict: exact: the thing asked for is here; related: something close is, and `label` says what; absent;
+            possible: it may be here, with that probability; undecided: it cannot be said, and `things` may be meant.
+        relation: what `label` is to the question: same, kind_of or part_of (one of the other), related, absent,
+            undecided.
+        probability: that what is said is right, 0..1; None where nothing says it.
         label: what the leading thing is called in the scene; "" when absent.
         explanation: one sentence for people, word for word the service's.
         alternatives: other labels that answer, best first.

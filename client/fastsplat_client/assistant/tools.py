@@ -148,28 +148,14 @@ def find(client: Client, text: str, scene: str) -> Found:
 
 
 def count(client: Client, text: str, scene: str) -> Count:
-    """How many things a text means: by all that it says, or, of a plain name, those of the label that answers."""
+    """How many things a text means, by all that it says; None where that cannot be decided."""
     shown = resolve_scene(client, scene)
     answer = _ask(client, shown.id, text)
-    if answer.phrase is not None and answer.phrase.refusal is not None and answer.phrase.refusal.reason == "not_named":
-        noun = _ask(client, shown.id, answer.phrase.refusal.part)
-        if noun.verdict == "absent":  # there are none of what is not here, wherever they were to be
-            return Count(
-                shown.id,
-                text,
-                noun.verdict,
-                noun.probability,
-                "",
-                0,
-                [],
-                noun.explanation,
-                noun.searched.unnamed_things,
-            )
+    if answer.phrase is None:  # a plain name: what merely serves in its place is not counted
+        answer = _ask(client, shown.id, f"how many {text}")
     leading = _leading_objects(answer)
-    counted = [each.thing_id for each in leading]
-    if answer.phrase is not None:
-        counted = list(answer.phrase.things)
-    refused = answer.phrase is not None and answer.phrase.refusal is not None
+    counted = [] if answer.phrase is None else list(answer.phrase.things)
+    refused = answer.phrase is None or answer.phrase.count is None
     return Count(
         scene=shown.id,
         question=text,

@@ -465,6 +465,10 @@ class _VerdictEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Verdict.Value
     """something close is here; its label says what"""
     VERDICT_ABSENT: _Verdict.ValueType  # 3
     """nothing relevant is here"""
+    VERDICT_POSSIBLE: _Verdict.ValueType  # 4
+    """it may be here; the probability says how likely"""
+    VERDICT_UNDECIDED: _Verdict.ValueType  # 5
+    """it cannot be said; the things are those that may be meant"""
 
 class Verdict(_Verdict, metaclass=_VerdictEnumTypeWrapper): ...
 
@@ -475,6 +479,10 @@ VERDICT_RELATED: Verdict.ValueType  # 2
 """something close is here; its label says what"""
 VERDICT_ABSENT: Verdict.ValueType  # 3
 """nothing relevant is here"""
+VERDICT_POSSIBLE: Verdict.ValueType  # 4
+"""it may be here; the probability says how likely"""
+VERDICT_UNDECIDED: Verdict.ValueType  # 5
+"""it cannot be said; the things are those that may be meant"""
 Global___Verdict: _TypeAlias = Verdict  # noqa: Y015
 
 class _Relation:
@@ -494,6 +502,8 @@ class _RelationEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Relation.Val
     """by association"""
     RELATION_ABSENT: _Relation.ValueType  # 5
     """nothing here answers"""
+    RELATION_UNDECIDED: _Relation.ValueType  # 6
+    """nothing is said"""
 
 class Relation(_Relation, metaclass=_RelationEnumTypeWrapper):
     """What the first match of an answer is to what was asked."""
@@ -509,6 +519,8 @@ RELATION_RELATED: Relation.ValueType  # 4
 """by association"""
 RELATION_ABSENT: Relation.ValueType  # 5
 """nothing here answers"""
+RELATION_UNDECIDED: Relation.ValueType  # 6
+"""nothing is said"""
 Global___Relation: _TypeAlias = Relation  # noqa: Y015
 
 class _RelationSubject:
@@ -4295,12 +4307,15 @@ class Answer(_message.Message):
     """as asked"""
     verdict: Global___Verdict.ValueType
     """exact: the thing asked for is here; related: something close is, and its label says what; absent: nothing relevant
-    is here
+    is here; possible: it may be here, but its name is not sure or only suggested, and `probability` says how likely;
+    undecided: it cannot be said, and `things` are those that may be meant
     """
     explanation: _builtins.str
     """one sentence for people"""
     probability: _builtins.float
-    """calibrated, 0..1, that the verdict is right; absent without calibration"""
+    """calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that what is shown is what
+    was asked for; absent without calibration, and where nothing is decided
+    """
     coverage: _builtins.float
     """0..1; absent without calibration: nothing is promised"""
     decided_by: Global___DecidedBy.ValueType
@@ -4321,8 +4336,8 @@ class Answer(_message.Message):
     """
     relation: Global___Relation.ValueType
     """what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and part_of: see
-    `relation_subject`; related: by association; absent: nothing here answers. Takes the place of `verdict`, which stays
-    beside it for one release
+    `relation_subject`; related: by association; absent: nothing here answers; undecided: nothing is said. Takes the
+    place of `verdict`, which stays beside it for one release
     """
     relation_subject: Global___RelationSubject.ValueType
     """label: the first match is a kind or a part of what was asked (banana for fruit); question: the other way (chair for
@@ -4352,8 +4367,8 @@ class Answer(_message.Message):
 
     @_builtins.property
     def phrase(self) -> Global___PhraseAnswer:
-        """what else the text says beside a name, and which things that means; absent for a plain name. Where it was decided,
-        things, objects and masks are of these things alone
+        """what else the text says beside a name, and which things that means; absent for a plain name. Things, objects and
+        masks are of these things alone; where it was not decided, of those that may be meant
         """
 
     def __init__(

@@ -16,6 +16,7 @@ export type NextPhotoList = Schemas["NextPhotoList"];
 export type Operation = Schemas["Operation"];
 export type Place = Schemas["Place"];
 export type OperationList = Schemas["OperationList"];
+export type DictionaryEntry = Schemas["DictionaryEntry"];
 export type PhotoVerdictList = Schemas["PhotoVerdictList"];
 export type PhotoVerdict = Schemas["PhotoVerdict"];
 export type PickedThing = Schemas["PickedThing"];

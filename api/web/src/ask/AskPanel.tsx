@@ -7,6 +7,7 @@ import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
+import { knownLabels } from "./knownLabels";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "./askParts";
 
 const TYPING_MS = 350;
@@ -43,19 +44,21 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
-  const labels = (state.scene.value?.dictionary ?? []).slice(0, SHOWN_LABELS).map((entry) => entry.label);
+  const labels = knownLabels(state.scene.value?.dictionary ?? [], state.things.value).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
       <h2 id="ask-title">{texts.ask.title}</h2>
       <QuestionForm text={typed} placeholder={texts.ask.placeholder} onType={type} onAsk={() => ask(typed)} />
       {state.answerError.value !== null && <ErrorNote error={state.answerError.value} />}
       <div aria-live="polite" aria-busy={state.asking.value}>
-        {answer && <Verdict answer={answer} unnamed={answer.searched.unnamed_things} />}
+        {answer && <Verdict answer={answer} />}
       </div>
       {answer && (
         <>
           <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
-          {answer.verdict !== "absent" && <BestPhotos state={state} text={answer.text} />}
+          {answer.verdict !== "absent" && answer.verdict !== "undecided" && (
+            <BestPhotos state={state} text={answer.text} />
+          )}
           <Matches matches={answer.matches.slice(0, SHOWN_MATCHES)} onAsk={type} />
         </>
       )}

@@ -40,20 +40,19 @@ export function QuestionForm({
   );
 }
 
-/** Whether it is here, why, and how likely that is right; `unnamed`: how many things without a name may be it. */
+/** Whether it is here, why, and how likely what is said is right. */
 export function Verdict({
   answer,
-  unnamed = 0,
 }: {
   answer: Pick<Answer, "verdict" | "relation" | "relation_subject" | "explanation" | "probability">;
-  unnamed?: number;
 }) {
   return (
     <div class={`verdict ${answer.verdict}`}>
       <p class="verdict-word">{relationWord(answer)}</p>
       <p>{answer.explanation}</p>
-      {answer.probability !== null && <p class="hint">{texts.ask.likely(answer.probability)}</p>}
-      {answer.verdict === "absent" && unnamed > 0 && <p class="hint">{texts.ask.unnamed(unnamed)}</p>}
+      {answer.probability !== null && (
+        <p class="hint">{texts.ask.likely[answer.verdict === "absent" ? "absent" : "here"](answer.probability)}</p>
+      )}
     </div>
   );
 }

@@ -45,7 +45,7 @@ export class SceneState {
   readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
   readonly found = computed(() => {
     const answer = this.answer.value;
-    return answer?.mask3d && answer.verdict !== "absent"
+    return answer?.mask3d && (answer.things.length > 0 || answer.matches.some((match) => match.relevant))
       ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
       : null;
   });

@@ -16,7 +16,7 @@ export function useServerView(view: Signal<ServerView | null>, state: SceneState
     const known = state.things.value?.map((thing) => thing.id);
     if (!view.value || !version) return;
     const answer = state.answer.value;
-    const found = answer && answer.verdict !== "absent" && answer.version === version ? answer.things : null;
+    const found = answer && answer.things.length > 0 && answer.version === version ? answer.things : null;
     const selected = state.selected.value.filter((id) => known?.includes(id));
     view.value.show({
       version,

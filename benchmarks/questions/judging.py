@@ -1,0 +1,124 @@
+"""What makes an answer right: what a user who stands before the things would say of it.
+
+- Something is there, and bears a right name: it has to be shown first, with at least half of what is named of the rest
+  (of uses and orders one of them will do), and at least half of what is shown has to be right. "Not here" and "cannot
+  say" are wrong.
+- Something is there, and has no name, or a wrong one: it may be shown as well; that it cannot be said, or that nothing
+  with a name is it while the answer speaks of things without one, is no false statement, and right.
+- Colors, relations and orders of what is named have to be decided; of what is not named, as above.
+- A number has to be the true one; where not each of the things is one with its name, it may be left open.
+- Near to what is here, but not here: "not here", that it cannot be said, or a probability below one half. Far from
+  it: "not here"; that it cannot be said only where most things have no name. Nonsense: nothing may be shown.
+- Another language: the right thing, or that English alone is understood.
+
+Beside that no answer may contradict itself, see `contradictions`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+from benchmarks.questions.trained_questions import PhotoObject, Question
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.absence import RATHER
+from fastsplat_contract.queries import Answer
+
+_DECIDED = ("exact", "related", "possible")
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is known of one trained scene.
+
+    Attributes:
+        ids: by key, the thing that each object is.
+        names: by id, the names of all things; "" for none.
+        right_names: by key.
+    """
+
+    ids: Mapping[str, int]
+    names: Mapping[int, str]
+    right_names: Mapping[str, Sequence[str]]
+
+    def named(self, key: str) -> bool:
+        """Whether an object is a thing that bears one of its right names."""
+        name = label_key(self.names.get(self.ids.get(key, 0), ""))
+        return bool(name) and name in {label_key(each) for each in self.right_names[key]}
+
+
+def truth_of(objects: Sequence[PhotoObject], ids: Mapping[str, int], names: Mapping[int, str]) -> Truth:
+    """What `things_of` and the scene's own list of things say."""
+    return Truth(ids, names, {each.key: each.names for each in objects})
+
+
+def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
+    """Whether an answer is right, see the module."""
+    if question.kind == "count":
+        return _count_right(question, answer, truth)
+    if question.kind == "foreign" and not _shown(answer):
+        return "English" in answer.explanation
+    if question.kind in ("near", "nonsense", "foreign"):
+        return not _shown(answer) or (answer.verdict == "possible" and (answer.probability or 1.0) < RATHER)
+    if question.kind == "far":
+        nameless = sum(not name for name in truth.names.values())
+        return not _shown(answer) and (answer.verdict == "absent" or 2 * nameless > len(truth.names))
+    return _things_right(question, answer, truth)
+
+
+def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
+    """What an answer says against itself.
+
+    Args:
+        answer: to any text.
+        names: that things of the scene bear, or that are suggested for them.
+    """
+    said = []
+    likely, phrase = answer.probability, answer.phrase
+    refused = phrase is not None and phrase.refusal is not None
+    if likely is not None and likely < 0.5 and answer.verdict in ("exact", "absent"):
+        said.append(f"{answer.verdict} at {likely:.2f}")
+    if answer.verdict == "absent" and answer.presence is not None and answer.presence > 0.5:
+        said.append(f"absent with a presence of {answer.presence:.2f}")
+    if answer.verdict == "absent" and (answer.things or refused):
+        said.append("absent, and things are shown, or nothing was decided")
+    if answer.verdict in _DECIDED and not answer.things:
+        said.append(f"{answer.verdict}, and nothing is shown")
+    if refused and (answer.verdict in _DECIDED or likely is not None):
+        said.append("nothing was decided, and a verdict or a probability of something else stands beside it")
+    if answer.verdict in ("exact", "related") and answer.matches and not answer.matches[0].relevant and not phrase:
+        said.append("the first match is none")
+    if answer.verdict == "absent" and label_key(answer.text) in {label_key(name) for name in names}:
+        said.append("a name of the scene is not here")
+    if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
+        said.append("a number of other things than are shown")
+    return said
+
+
+def _shown(answer: Answer) -> tuple[int, ...]:
+    return answer.things if answer.verdict in _DECIDED else ()
+
+
+def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
+    shown = _shown(answer)
+    ids = {truth.ids[key] for key in question.keys if key in truth.ids}
+    accepted = ids | {truth.ids[key] for key in question.also if key in truth.ids}
+    if not question.keys:
+        return not shown and answer.verdict in ("absent", "undecided")
+    if shown:
+        named = {truth.ids[key] for key in question.keys if truth.named(key)}
+        complete = question.kind in ("use", "superlative") or 2 * len(named & set(shown)) >= len(named)
+        return shown[0] in accepted and 2 * len(accepted & set(shown)) >= len(shown) and complete
+    if any(truth.named(key) for key in question.keys):
+        return False
+    return answer.verdict == "undecided" or (answer.searched.unnamed_things > 0 and "no name" in answer.explanation)
+
+
+def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:
+    phrase = answer.phrase
+    if phrase is None:
+        return False
+    if phrase.count is not None:
+        return phrase.count == question.count
+    ids = {truth.ids[key] for key in question.keys if truth.named(key)}
+    return not answer.things and len(ids) < len(question.keys or ("nothing",))

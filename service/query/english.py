@@ -1,0 +1,36 @@
+"""Whether a question is English, which is all that is understood."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable
+
+_WORD = re.compile(r"[^\W\d_]+")
+_ELSEWHERE = frozenset(
+    # German, French, Spanish, Italian, Portuguese, Dutch: words of grammar that are no English words.
+    "wo ist sind der das dem den des ein eine einen einer und mit auf unter neben welche welcher welches wie viele "
+    "où est sont le la les une un des du et avec sur sous dans quelle quel combien qui "
+    "dónde donde está están el los las una unos unas y con sobre debajo cuántos cuántas cuál "
+    "dove è sono il lo gli uno sotto sopra quanti quante quale "
+    "onde está os um uma com embaixo quantos quantas "
+    "waar het een zijn op onder naast hoeveel welke".split()
+) - frozenset("un den sous".split())
+_SHARE = 0.5
+
+
+def is_foreign(text: str) -> bool:
+    """Whether a text is of another language: words of grammar that English lacks lead it or are half of it, or its
+    letters are of another script."""
+    words = [word.casefold() for word in _WORD.findall(text)]
+    if not words:
+        return False
+    if any(not unicodedata.name(letter, "").startswith("LATIN") for word in words for letter in word):
+        return True
+    foreign = [word in _ELSEWHERE for word in words]
+    return len(words) > 1 and (foreign[0] or sum(foreign) >= _SHARE * len(words))
+
+
+def has_no_word(text: str, is_word: Callable[[str], bool]) -> bool:
+    """Whether nothing in a text is a word that is known."""
+    return not any(is_word(word.casefold()) for word in _WORD.findall(text))

@@ -1,0 +1,86 @@
+"""Answers of the sample scene, as trained: none contradicts its own figure, and what is offered is never denied."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+import fastsplat
+from benchmarks.questions.judging import contradictions
+from benchmarks.questions.trained_questions import read_scenes
+from fastsplat.service.library.local_scene import LocalScene
+from fastsplat_contract.queries import Answer, QueryRequest
+
+_TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]
+
+
+@pytest.fixture(scope="module")
+def scene(models_dir: object) -> Iterator[LocalScene]:
+    with fastsplat.open_sample() as opened:
+        yield opened
+
+
+def _ask(scene: LocalScene, *texts: str) -> tuple[Answer, ...]:
+    return tuple(scene._service.answers.query(QueryRequest(scene.id, texts)))
+
+
+def test_no_answer_contradicts_itself(scene: LocalScene) -> None:
+    names = {thing.name for thing in scene.things() if thing.name}
+    for start in range(0, len(_TEXTS), 32):
+        for answer in _ask(scene, *_TEXTS[start : start + 32]):
+            assert contradictions(answer, names) == [], (answer.text, answer.explanation)
+
+
+def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
+    things = scene.things()
+    names = {thing.name for thing in things if thing.name}
+    suggested = {each.name for thing in things if not thing.name for each in thing.suggestions}
+    for answer in _ask(scene, *sorted(names | suggested)):
+        assert answer.verdict in ("exact", "possible") and answer.things, answer.text
+
+
+@pytest.mark.parametrize(
+    "text", ["the apple nearest to the banana", "the mug left of the vase", "how many things are on the table?"]
+)
+def test_what_is_not_decided_is_not_denied(scene: LocalScene, text: str) -> None:
+    (answer,) = _ask(scene, text)
+    assert answer.verdict != "absent" and (answer.verdict != "undecided" or answer.probability is None)
+
+
+def test_a_surface_without_a_name_is_spoken_of(scene: LocalScene) -> None:
+    clock, wall, pictures = _ask(scene, "the clock on the wall", "wall", "what is on the wall?")
+    assert clock.phrase is not None and clock.phrase.refusal is None and clock.things == ()
+    assert wall.verdict == "exact" and wall.things and not wall.relevant_ids
+    assert pictures.phrase is not None and not set(pictures.things) & set(wall.things)
+
+
+def test_what_lies_on_a_table_is_there_whatever_its_shape(scene: LocalScene) -> None:
+    on_table, books = _ask(scene, "what is on the table?", "book")
+    assert on_table.phrase is not None
+    assert set(books.things) <= {*on_table.things, *on_table.phrase.undecided}
+
+
+def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
+    wine, juice, pepper, apple = _ask(scene, "red wine bottle", "orange juice", "black pepper", "the red apple")
+    assert [match.label for match in wine.matches if match.relevant] == ["bottle"] and wine.phrase is None
+    assert juice.phrase is None and pepper.phrase is None
+    assert apple.phrase is not None and len(apple.things) == 1
+
+
+def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
+    for answer in _ask(
+        scene, "the largest thing", "the tallest thing", "something red", "the nearest thing to the cup"
+    ):
+        assert not answer.things or not answer.matches or answer.matches[0].relevant
+
+
+def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
+    (forks,) = _ask(scene, "how many forks are there?")
+    assert forks.phrase is not None and not forks.phrase.count and forks.things == ()
+
+
+@pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])
+def test_other_languages_are_said_not_to_be_understood(scene: LocalScene, text: str) -> None:
+    (answer,) = _ask(scene, text)
+    assert answer.verdict == "undecided" and "Only English" in answer.explanation and answer.probability is None
