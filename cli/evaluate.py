@@ -86,7 +86,9 @@ def evaluate(
     _check_paths(folder, json_file, pictures, keep)
     settings = _with_device(load_settings(), device)
     name = None if preset == "settings" else preset
-    settings = override_training(apply_preset(settings, name), time_budget_s=time_budget, max_gaussians=max_gaussians)
+    settings = override_training(apply_preset(settings, name), max_gaussians=max_gaussians)
+    if time_budget is not None:
+        settings = settings.model_copy(update={"training": settings.training.ending_after(time_budget)})
     stored = _stored_artefact(scene, settings) if scene else None
 
     from fastsplat.service.evaluation.datasets import read_dataset

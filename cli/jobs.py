@@ -76,12 +76,17 @@ def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) ->
 
 
 @jobs_app.command()
-def retry(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
-    """Queue a failed or cancelled job again, with the upload that it had."""
+def retry(
+    job_id: Annotated[str, typer.Argument(help="The id from the list.")],
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="A photo of the upload to leave out, as the error names it; repeatable.")
+    ] = None,
+) -> None:
+    """Queue a failed or cancelled job again, with the upload that it had, or without some of its photos."""
     from fastsplat.service.application.service import open_service  # loads what answers questions
 
     with open_service(load_settings()) as service:
-        operation = service.retry_operation(job_id)
+        operation = service.retry_operation(job_id, tuple(exclude or ()))
     typer.echo(f"{operation.id} is {operation.state}")
 
 
@@ -126,6 +131,7 @@ def _to_json(record: OperationRecord) -> dict[str, Any]:
         "updated_at": datetime.fromtimestamp(record.updated_at, UTC).isoformat(),
         "starts": record.starts,
         "attempt": record.attempt,
+        "again_after": record.again_after,
         "finish_requested": record.finish_requested,
         "priority": record.priority,
         "stages": list(record.stages),

@@ -10,7 +10,7 @@ library users call `build_scene`. Every caller assembles its scene with `assembl
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -31,8 +31,15 @@ from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.presets import PresetName
-from fastsplat.service.planning.time_budget import plan_perception, plan_training, with_tradeoffs
+from fastsplat.service.planning.time_budget import (
+    StagePlan,
+    clock_tradeoff,
+    plan_perception,
+    plan_training,
+    with_tradeoffs,
+)
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
 from fastsplat.service.scene.types import TAKEN_AT
@@ -74,11 +81,13 @@ class Provenance:
         preset: that was applied to the settings, or None.
         tradeoffs: what the time budget reduced, in words.
         stage_seconds: by stage.
+        time_asked_s: seconds for everything after the capture stage, or None where nobody asked for a time.
     """
 
     preset: PresetName | None = None
     tradeoffs: tuple[str, ...] = ()
     stage_seconds: Mapping[str, float] = field(default_factory=dict)
+    time_asked_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -121,6 +130,7 @@ def build_views(
     on_placed: Callable[[PlacedViews], None] | None = None,
     movers: Movers | None = None,
     privacy: Privacy | None = None,
+    exclude: Collection[str] = (),
 ) -> Capture:
     """The capture of any validated upload: of its images, or of pictures rendered around a splat that came alone.
 
@@ -132,13 +142,14 @@ def build_views(
         up: for a splat alone: which axis of its world is up; None: estimated.
         on_placed: as for `build_capture`.
         movers, privacy: what to leave out of the photos, see `SceneOptions`; pictures of a splat are used whole.
+        exclude: as for `build_capture`.
 
     Raises:
         FastSplatError: as `build_capture`, `open_withholding` and `render_views`.
     """
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
-        return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding=withholding)
+        return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding, exclude)
     backend = settings.training.backend
     return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
 
@@ -235,13 +246,19 @@ def build_scene(
     seconds["perception"] = time.monotonic() - begun
     begun = time.monotonic()
     count = len(labelled.labelling.dictionary)
-    plan = plan_training(capture, settings, count, time_budget_s, spent_s=seconds["perception"])
+    plan = StagePlan(settings.training)
+    if time_budget_s is not None:
+        speed = machine_speed(settings.training.backend)
+        spent = seconds["perception"] + time.monotonic() - begun
+        plan = plan_training(capture, settings, count, time_budget_s, speed=speed, spent_s=spent)
     tradeoffs = (*labelled.tradeoffs, *plan.tradeoffs)
     used = settings.model_copy(update={"training": plan.settings})
     trained = train_scene(capture, labelled.labelling, used, with_tradeoffs(progress, tradeoffs))
     seconds["training"] = time.monotonic() - begun
     begun = time.monotonic()
-    quality = scene_quality(trained, labelled.labelling, capture, Provenance(preset, tradeoffs, dict(seconds)))
+    tradeoffs += clock_tradeoff(settings.training, time_budget_s, trained.quality)
+    provenance = Provenance(preset, tradeoffs, dict(seconds), time_budget_s)
+    quality = scene_quality(trained, labelled.labelling, capture, provenance)
     scene = assemble_scene(trained, labelled.labelling, capture, used, quality, progress)
     seconds["export"] = time.monotonic() - begun
     return BuiltScene(scene, labelled.labelling, seconds)
@@ -347,19 +364,21 @@ def scene_quality(
     """What a scene's manifest says of how well it was made, ready for JSON.
 
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
-    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
-    mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`);
-    of a world made upright, vertical_source and vertical_deviation_deg; where photos were corrected, photometric (see
-    `TrainedSplats`).
+    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, left_out (why, by file),
+    source, splat, warnings, mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and
+    scale_error_95 (half of the 95 % interval of a length, as a share of it); where pixels were left out of the photos,
+    withheld (`WithheldReport`); of a world made upright, vertical_source and vertical_deviation_deg; where photos were
+    corrected, photometric (see `TrainedSplats`); where a time was asked for, time_asked_s.
     """
     report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
     measured = {} if scale is None else {"scale_source": scale.source, "scale_error_95": scale.relative_error_95}
     if (vertical := report.vertical) is not None:
         measured |= vertical_figures(vertical.source, vertical.deviation_deg)
+    asked = {} if provenance.time_asked_s is None else {"time_asked_s": provenance.time_asked_s}
     return {
         **trained.quality,
+        **asked,
         **measured,
         **held_back,
         **_photometric(trained),
@@ -372,6 +391,7 @@ def scene_quality(
         "images": report.images,
         "registered": len(capture.views),
         "unregistered": list(report.unregistered),
+        "left_out": dict(report.left_out),
         "source": report.source,
         "splat": report.splat,
         "warnings": list(report.warnings),

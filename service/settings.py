@@ -36,7 +36,7 @@ class JobSettings(SettingGroup, section="jobs"):
     """How workers take and watch jobs, and when they give up."""
 
     max_starts: int = Field(3, ge=1)
-    """A job is FAILED once its trainer or worker has died this often without completing a stage in between."""
+    """A job is FAILED once its trainer or worker has died this often without coming further in between."""
 
     poll_interval_s: float = Field(2.0, gt=0)
     """How often a worker looks for new jobs and for cancellations."""

@@ -1,12 +1,18 @@
-"""The training plan of a job on disk: decided once, by the attempt that comes first, for checkpoints continue it."""
+"""The training plan of a job and its machine's speed, on disk: each is found once, by the attempt that comes first.
+
+Checkpoints continue a plan, and to measure a speed takes a second.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import time
+from dataclasses import asdict
 
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.planning.time_budget import StagePlan, plan_training
 from fastsplat.service.settings import Settings
@@ -26,6 +32,18 @@ def job_settings(job: Job) -> Settings:
     return override_training(settings, max_gaussians=job.options.max_gaussians)
 
 
+def job_speed(job: Job) -> Speed:
+    """The speed of the machine that asked first for this job."""
+    path = job.folder / "speed.json"
+    if path.exists():
+        return Speed(**json.loads(path.read_text()))
+    speed = machine_speed(job.settings.training.backend)
+    part = job.folder / f"speed.json.{job.attempt}.part"
+    part.write_text(json.dumps(asdict(speed)))
+    os.replace(part, path)
+    return speed
+
+
 def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StagePlan[TrainingSettings]:
     """The plan of the job's training: an earlier attempt's if there is one, else a new one, which is then stored.
 
@@ -37,8 +55,9 @@ def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StageP
     """
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
+        speed = job_speed(job)
         spent = stage_seconds(job, "perception") + time.monotonic() - started
-        _store(job, plan_training(capture, job_settings(job), labels, budget, spent_s=spent))
+        _store(job, plan_training(capture, job_settings(job), labels, budget, speed=speed, spent_s=spent))
     return stored_plan(job)
 
 

@@ -100,7 +100,7 @@ class ClaimedJob:
 
     @property
     def starts(self) -> int:
-        """Starts since a stage was last completed that ended in a crash, this one included."""
+        """Starts since the job last came further than before that ended in a crash, this one included."""
         return self.claim.operation.starts
 
     @property
@@ -180,7 +180,7 @@ class ClaimedJob:
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
         """Write progress. Returns what was asked of the job, as far as is known: does not wait.
 
-        Where a stage was completed, `starts` is how many count from then on; else None.
+        Where the job has come further than before, `starts` is how many count from then on; else None.
         """
         return self._at_once(lambda: self._report(stages, starts))
 
@@ -233,8 +233,8 @@ class ClaimedJob:
 
     @_patient
     def claim_again(self) -> None:
-        """Begin another attempt of this worker."""
-        claim = self._jobs.claim(self.id, self.claim.operation.retries)
+        """Begin another attempt of this worker, whose trainer died."""
+        claim = self._jobs.claim(self.id, self.claim.operation.retries, after="trainer_died")
         if claim is None:
             raise FencedError(self.id)
         self.claim = claim

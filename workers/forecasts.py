@@ -1,18 +1,13 @@
-"""What is known of a job's length when one of its stages begins; the speed of the machine is measured once a job."""
+"""What is known of a job's length when one of its stages begins."""
 
 from __future__ import annotations
 
-import json
-import os
-from dataclasses import asdict
-
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.planning.cost_model import Speed, finish_seconds, run_seconds, scene_size
-from fastsplat.service.planning.machine import machine_speed
+from fastsplat.service.planning.cost_model import finish_seconds, run_seconds, scene_size
 from fastsplat.service.planning.time_budget import whole_export_seconds
 from fastsplat.service.planning.time_left import Forecast
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.workers.budget import job_settings
+from fastsplat.workers.budget import job_settings, job_speed
 from fastsplat.workers.protocol import Job
 
 _USUAL_LABELS = 30
@@ -23,7 +18,7 @@ def perception_forecast(job: Job, capture: Capture) -> Forecast:
     """Of a job whose poses are known: its rate will tell how long perception takes; the rest the cost model says."""
     if capture.splat is not None:  # its labels are lifted, which nothing predicts
         return Forecast(None, bound_s=job.options.time_budget_s)
-    settings, labels, speed = job_settings(job), len(job.options.labels) or _USUAL_LABELS, _speed(job)
+    settings, labels, speed = job_settings(job), len(job.options.labels) or _USUAL_LABELS, job_speed(job)
     later = run_seconds(settings.training, scene_size(capture, labels), speed)
     later += whole_export_seconds(capture, settings, labels, speed)
     return Forecast(later, bound_s=job.options.time_budget_s)
@@ -31,7 +26,7 @@ def perception_forecast(job: Job, capture: Capture) -> Forecast:
 
 def training_forecast(job: Job, capture: Capture, labels: int, planned: TrainingSettings) -> Forecast:
     """Of a job whose labels are known; `planned` is what it trains with."""
-    speed = _speed(job)
+    speed = job_speed(job)
     later = whole_export_seconds(capture, job_settings(job), labels, speed)
     if capture.splat is not None:
         return Forecast(later)
@@ -41,16 +36,4 @@ def training_forecast(job: Job, capture: Capture, labels: int, planned: Training
 
 def export_forecast(job: Job, capture: Capture, labels: int) -> Forecast:
     """Of a job that is trained."""
-    return Forecast(0.0, whole_export_seconds(capture, job_settings(job), labels, _speed(job)))
-
-
-def _speed(job: Job) -> Speed:
-    """Of the machine that ran the job's first forecast."""
-    path = job.folder / "speed.json"
-    if path.exists():
-        return Speed(**json.loads(path.read_text()))
-    speed = machine_speed(job.settings.training.backend)
-    part = job.folder / f"speed.json.{job.attempt}.part"
-    part.write_text(json.dumps(asdict(speed)))
-    os.replace(part, path)
-    return speed
+    return Forecast(0.0, whole_export_seconds(capture, job_settings(job), labels, job_speed(job)))

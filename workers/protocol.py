@@ -31,6 +31,7 @@ class Job:
         version: of a job on a finished scene: whose folder `upload` is.
         train_more: how a job trains a finished scene further; None for others.
         base: of such a job: the folder of the version that it begins with, and its name.
+        exclude: paths of photos in the upload that are left out.
     """
 
     operation_id: str
@@ -43,6 +44,7 @@ class Job:
     version: str = ""
     train_more: TrainMoreIn | None = None
     base: tuple[Path, str] | None = None
+    exclude: tuple[str, ...] = ()
 
     @property
     def stages(self) -> tuple[str, ...]:
@@ -74,6 +76,7 @@ class Job:
             "version": self.version,
             "train_more": None if self.train_more is None else to_plain(self.train_more),
             "base": None if self.base is None else [str(self.base[0]), self.base[1]],
+            "exclude": self.exclude,
         }
         return json.dumps(spec).encode() + b"\n"
 
@@ -92,6 +95,7 @@ def read_job(line: bytes) -> tuple[Job, str]:
         version=spec["version"],
         train_more=None if spec["train_more"] is None else from_plain(TrainMoreIn, spec["train_more"]),
         base=None if spec["base"] is None else (Path(spec["base"][0]), spec["base"][1]),
+        exclude=tuple(spec["exclude"]),
     )
     return job, spec["stages"]
 

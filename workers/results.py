@@ -122,7 +122,7 @@ def operation_error(error: Exception, stage: str, job: Job) -> dict[str, Any]:
     if isinstance(error, OSError) and error.errno in DISK_FULL:
         error = disk_full_error()
     if isinstance(error, FastSplatError):
-        return error_to_json(error, stage)
+        return {**error_to_json(error, stage), "photos": _blamed_photos(error.field, job)}
     message = f"{type(error).__name__}: {error}"[:500]
     details = {"hint": "This is a defect of the server; its operator finds the trace in the log.", "log": _log(job)}
     return {
@@ -145,7 +145,21 @@ def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, A
         "message": error.message,
         "stage": stage,
         "details": {**error.details(), **more},
+        "recurs": error.recurs,
     }
+
+
+def _blamed_photos(field: str, job: Job) -> list[str]:
+    """The name of the photo that an error names as its field, or whose label map it names; empty if it names none."""
+    # A worker, which shares this file, never reads images.
+    from fastsplat.service.capture.upload_manifest import read_manifest
+
+    try:
+        manifest, _ = read_manifest(job.upload)
+    except (OSError, ValueError, TypeError, KeyError, FastSplatError):  # a finished scene's folder, a damaged upload
+        return []
+    photos = zip(manifest.photos, manifest.names, strict=True)
+    return [name for photo, name in photos if field in (name, photo.path, manifest.label_maps.get(photo.path))]
 
 
 def _log(job: Job) -> str:

@@ -13,7 +13,7 @@ from fastsplat.service.capture.scene_photos import write_photos
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
-from fastsplat.service.planning.time_budget import with_tradeoffs
+from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
 from fastsplat.service.planning.time_left import with_time_left
 from fastsplat.service.scene import Scene, write_ply, write_scene
 from fastsplat.service.splatting.previews import TrainingWatch
@@ -43,6 +43,7 @@ def _capture(job: Job, folder: Path, progress: Progress) -> None:
         on_placed=files.placed,
         movers=options.movers,
         privacy=options.privacy,
+        exclude=job.exclude,
     )
     files.placed(placed_of(capture))
     (folder / PHOTOS).write_text(json.dumps([to_plain(photo) for photo in capture.report.photos]))
@@ -76,7 +77,9 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     trained = load_trained(job.result("training"))
     seconds = {stage: stage_seconds(job, stage) for stage in STAGES if stage != "export"}
-    quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, _tradeoffs(job), seconds))
+    asked_s = job.options.time_budget_s
+    tradeoffs = (*_tradeoffs(job), *clock_tradeoff(job_settings(job).training, asked_s, trained.quality))
+    quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, tradeoffs, seconds, asked_s))
     settings = job.settings.model_copy(update={"training": stored_plan(job).settings})
     progress = with_time_left(progress, export_forecast(job, capture, len(labelling.dictionary)))
     scene = assemble_scene(trained, labelling, capture, settings, quality, progress)

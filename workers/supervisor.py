@@ -33,6 +33,10 @@ _TRIES = 5
 """A scene that is edited again and again while its new names are written is left alone after so many."""
 _DONE = "done"
 """Message of a stage's row once it is complete."""
+_FURTHEST = "furthest"
+"""In a stage's row: the largest fraction of it that any attempt has reported."""
+_ADVANCE = 0.01
+"""So much of a stage beyond the furthest attempt is progress; less may be the time between two reports."""
 
 
 class StoppingError(Exception):
@@ -173,6 +177,7 @@ class Supervisor:
             version,
             job.train_more,
             job.base(),
+            job.claim.operation.excluded,
         )
         self._trainer = TrainerProcess(spec, self._stages, job.log)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
@@ -195,6 +200,7 @@ class Supervisor:
         if self._job.is_cancelled():
             return CANCELLED
         self._job.claim_again()
+        self._progress.begin_attempt()
         return None
 
     def _note_completed_stages(self, starts: int) -> None:
@@ -212,8 +218,9 @@ class Supervisor:
     def _requests(self, *, report: bool, completed: bool) -> frozenset[JobRequest]:
         """Look what was asked of the job, now and then; writes the progress if that is due, or if `report`.
 
-        Once a stage is `completed`, earlier starts do not count any more.
+        Once a stage is `completed`, or this attempt has come further than all before, earlier starts count no more.
         """
+        completed = completed or (self._progress.advanced and self._job.starts > 1)
         jobs, now = self._settings.jobs, time.monotonic()
         if report or now - self._written_at >= jobs.progress_interval_s:
             self._written_at = self._checked_at = now
@@ -271,18 +278,29 @@ class Supervisor:
 
 
 class _StageRows:
-    """Progress of a job's stages as it is stored with the operation."""
+    """Progress of a job's stages as it is stored with the operation.
+
+    Attributes:
+        done: stages that the trainer has said to be complete.
+        advanced: whether this attempt has come further in a stage than all before it.
+    """
 
     def __init__(self, rows: Sequence[Mapping[str, Any]], stages: Sequence[str]) -> None:
         self._stages = stages
         self._rows = {row["stage"]: dict(row) for row in rows}
         self._started: dict[str, float] = {}
         self.done: set[str] = set()
+        self.begin_attempt()
 
     @property
     def rows(self) -> Sequence[Mapping[str, Any]]:
         """One row a stage that has begun, in order."""
         return [self._rows[stage] for stage in self._stages if stage in self._rows]
+
+    def begin_attempt(self) -> None:
+        """Forget how far this attempt has come, as another begins."""
+        self.advanced = False
+        self._furthest_before: dict[str, float] = {}
 
     def is_complete(self, stage: str) -> bool:
         """Whether the stage's end is in its row."""
@@ -308,6 +326,9 @@ class _StageRows:
         seconds = now - self._started.setdefault(event.stage, now)
         row.update(fraction=event.fraction, message=event.message, seconds=seconds)
         row["metrics"] = {**row["metrics"], **event.metrics}
+        before = self._furthest_before.setdefault(event.stage, row.get(_FURTHEST, 0.0))
+        self.advanced = self.advanced or event.fraction >= before + _ADVANCE
+        row[_FURTHEST] = max(row.get(_FURTHEST, 0.0), event.fraction)
         return False
 
     def _row(self, stage: str) -> dict[str, Any]:

@@ -201,7 +201,10 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
     async def RetryOperation(self, request: pb.RetryOperationRequest, context: Context) -> pb.Operation:
         """Queue a failed or cancelled job again."""
         async with guarded(context, "RetryOperation"):
-            return await self._message(pb.Operation, lambda: self._service.retry_operation(request.operation_id))
+            exclude = tuple(request.exclude)
+            return await self._message(
+                pb.Operation, lambda: self._service.retry_operation(request.operation_id, exclude)
+            )
 
     async def WaitOperation(self, request: pb.WaitOperationRequest, context: Context) -> pb.Operation:
         """The operation when it is done, or when the time is up."""

@@ -14,6 +14,7 @@ from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
+from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import AlignIn, Box, Edit, EditIn, RedoIn, RestoreIn
@@ -130,5 +131,6 @@ CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
         "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
     },
     "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
+    "RetryIn": {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))},
     "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
 }

@@ -20,7 +20,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.members import description_of
-from fastsplat_contract.operations import Operation, OperationList, OperationState
+from fastsplat_contract.operations import Operation, OperationList, OperationState, RetryIn
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import CameraFileRequest, CameraFormat
 from fastsplat_contract.scenes import (
@@ -285,8 +285,10 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
         return await json_of_call(request, threads.call, lambda: service.cancel_operation(operation_id))
 
     @router.post("/operations/{operation_id}:retry", response_model=Operation)
-    async def retry_operation(request: Request, operation_id: str) -> Response:
-        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
-        return await json_of_call(request, threads.call, lambda: service.retry_operation(operation_id))
+    async def retry_operation(request: Request, operation_id: str, body: RetryIn | None = None) -> Response:
+        """Queue a failed or cancelled job again, with the upload that it had, or with less of it; one in another state
+        stays as it is."""
+        exclude = body.exclude if body is not None else ()
+        return await json_of_call(request, threads.call, lambda: service.retry_operation(operation_id, exclude))
 
     return router

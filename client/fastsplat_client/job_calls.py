@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,8 @@ from fastsplat_client.thing_calls import in_path
 from fastsplat_client.transport import Transport
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.operations import Operation, RetryIn
 
 
 class Placed(NamedTuple):
@@ -44,9 +46,19 @@ class JobCalls:
         """Ask a job to stop; one that is over stays as it is."""
         return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:cancel"))
 
-    def retry(self, operation_id: str) -> Operation:
-        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is."""
-        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:retry"))
+    def retry(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
+
+        Args:
+            operation_id: which.
+            exclude: photos of the upload to leave out, e.g. `Operation.error.photos`, beside those of earlier retries.
+
+        Raises:
+            InvalidInputError: the upload has no photo of such a name, or too few are left.
+            NotReadyError: photos are to be left out of a job that neither failed nor was cancelled.
+        """
+        body = to_plain(RetryIn(tuple(exclude)))
+        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:retry", json=body))
 
     def finish(self, operation_id: str) -> Operation:
         """Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.

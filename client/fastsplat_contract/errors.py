@@ -70,11 +70,13 @@ class FastSplatError(Exception):
         field: the input's name (a form field, a file inside the upload, a setting), if one is to blame.
         limit: the bound that was crossed, as text with its unit and the setting that moves it, if any.
 
-    Class attributes: `kind` (see `Kind`) and `reason`, an UPPER_SNAKE_CASE name that is stable across releases.
+    Class attributes: `kind` (see `Kind`); `reason`, an UPPER_SNAKE_CASE name that is stable across releases; `recurs`,
+    whether the same input meets this error again, whatever the server's state is.
     """
 
     kind: ClassVar[Kind] = Kind.INTERNAL
     reason: ClassVar[str] = "INTERNAL"
+    recurs: ClassVar[bool] = False
     usual_hint: ClassVar[str] = ""
     usual_field: ClassVar[str] = ""
     retry_after_s: float | None = None
@@ -107,6 +109,7 @@ class InvalidInputError(FastSplatError):
 
     kind = Kind.INVALID_ARGUMENT
     reason = "INVALID_INPUT"
+    recurs = True
 
 
 class UnsafeArchiveError(InvalidInputError):
@@ -171,6 +174,7 @@ class ReconstructionError(FastSplatError):
 
     kind = Kind.FAILED_PRECONDITION
     reason = "RECONSTRUCTION_FAILED"
+    recurs = True
 
 
 class ModelUnavailableError(FastSplatError):
@@ -213,6 +217,7 @@ class LimitExceededError(FastSplatError):
 
     kind = Kind.RESOURCE_EXHAUSTED
     reason = "LIMIT_EXCEEDED"
+    recurs = True
 
 
 class ResourceError(FastSplatError):
@@ -327,6 +332,7 @@ class TrainingDivergedError(FastSplatError):
 
     kind = Kind.INTERNAL
     reason = "TRAINING_DIVERGED"
+    recurs = True
 
 
 class TrainerCrashedError(FastSplatError):

@@ -22,6 +22,9 @@ FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 OperationKind = Literal["create_scene", "look_again", "train_more"]
 """What a job does."""
 
+AgainAfter = Literal["cancelled", "failed", "worker_stopped", "worker_died", "trainer_died"]
+"""What ended the attempt before."""
+
 UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 Movers = Literal["keep", "ignore"]
 Privacy = Literal["people"]
@@ -124,6 +127,19 @@ class OperationError(Response):
     message: str
     stage: Annotated[str, Field(description="the stage that failed")]
     details: Annotated[Mapping[str, str], Field(description="any of field, limit, hint")]
+    photos: Annotated[
+        Many[str],
+        Field(
+            description="names of the photos that are to blame, as a retry may exclude them; empty: none in particular"
+        ),
+    ] = ()
+    recurs: Annotated[
+        bool,
+        Field(
+            description="whether the same photos with the same options end like this again: then a retry helps only "
+            "if it excludes what is to blame"
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)
@@ -148,7 +164,7 @@ class Operation(Response):
     train_more: Annotated[
         TrainMoreResult | None, Field(description="what training further has made; absent unless it has succeeded")
     ] = None
-    attempt: Annotated[int, Field(description="how often it was begun; more than once if workers or trainers died")] = 0
+    attempt: Annotated[int, Field(description="how often it was begun")] = 0
     worker: Annotated[
         WorkerState | None,
         Field(
@@ -169,6 +185,29 @@ class Operation(Response):
     placed: Annotated[
         PlacedInfo | None, Field(description="the cameras that can be looked at; absent if there are none (any more)")
     ] = None
+    again_after: Annotated[
+        AgainAfter | None,
+        Field(
+            description="why its newest attempt is not its first. cancelled, failed: it had ended so, and was retried; "
+            "worker_stopped: its worker was told to stop; worker_died, trainer_died: they stopped without warning. "
+            "After these three it goes on where it was. Absent in the first attempt"
+        ),
+    ] = None
+
+
+@dataclass(frozen=True)
+class RetryIn(Request):
+    """How a failed or cancelled job is tried again."""
+
+    proto: ClassVar[str] = "RetryOperationRequest"
+
+    exclude: Annotated[
+        Many[str],
+        Field(
+            description="photos of its upload to leave out, by their paths in it or by the names that errors and "
+            "verdicts call them, beside those of earlier retries"
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True)

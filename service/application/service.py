@@ -29,6 +29,7 @@ from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
 from fastsplat.service.application.resumable import ResumableUploads
+from fastsplat.service.application.retries import retry
 from fastsplat.service.application.running_jobs import RunningJobs
 from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.scene_orders import place_order
@@ -53,7 +54,6 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
-from fastsplat.service.store.job_repository import no_upload
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.keys import Role
@@ -258,23 +258,14 @@ class SceneService:
             self._store.blobs.drop_upload(record.upload_id)
         return self.jobs.operation(record)
 
-    def retry_operation(self, operation_id: str) -> Operation:
-        """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
+    def retry_operation(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
+        """Queue a failed or cancelled job again, with the upload that it had, or without some of its photos.
 
-        Its scene is TRAINING again. Returns the operation as it now stands.
-
-        Raises:
-            NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more: that
-                of a failed or cancelled job is kept for `UploadSettings.failed_retention_s`.
-            QuotaError: as many of the project's jobs wait or run as may.
+        Its scene is TRAINING again. Returns the operation as it now stands. Errors as `retries.retry`.
         """
-        record = self._store.scenes.operation(operation_id)
-        if record.state in ("FAILED", "CANCELLED"):
-            if record.kind == "create_scene" and record.upload_id not in self._store.blobs.ids("uploads"):
-                raise no_upload(operation_id)
-            self._quotas.check_retry(self.project)
-        ended_since = time.time() - self._settings.uploads.failed_retention_s
-        return self.jobs.operation(self._store.jobs.retry(operation_id, ended_since))
+        retention_s = self._settings.uploads.failed_retention_s
+        record = retry(operation_id, exclude, self._store, self._quotas, self.project, retention_s)
+        return self.jobs.operation(record)
 
     def list_operations(
         self, page_size: int = 0, page_token: str = "", state: OperationState | None = None

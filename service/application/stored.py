@@ -52,7 +52,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         created_at=_time(record.created_at),
         updated_at=_time(record.updated_at),
         stages=tuple(_stage_of(stage) for stage in record.stages),
-        error=None if error is None else OperationError(**error),
+        error=None if error is None else OperationError(**{**error, "photos": tuple(error.get("photos", ()))}),
         kind=record.kind,
         look_again=_result_of(record, "look_again", LookAgainResult),
         train_more=_result_of(record, "train_more", TrainMoreResult),
@@ -62,6 +62,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         finish_requested=record.finish_requested,
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
+        again_after=record.again_after,
     )
 
 
@@ -137,7 +138,8 @@ def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
 
 def _stage_of(row: Mapping[str, Any]) -> StageProgress:
     metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != SECONDS_LEFT}
-    return StageProgress(**{**row, "metrics": metrics})
+    shown = {field.name: row[field.name] for field in fields(StageProgress)}
+    return StageProgress(**{**shown, "metrics": metrics})
 
 
 def _time(seconds: float) -> datetime:

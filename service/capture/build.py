@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,6 +21,7 @@ from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.label_maps import LabelTable, read_label_table
 from fastsplat.service.capture.lens_views import ViewLog, test_views
 from fastsplat.service.capture.mapping_snapshots import take_placed
+from fastsplat.service.capture.photo_exclusion import without_photos
 from fastsplat.service.capture.photo_quality import judge_photos, matches_by_name
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
@@ -38,7 +39,7 @@ from fastsplat.service.capture.sfm_images import (
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
-from fastsplat.service.capture.upload_validation import read_posed_dataset
+from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.view_sources import ViewSources
 from fastsplat.service.capture.view_writer import (
     IMAGES,
@@ -66,6 +67,7 @@ def build_capture(
     progress: Progress,
     on_placed: Callable[[PlacedViews], None] | None = None,
     withholding: Withholding | None = None,
+    exclude: Collection[str] = (),
 ) -> Capture:
     """The capture of a validated upload, written to `out_dir`, which appears only when complete.
 
@@ -80,13 +82,15 @@ def build_capture(
         progress: receives events of the stage "capture".
         on_placed: is shown the cameras while structure from motion places them, now and then.
         withholding: which pixels of the photos enter nothing; None: all are used.
+        exclude: paths of photos in the upload that are left out.
 
     Raises:
         ReconstructionError: no usable geometry, or no view with a valid pixel.
         ResourceError: structure from motion exceeded its memory or time limit.
-        InvalidInputError: `validated_dir` has no validated upload, or `out_dir` is in use.
+        InvalidInputError: `validated_dir` has no validated upload, `out_dir` is in use, or too few photos are left.
     """
     manifest, files = read_manifest(validated_dir)
+    manifest = without_photos(manifest, exclude)
     if manifest.source == "splat":
         raise InvalidInputError(
             f"{manifest.splat} has no views",
@@ -107,6 +111,7 @@ def build_capture(
             held = WithheldPixels(withholding, work / "withheld")
             build = _Build(manifest, files, partial, work, settings, progress, decoder, on_placed, held)
             capture = build.posed() if manifest.poses else build.reconstructed()
+            capture = replace(capture, report=replace(capture.report, left_out=manifest.left_out))
         shutil.rmtree(work)
         save_capture(capture, partial)
     progress(ProgressEvent(_STAGE, 1.0, f"{len(capture.views)} views, {len(capture.points)} points"))
@@ -184,8 +189,10 @@ class _Build:
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
-        sizes = {photo.path: (photo.width, photo.height) for photo in self.manifest.photos}
+        used = {photo.path for photo in self.manifest.photos}
+        sizes = ImageSizes(self.files, (*used, *self.manifest.left_out), self.settings)
         dataset = read_posed_dataset(self.files, self.manifest, sizes, self.settings)
+        dataset = replace(dataset, images=tuple(image for image in dataset.images if image.path in used))
         if self.manifest.splat_frame:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels

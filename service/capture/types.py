@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -153,6 +154,7 @@ class CaptureReport:
         vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
+        left_out: as `ValidatedUpload.left_out`; these are in no other number.
     """
 
     source: Source
@@ -166,6 +168,7 @@ class CaptureReport:
     photos: tuple[PhotoVerdict, ...] = ()
     withheld: WithheldReport | None = None
     vertical: VerticalEstimate | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,12 @@ from fastsplat.service.splatting.densify import planned_count
 from fastsplat.service.splatting.pruning import EVALUATIONS, MAX_EVAL_VIEWS
 from fastsplat.service.splatting.schedule import image_level, image_scales
 from fastsplat.service.splatting.semantics import code_size
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.training_views import split_views
 from fastsplat_contract.errors import InvalidInputError
 
 _SHARES = 40  # points at which the cost of a step is taken along a run
-_STEPS_A_VIEW, _FEWEST_STEPS, _ENOUGH_STEPS = 10, 250, 1_200
+_STEPS_A_VIEW, _ENOUGH_STEPS = 10, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
@@ -129,10 +129,10 @@ def fit_training(
 ) -> TrainingPlan:
     """The best run that ends within the budget.
 
-    The budget replaces `settings.time_budget_s`. Where too few steps fit for the requested resolution and number of
-    Gaussians, these are reduced together, level by level along the measured frontier, until enough steps fit. The
-    spherical harmonics stay: they cost few steps, and without them even short runs are worse. A budget larger than
-    needed ends the run at `settings.iterations`.
+    The budget replaces `settings.time_budget_s`, and `FEWEST_STEPS` a larger `settings.min_iterations`. Where too few
+    steps fit for the requested resolution and number of Gaussians, these are reduced together, level by level along the
+    measured frontier, until enough steps fit. The spherical harmonics stay: they cost few steps, and without them even
+    short runs are worse. A budget larger than needed ends the run at `settings.iterations`.
 
     Args:
         settings: as requested: a preset, or the operator's own.
@@ -151,7 +151,7 @@ def fit_training(
     for name, value in (("spent_s", spent_s), ("tail_s", tail_s)):
         if not 0 <= value < float("inf"):
             raise InvalidInputError(f"{name} of {value}", field=name, hint="Give seconds, 0 or more.")
-    enough_steps = min(settings.iterations, max(_FEWEST_STEPS, min(_ENOUGH_STEPS, _STEPS_A_VIEW * scene.views)))
+    enough_steps = min(settings.iterations, max(FEWEST_STEPS, min(_ENOUGH_STEPS, _STEPS_A_VIEW * scene.views)))
     for level in range(_LEVELS):
         reduced = _at_level(settings, scene, level)
         load = load_seconds(scene) / speed.serial
@@ -161,7 +161,7 @@ def fit_training(
         if rate * left >= enough_steps:
             break
     optimize = max(left, _LEAST_SHARE * time_budget_s)
-    reduced = reduced.model_copy(update={"time_budget_s": optimize})
+    reduced = reduced.ending_after(optimize)
     optimized = _optimize_seconds(reduced, rate)
     steps = min(settings.iterations, max(1, int(rate * optimized)))
     parts = {"spent": spent_s, "load": load, "optimize": optimized, "finish": finish, "tail": tail_s}

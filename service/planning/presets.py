@@ -18,16 +18,37 @@ if TYPE_CHECKING:  # the settings of all rooms load with the service, the names 
 PRESETS: Mapping[PresetName, Mapping[str, Any]] = MappingProxyType(
     {
         "draft": MappingProxyType(
-            {"time_budget_s": 30.0, "max_gaussians": 20_000, "max_side": 480, "max_sh_degree": 3, "evaluations": 3}
+            {
+                "time_budget_s": 30.0,
+                "min_iterations": 500,
+                "max_gaussians": 20_000,
+                "max_side": 480,
+                "max_sh_degree": 3,
+                "evaluations": 3,
+            }
         ),
         "balanced": MappingProxyType(
             {
                 name: TrainingSettings.model_fields[name].default
-                for name in ("time_budget_s", "max_gaussians", "max_side", "max_sh_degree", "evaluations")
+                for name in (
+                    "time_budget_s",
+                    "min_iterations",
+                    "max_gaussians",
+                    "max_side",
+                    "max_sh_degree",
+                    "evaluations",
+                )
             }
         ),
         "best": MappingProxyType(
-            {"time_budget_s": 480.0, "max_gaussians": 100_000, "max_side": 960, "max_sh_degree": 3, "evaluations": 10}
+            {
+                "time_budget_s": 480.0,
+                "min_iterations": 1_000,
+                "max_gaussians": 100_000,
+                "max_side": 960,
+                "max_sh_degree": 3,
+                "evaluations": 10,
+            }
         ),
     }
 )

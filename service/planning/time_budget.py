@@ -6,8 +6,9 @@ How long poses take to find cannot be predicted; the budget starts to count when
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -22,7 +23,7 @@ from fastsplat.service.planning.cost_model import (
     things_seconds,
     views_within_budget,
 )
-from fastsplat.service.planning.machine import machine_speed, perception_cost
+from fastsplat.service.planning.machine import perception_cost
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 
@@ -82,30 +83,46 @@ def plan_perception(
 
 
 def plan_training(
-    capture: Capture, settings: Settings, labels: int, time_budget_s: float | None, *, spent_s: float
+    capture: Capture, settings: Settings, labels: int, time_budget_s: float, *, speed: Speed, spent_s: float
 ) -> StagePlan[TrainingSettings]:
-    """How training runs; with a budget, the speed of this machine is measured (a second).
+    """How training runs within a budget.
 
     Args:
         capture: what is trained.
         settings: of all rooms, with the preset applied.
         labels: entries of its dictionary.
-        time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
+        time_budget_s: seconds for everything after the capture stage.
+        speed: of this machine.
         spent_s: seconds of the budget that are spent already.
     """
-    if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
+    if capture.splat is not None:  # one of another tool is not trained
         return StagePlan(settings.training)
-    begun = time.monotonic()
-    speed = machine_speed(settings.training.backend)
     fitted = fit_training(
         settings.training,
         scene_size(capture, labels),
         time_budget_s,
         speed=speed,
-        spent_s=spent_s + time.monotonic() - begun,
+        spent_s=spent_s,
         tail_s=whole_export_seconds(capture, settings, labels, speed),
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)
+
+
+def clock_tradeoff(
+    requested: TrainingSettings, time_budget_s: float | None, quality: Mapping[str, float]
+) -> tuple[str, ...]:
+    """How many steps a time that was asked for has cost a training, in words; empty where it cost none.
+
+    Args:
+        requested: settings of the training without that time.
+        time_budget_s: what was asked for; None: nothing.
+        quality: of the training, see `TrainedSplats`.
+    """
+    fewest = min(requested.min_iterations, requested.iterations)
+    steps = quality.get("iterations", math.inf)  # a splat of another tool is not trained
+    if time_budget_s is None or steps >= fewest or "stopped_at_share" in quality:
+        return ()
+    return (f"training ended by the time asked for, after {steps:.0f} steps in place of at least {fewest:,}",)
 
 
 def whole_export_seconds(capture: Capture, settings: Settings, labels: int, speed: Speed) -> float:

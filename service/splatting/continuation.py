@@ -69,16 +69,14 @@ def continuation_settings(
         hold_out: whether views are held out from it.
     """
     rates = settings.rates
-    bounds: dict[str, object] = {}
     warmup = _WARMUP
     if steps is not None:
         warmup = min(max(warmup, _LEAST_WARMUP / steps), 0.9)
-        bounds = {"iterations": steps, "time_budget_s": None}
+        settings = settings.model_copy(update={"iterations": steps, "time_budget_s": None})
     elif seconds is not None:
-        bounds = {"time_budget_s": seconds}
+        settings = settings.ending_after(seconds)
     return settings.model_copy(
         update={
-            **bounds,
             "max_gaussians": max(settings.max_gaussians, len(gaussians)),
             "max_sh_degree": max(settings.max_sh_degree, gaussians.sh_degree),
             "sh_from": (0.0, 0.0, 0.0),

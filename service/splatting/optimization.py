@@ -19,14 +19,11 @@ from fastsplat.service.splatting.photometric import correct
 from fastsplat.service.splatting.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.strategy import DensificationStrategy
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import TrainingDivergedError
-
-_LEAST_STEPS = 250
-"""A training that is to end early has as many steps as any plan leaves it (`service.planning.cost_model`)."""
 
 
 class Trainer:
@@ -84,7 +81,7 @@ class Trainer:
         begun = time.monotonic() - self.elapsed_s
         progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
         self._recorder.start(self.state, self.elapsed_s, progress)
-        while progress < 1 and not (self.state.iteration >= _LEAST_STEPS and self._finish()):
+        while progress < 1 and not (self.state.iteration >= FEWEST_STEPS and self._finish()):
             self.views = self._supervision.fuse_if_due(progress, self.state, self.views)
             loss, radii = self._step(progress)
             self.elapsed_s = time.monotonic() - begun

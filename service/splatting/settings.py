@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from fastsplat.service.scene.types import MAX_SH_DEGREE
+
+FEWEST_STEPS = 250
+"""Steps before which nobody ends a run, neither a time that was asked for nor a person: fewer leave a blur."""
 
 
 class LearningRates(BaseModel):
@@ -56,8 +59,9 @@ class TrainingSettings(BaseModel):
     """How long, how large and how fine a scene is trained.
 
     A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
-    `min_iterations`; every schedule below is a function of its progress, 0 to 1; so a run bounded by iterations alone
-    (`time_budget_s=None`) is reproducible to the bit, and one bounded by time adapts to the machine it is on.
+    `min_iterations` (for a time that somebody asked for, see `ending_after`). Every schedule below is a function of its
+    progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the bit, and one
+    bounded by time adapts to the machine it is on.
     """
 
     model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
@@ -72,8 +76,9 @@ class TrainingSettings(BaseModel):
     """Seconds of optimization, or None for no bound."""
     iterations: int = Field(30_000, ge=1)
     """Bound on optimization steps."""
-    min_iterations: int = Field(250, ge=0)
-    """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning."""
+    min_iterations: int = Field(1_000, ge=0)
+    """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning: what the
+    verdict "good" needs (`service.scene.assessment`)."""
     max_side: int = Field(640, ge=8)
     """Images are trained at no more than this many pixels on the longer side."""
     start_scale: float = Field(0.5, gt=0, le=1)
@@ -161,3 +166,8 @@ class TrainingSettings(BaseModel):
     """Seconds between checkpoints."""
     rates: LearningRates = LearningRates()
     """Learning rates."""
+
+    def ending_after(self, seconds: float) -> Self:
+        """These settings for a run that ends after so many seconds, or `FEWEST_STEPS` if those take longer."""
+        fewest = min(self.min_iterations, FEWEST_STEPS)
+        return self.model_copy(update={"time_budget_s": seconds, "min_iterations": fewest})

@@ -13,11 +13,20 @@ from sqlalchemy import Connection, Engine, Update, delete, exists, func, select,
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.photo_repository import record_photos
-from fastsplat.service.store.records import RESULT, OperationRecord, SceneSummary
+from fastsplat.service.store.records import (
+    AGAIN_AFTER,
+    EXCLUDED,
+    RELEASED,
+    RESULT,
+    RETRIES,
+    OperationRecord,
+    SceneSummary,
+)
 from fastsplat.service.store.scene_repository import as_operation, no_operation
 from fastsplat.service.store.schema import operations, scenes, workers
 from fastsplat.service.store.version_repository import NewVersion, publish_within
 from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.operations import AgainAfter
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
@@ -102,25 +111,29 @@ class JobRepository:
             if row is not None and as_operation(row).retries == retries:
                 connection.execute(update(operations).where(here).values(enqueued=True))
 
-    def claim(self, operation_id: str, retries: int = 0) -> Claim | None:
+    def claim(self, operation_id: str, retries: int = 0, after: AgainAfter = "worker_died") -> Claim | None:
         """Start an attempt: counts one start and fences earlier claims.
 
         Args:
             operation_id: which job.
             retries: how often it had been retried when this run of it was queued.
+            after: what ended the attempt before, if it was under way and its worker did not release it.
 
         Returns:
             None if the operation is over or deleted, or this run of it was ended and the job retried since.
         """
         with self._writing() as connection:
             stored = connection.execute(select(operations).where(operations.c.id == operation_id).with_for_update())
-            before = stored.mappings().first()
-            if before is None or as_operation(before).retries != retries:
+            row = stored.mappings().first()
+            if row is None or (before := as_operation(row)).retries != retries:
                 return None
+            options = {name: value for name, value in before.options.items() if name != RELEASED}
+            if before.state == "RUNNING":
+                options[AGAIN_AFTER] = "worker_stopped" if RELEASED in before.options else after
             unfinished = update(operations).where(operations.c.id == operation_id, operations.c.state.in_(_UNFINISHED))
             values = {
                 "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1,
-                "updated_at": time.time(),
+                "options": options, "updated_at": time.time(),
             }  # fmt: skip
             if not connection.execute(unfinished.values(values)).rowcount:
                 return None
@@ -131,7 +144,8 @@ class JobRepository:
     def release(self, claim: Claim) -> None:
         """Give an unfinished job back; its start does not count. Does nothing when fenced."""
         with self._writing() as connection:
-            values = {"starts": operations.c.starts - 1, "updated_at": time.time()}
+            options = {**claim.operation.options, RELEASED: True}
+            values = {"starts": operations.c.starts - 1, "options": options, "updated_at": time.time()}
             connection.execute(_fenced(claim).values(values))
 
     def report(
@@ -147,7 +161,7 @@ class JobRepository:
         Args:
             claim: of which job.
             stages: one row a stage.
-            starts: how many starts count from now on, as a stage was completed; None: as before.
+            starts: how many starts count from now on, as the job came further than before; None: as before.
             progress_files: see `OperationRecord`; None: as before.
 
         Raises:
@@ -241,12 +255,13 @@ class JobRepository:
         """
         self._end(claim, "CANCELLED", None)
 
-    def retry(self, operation_id: str, ended_since: float) -> OperationRecord:
+    def retry(self, operation_id: str, ended_since: float, exclude: Sequence[str] = ()) -> OperationRecord:
         """Queue a failed or cancelled operation again; one in another state stays as it is.
 
         Args:
             operation_id: which.
             ended_since: seconds since 1970; what ended before has lost its upload.
+            exclude: paths of photos of its upload to leave out, beside those of earlier retries.
 
         Returns:
             The operation as it now is: QUEUED, without stages, error and starts, if it was failed or cancelled.
@@ -269,11 +284,16 @@ class JobRepository:
                 connection.execute(update(scenes).where(scene).values(state="TRAINING"))
                 if record.updated_at < ended_since:
                     raise no_upload(operation_id)
+            options = {
+                **record.options,
+                RETRIES: record.retries + 1,
+                EXCLUDED: sorted({*record.excluded, *exclude}),
+                AGAIN_AFTER: record.state.lower(),
+            }
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
                 "finish_requested": False, "progress_files": None, "enqueued": False,
-                "options": {**record.options, "retries": record.retries + 1},
-                "updated_at": time.time(),
+                "options": options, "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from fastsplat_contract.operations import OperationKind, OperationState
+from fastsplat_contract.operations import AgainAfter, OperationKind, OperationState
 from fastsplat_contract.scenes import Scale, SceneState
 
 DEFAULT_PROJECT = "default"
@@ -19,6 +19,12 @@ LOOK_AGAIN: Final = "look_again"
 TRAIN_MORE: Final = "train_more"
 RESULT = "result"
 """Keys of `OperationRecord.options` that only jobs on finished scenes have: the order, and what came of it."""
+
+RETRIES = "retries"
+EXCLUDED = "exclude"
+AGAIN_AFTER = "again_after"
+RELEASED = "released"
+"""Keys of `OperationRecord.options` that the queue writes; `RELEASED`: its worker was told to stop and gave it back."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,18 @@ class OperationRecord:
     @property
     def retries(self) -> int:
         """How often the job was queued again after it had failed or was cancelled."""
-        return int(self.options.get("retries", 0))
+        return int(self.options.get(RETRIES, 0))
+
+    @property
+    def excluded(self) -> tuple[str, ...]:
+        """Paths of the photos of its upload that retries asked to leave out."""
+        return tuple(self.options.get(EXCLUDED, ()))
+
+    @property
+    def again_after(self) -> AgainAfter | None:
+        """What ended the attempt before; None in the first one."""
+        after: AgainAfter | None = self.options.get(AGAIN_AFTER)
+        return after
 
     @property
     def look_again(self) -> Mapping[str, Any] | None:

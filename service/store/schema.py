@@ -72,8 +72,8 @@ operations = Table(
     Column("updated_at", Double, nullable=False),
     # The fencing token: every claim increments it, and a write that carries an older number changes nothing.
     Column("attempt", Integer, nullable=False, default=0),
-    # Starts since a stage was last completed that ended in a crash or have not ended; a release of the job takes its
-    # start back.
+    # Starts since the job last came further than before that ended in a crash or have not ended; a release of the job
+    # takes its start back.
     Column("starts", Integer, nullable=False, default=0),
     Column("enqueued", Boolean, nullable=False, default=False),
     Column("cancel_requested", Boolean, nullable=False, default=False),

@@ -32,7 +32,7 @@ def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Calla
 
     store = open_store(tmp_path)
     for scene_id, job_id in ((IDS[3], IDS[2]), (IDS[1], IDS[0])):
-        store.scenes.create(NewJob(scene_id, job_id, "desk", "", "d", job_id, {}, priority=7))
+        store.scenes.create(NewJob(scene_id, job_id, "desk", "", "d", job_id, {"admitted": ""}, priority=7))
     claim = store.jobs.claim(BAD)
     assert claim is not None
     error = {
@@ -74,6 +74,7 @@ def test_ids_can_be_copied_from_a_narrow_terminal_and_everything_is_there_as_jso
 def test_a_failed_job_is_queued_again_if_its_upload_is_there(fastsplat, tmp_path):
     assert isinstance(fastsplat("jobs", "retry", BAD).exception, NotFoundError)
     (tmp_path / "uploads" / BAD).mkdir(parents=True)
+    assert isinstance(fastsplat("jobs", "retry", BAD, "--exclude", "a.jpg").exception, InvalidInputError)
     assert "QUEUED" in fastsplat("jobs", "retry", BAD).stdout
     assert json.loads(fastsplat("jobs", "list", "--json", "--state", "failed").stdout) == []
 

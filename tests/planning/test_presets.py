@@ -7,6 +7,7 @@ from typing import get_args
 import pytest
 
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.planning.cost_model import SceneSize, fit_training
 from fastsplat.service.planning.presets import (
     PERCEPTION_PRESETS,
     PRESETS,
@@ -14,8 +15,11 @@ from fastsplat.service.planning.presets import (
     apply_preset,
     override_training,
 )
+from fastsplat.service.planning.time_budget import clock_tradeoff
+from fastsplat.service.scene.assessment import assess
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
+from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.errors import InvalidInputError
 
 
@@ -26,6 +30,36 @@ def test_presets_cost_more_from_draft_to_best_and_balanced_is_the_default() -> N
         assert less.time_budget_s is not None and more.time_budget_s is not None
         assert less.time_budget_s < more.time_budget_s and less.max_gaussians < more.max_gaussians
         assert less.max_side <= more.max_side and less.max_sh_degree <= more.max_sh_degree
+
+
+@pytest.mark.parametrize("name", [None, "balanced", "best"])
+def test_the_clock_ends_no_run_before_it_has_the_steps_of_a_good_scene(name: PresetName | None) -> None:
+    fewest = apply_preset(Settings(), name).training.min_iterations
+    assert assess({"images": 40, "iterations": fewest}, ()) == Assessment("good", ())
+    late = {"images": 40, "iterations": fewest, "time_budget_s": 120.0, "train_seconds": 900.0}
+    assert assess(late, ()) == Assessment("good", ())  # nobody asked for a time
+    assert [finding.reason for finding in assess({**late, "time_asked_s": 130.0}, ()).findings] == ["TOOK_LONGER"]
+
+
+def test_a_draft_has_a_floor_of_its_own_and_says_that_it_is_one() -> None:
+    fewest = apply_preset(Settings(), "draft").training.min_iterations
+    assert FEWEST_STEPS < fewest < TrainingSettings().min_iterations
+    assert assess({"images": 40, "iterations": fewest}, ()).grade == "fair"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_a_time_that_was_asked_for_rules_and_says_what_it_cost(name: PresetName) -> None:
+    requested = apply_preset(Settings(), name).training
+    asked = requested.ending_after(20.0)
+    assert (asked.time_budget_s, asked.min_iterations) == (20.0, FEWEST_STEPS)
+    assert requested.model_copy(update={"min_iterations": 0}).ending_after(20.0).min_iterations == 0
+    planned = fit_training(requested, SceneSize(40, 480, 360, 5_000, 20), 20.0)
+    assert planned.settings.min_iterations == FEWEST_STEPS
+    (line,) = clock_tradeoff(requested, 20.0, {"iterations": 260.0})
+    assert "after 260 steps" in line and f"{requested.min_iterations:,}" in line
+    assert clock_tradeoff(requested, 20.0, {"iterations": float(requested.min_iterations)}) == ()
+    assert clock_tradeoff(requested, None, {"iterations": 260.0}) == ()
+    assert clock_tradeoff(requested, 20.0, {"iterations": 260.0, "stopped_at_share": 0.4}) == ()
 
 
 def test_no_preset_saves_on_harmonics() -> None:

@@ -217,6 +217,31 @@ def test_a_release_takes_the_start_back_but_not_the_fence(store):
     assert (again.operation.starts, again.attempt) == (1, 2)
 
 
+def _die(store, claim):
+    """Its worker says nothing any more."""
+
+
+@pytest.mark.parametrize(
+    ("end", "after"),
+    [
+        (_die, "worker_died"),
+        (lambda store, claim: store.jobs.release(claim), "worker_stopped"),
+        (lambda store, claim: store.jobs.cancelled(claim), "cancelled"),
+        (lambda store, claim: store.jobs.fail(claim, {"reason": "X"}), "failed"),
+    ],
+)
+def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end, after):
+    store.scenes.create(job(1))
+    first = store.jobs.claim("op1")
+    assert first.operation.again_after is None
+    end(store, first)
+    retries = store.jobs.retry("op1", ended_since=0.0).retries
+    again = store.jobs.claim("op1", retries)
+    assert again.operation.again_after == after
+    assert store.jobs.claim("op1", retries, after="trainer_died").operation.again_after == "trainer_died"
+    assert store.jobs.claim("op1", retries).operation.again_after == "worker_died"  # of a release no word is left
+
+
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
     monkeypatch.setattr("fastsplat.service.store.scene_repository.time.time", lambda: 1000.0)
     for number in range(7):

@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, expect
+from playwright.sync_api import Browser, Route, expect
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.job_repository import Claim
@@ -102,9 +102,64 @@ def test_a_dead_worker_is_shown_and_that_the_job_went_on(place: Place, browser: 
         visit.check_accessible()
         again = place.service._store.jobs.claim(job)
         assert again is not None
-        expect(page.get_by_text("Attempt 2:")).to_be_visible()
+        expect(page.get_by_text("Attempt 2: its worker stopped without warning")).to_be_visible()
         show_training(place.service, again, 4)
         expect(page.get_by_role("img", name=_PICTURE)).to_have_attribute("data-step", "1200")
+
+
+def test_a_cancelled_job_says_so_and_nothing_else_when_it_is_tried_again(
+    place: Place, browser: Browser, training: Claim
+) -> None:
+    jobs = place.service._store.jobs
+    place.service._store.blobs.upload(training.operation.upload_id).mkdir(parents=True, exist_ok=True)
+    with visiting(browser, place.url, f"#/scenes/{training.operation.scene_id}") as visit:
+        page = visit.page
+        page.get_by_role("button", name="Cancel the job").click()
+        jobs.cancelled(training)
+        expect(page.get_by_text("The job was cancelled.")).to_be_visible()
+        stages = page.locator(".stages")
+        expect(stages).to_contain_text("took 12 s")
+        assert "so far" not in stages.inner_text() and page.get_by_text("Waiting for a worker.").count() == 0
+        page.get_by_role("button", name="Try again", exact=True).click()
+        expect(page.get_by_text("Waiting for a worker.").first).to_be_visible()
+        again = jobs.claim(training.operation.id, 1)
+        assert again is not None
+        expect(page.get_by_text("Attempt 2: the job was cancelled")).to_be_visible()
+        assert page.get_by_text("without warning").count() == 0
+
+
+def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(
+    place: Place, browser: Browser, training: Claim
+) -> None:
+    jobs, job = place.service._store.jobs, training.operation.id
+    error = {"kind": "FAILED_PRECONDITION", "reason": "RECONSTRUCTION_FAILED", "stage": "capture", "details": {}}
+    blamed = {**error, "message": "IMG_0012.jpg fits nowhere", "recurs": True, "photos": ["IMG_0012.jpg"]}
+    jobs.fail(training, blamed)
+    asked: list[object] = []
+    with visiting(browser, place.url) as visit:
+        page = visit.page
+
+        def refuse(route: Route) -> None:
+            asked.append(route.request.post_data_json)
+            route.abort()
+
+        visit.expected.append("ERR_FAILED")
+        page.route(f"**/operations/{job}:retry", refuse)
+        page.goto(f"{place.url}/#/scenes/{training.operation.scene_id}")
+        offers = page.locator(".job .buttons").locator("button, a")
+        expect(offers.first).to_have_text("Leave out IMG_0012.jpg and go on")
+        expect(offers.nth(1)).to_have_text("Try again with the same photos")
+        offers.first.click()
+        expect(page.get_by_role("alert").last).to_be_visible()
+        assert asked == [{"exclude": ["IMG_0012.jpg"]}]
+        visit.check_accessible()
+        for more, offer in (({"recurs": True}, "Choose other photos"), ({"recurs": False}, "Try again")):
+            retries = place.service._store.jobs.retry(job, 0.0).retries
+            claim = jobs.claim(job, retries)
+            assert claim is not None
+            jobs.fail(claim, {**error, "message": "it failed", **more})
+            page.reload()
+            expect(offers.first).to_have_text(offer)
 
 
 def _age(service: SceneService, operation_id: str) -> None:

@@ -19,6 +19,7 @@ from fastsplat.service.planning.time_budget import plan_perception, with_tradeof
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan
+from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import SceneOptions
@@ -27,7 +28,7 @@ from fastsplat_contract.operations import SceneOptions
 @pytest.fixture(autouse=True)
 def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """How busy the machine is while tests run must not decide what they see."""
-    monkeypatch.setattr("fastsplat.service.planning.time_budget.machine_speed", lambda backend: Speed())
+    monkeypatch.setattr("fastsplat.workers.budget.machine_speed", lambda backend: Speed())
 
 
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:
@@ -66,7 +67,21 @@ def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_p
     assert any("optimization" in line for line in first.tradeoffs)
     later = _job(tmp_path, options, attempt=2, perception_s=9.0)
     assert make_plan(later, _capture(40), 17, time.monotonic()) == first == stored_plan(later)
-    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["plan.json"]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["plan.json", "speed.json"]
+
+
+def test_the_speed_of_the_machine_is_measured_once_a_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measured: list[str] = []
+    monkeypatch.setattr("fastsplat.workers.budget.machine_speed", lambda backend: measured.append(backend) or Speed())
+    monkeypatch.setattr("fastsplat.service.planning.machine.machine_speed", lambda backend: pytest.fail("once more"))
+    capture = _capture(40)
+    for attempt in (1, 2):
+        job = _job(tmp_path, SceneOptions(time_budget_s=20.0), attempt)
+        perception_forecast(job, capture)
+        plan = make_plan(job, capture, 17, time.monotonic())
+        training_forecast(job, capture, 17, plan.settings)
+        export_forecast(job, capture, 17)
+    assert measured == ["cpu"]
 
 
 def test_what_perception_took_is_missing_from_the_training(tmp_path: Path) -> None:

@@ -325,6 +325,30 @@ OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
 OPERATION_KIND_TRAIN_MORE: OperationKind.ValueType  # 3
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
+class _AgainAfter:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _AgainAfterEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_AgainAfter.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    AGAIN_AFTER_UNSPECIFIED: _AgainAfter.ValueType  # 0
+    AGAIN_AFTER_CANCELLED: _AgainAfter.ValueType  # 1
+    AGAIN_AFTER_FAILED: _AgainAfter.ValueType  # 2
+    AGAIN_AFTER_WORKER_STOPPED: _AgainAfter.ValueType  # 3
+    AGAIN_AFTER_WORKER_DIED: _AgainAfter.ValueType  # 4
+    AGAIN_AFTER_TRAINER_DIED: _AgainAfter.ValueType  # 5
+
+class AgainAfter(_AgainAfter, metaclass=_AgainAfterEnumTypeWrapper):
+    """What ended the attempt before."""
+
+AGAIN_AFTER_UNSPECIFIED: AgainAfter.ValueType  # 0
+AGAIN_AFTER_CANCELLED: AgainAfter.ValueType  # 1
+AGAIN_AFTER_FAILED: AgainAfter.ValueType  # 2
+AGAIN_AFTER_WORKER_STOPPED: AgainAfter.ValueType  # 3
+AGAIN_AFTER_WORKER_DIED: AgainAfter.ValueType  # 4
+AGAIN_AFTER_TRAINER_DIED: AgainAfter.ValueType  # 5
+Global___AgainAfter: _TypeAlias = AgainAfter  # noqa: Y015
+
 class _WorkerState:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -3241,15 +3265,23 @@ class RetryOperationRequest(_message.Message):
     DESCRIPTOR: _descriptor.Descriptor
 
     OPERATION_ID_FIELD_NUMBER: _builtins.int
+    EXCLUDE_FIELD_NUMBER: _builtins.int
     operation_id: _builtins.str
+    @_builtins.property
+    def exclude(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """photos of its upload to leave out, by their paths in it or by the names that errors and verdicts call them, beside
+        those of earlier retries
+        """
+
     def __init__(
         self,
         *,
         operation_id: _builtins.str = ...,
+        exclude: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["operation_id", b"operation_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["exclude", b"exclude", "operation_id", b"operation_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -3354,6 +3386,7 @@ class Operation(_message.Message):
     PREVIEW_FIELD_NUMBER: _builtins.int
     PLACED_FIELD_NUMBER: _builtins.int
     TRAIN_MORE_FIELD_NUMBER: _builtins.int
+    AGAIN_AFTER_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
@@ -3362,7 +3395,7 @@ class Operation(_message.Message):
     kind: Global___OperationKind.ValueType
     """create_scene: makes its scene; look_again, train_more: makes a version of its scene"""
     attempt: _builtins.int
-    """how often it was begun; more than once if workers or trainers died"""
+    """how often it was begun"""
     worker: Global___WorkerState.ValueType
     """none: no worker of the server runs; waiting: it waits for its turn; working; silent: its worker has not been heard
     from for long, and another will go on with it; absent once it is done
@@ -3371,6 +3404,11 @@ class Operation(_message.Message):
     """until the whole job is done, as estimated with its last progress; absent while unknown"""
     finish_requested: _builtins.bool
     """whether its training was asked to stop early and keep what is there"""
+    again_after: Global___AgainAfter.ValueType
+    """why its newest attempt is not its first. cancelled, failed: it had ended so, and was retried; worker_stopped: its
+    worker was told to stop; worker_died, trainer_died: they stopped without warning. After these three it goes on where
+    it was. Absent in the first attempt
+    """
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -3419,15 +3457,20 @@ class Operation(_message.Message):
         preview: Global___PreviewInfo | None = ...,
         placed: Global___PlacedInfo | None = ...,
         train_more: Global___TrainMoreResult | None = ...,
+        again_after: Global___AgainAfter.ValueType | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left", "_worker", b"_worker", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__again_after: _TypeAlias = _typing.Literal["again_after"]  # noqa: Y015
+    _WhichOneofArgType__again_after: _TypeAlias = _typing.Literal["_again_after", b"_again_after"]  # noqa: Y015
     _WhichOneofReturnType__seconds_left: _TypeAlias = _typing.Literal["seconds_left"]  # noqa: Y015
     _WhichOneofArgType__seconds_left: _TypeAlias = _typing.Literal["_seconds_left", b"_seconds_left"]  # noqa: Y015
     _WhichOneofReturnType__worker: _TypeAlias = _typing.Literal["worker"]  # noqa: Y015
     _WhichOneofArgType__worker: _TypeAlias = _typing.Literal["_worker", b"_worker"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__again_after) -> _WhichOneofReturnType__again_after | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__seconds_left) -> _WhichOneofReturnType__seconds_left | None: ...
     @_typing.overload
@@ -3907,6 +3950,8 @@ class OperationError(_message.Message):
     MESSAGE_FIELD_NUMBER: _builtins.int
     STAGE_FIELD_NUMBER: _builtins.int
     DETAILS_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    RECURS_FIELD_NUMBER: _builtins.int
     kind: _builtins.str
     """name of a google.rpc.Code"""
     reason: _builtins.str
@@ -3914,9 +3959,17 @@ class OperationError(_message.Message):
     message: _builtins.str
     stage: _builtins.str
     """the stage that failed"""
+    recurs: _builtins.bool
+    """whether the same photos with the same options end like this again: then a retry helps only if it excludes what is to
+    blame
+    """
     @_builtins.property
     def details(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
         """any of field, limit, hint"""
+
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the photos that are to blame, as a retry may exclude them; empty: none in particular"""
 
     def __init__(
         self,
@@ -3926,10 +3979,12 @@ class OperationError(_message.Message):
         message: _builtins.str = ...,
         stage: _builtins.str = ...,
         details: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
+        photos: _abc.Iterable[_builtins.str] | None = ...,
+        recurs: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["details", b"details", "kind", b"kind", "message", b"message", "reason", b"reason", "stage", b"stage"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["details", b"details", "kind", b"kind", "message", b"message", "photos", b"photos", "reason", b"reason", "recurs", b"recurs", "stage", b"stage"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 

@@ -51,8 +51,8 @@ export async function cancelOperation(operationId: string): Promise<void> {
   await send(`v1/operations/${encodeURIComponent(operationId)}:cancel`, { method: "POST" });
 }
 
-export async function retryOperation(operationId: string): Promise<void> {
-  await send(`v1/operations/${encodeURIComponent(operationId)}:retry`, { method: "POST" });
+export async function retryOperation(operationId: string, exclude: readonly string[] = []): Promise<void> {
+  await post(`v1/operations/${encodeURIComponent(operationId)}:retry`, { exclude });
 }
 
 export async function listVersions(sceneId: string): Promise<SceneVersion[]> {

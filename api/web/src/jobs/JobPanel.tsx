@@ -1,12 +1,13 @@
 import { useState } from "preact/hooks";
 
-import { cancelOperation, retryOperation } from "../api/calls";
+import { cancelOperation } from "../api/calls";
 import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
 import { ErrorNote, sentence } from "../ui/parts";
 import { FinishButton } from "./FinishButton";
 import { JobPreview } from "./JobPreview";
 import { PlacedView } from "./PlacedView";
+import { RetryOffer } from "./RetryOffer";
 import { duration, jobCountdown, stageCountdown } from "./timing";
 import { useTimeLeft } from "./useTimeLeft";
 import { WorkerNote } from "./WorkerNote";
@@ -32,7 +33,11 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       </p>
       <WorkerNote operation={operation} />
       {left !== null && <p class="job-left">{texts.jobWatching.left(duration(left))}</p>}
-      {operation.state === "CANCELLED" && <p class="note">{texts.job.cancelled}</p>}
+      {operation.state === "CANCELLED" && (
+        <p class="note" role="status">
+          {texts.job.cancelled}
+        </p>
+      )}
       {operation.error && (
         <div class="note error" role="alert">
           <p>{texts.job.failed(texts.job.stages[operation.error.stage] ?? operation.error.stage)}</p>
@@ -58,11 +63,7 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
           {texts.job.cancel}
         </button>
       )}
-      {(operation.state === "FAILED" || operation.state === "CANCELLED") && (
-        <button type="button" class="primary" disabled={busy} onClick={() => act(retryOperation)}>
-          {texts.job.retry}
-        </button>
-      )}
+      <RetryOffer operation={operation} busy={busy} act={act} />
       {error !== null && <ErrorNote error={error} />}
     </section>
   );
@@ -70,26 +71,30 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
 
 function Stage({ stage, active }: { stage: StageProgress; active: boolean }) {
   const name = texts.job.stages[stage.stage] ?? stage.stage;
+  const done = stage.fraction >= 1;
   const known = useTimeLeft((previous, now) => stageCountdown(previous, stage, now), active);
-  const left = active ? known : null;
+  const left = active && !done ? known : null;
   return (
     <li>
       <span class="stage-name">{name}</span>
-      <span class="hint">{stage.fraction >= 1 ? texts.job.done : texts.job.percent(stage.fraction)}</span>
+      <span class="hint">{done ? texts.job.done : texts.job.percent(stage.fraction)}</span>
       <progress max={1} value={stage.fraction} aria-label={name} />
-      <span class="hint">
-        {[stage.message, left === null ? texts.job.spent(duration(stage.seconds)) : texts.job.left(duration(left))]
-          .filter(Boolean)
-          .join(" · ")}
-      </span>
+      <span class="hint">{[done ? "" : stage.message, stageTime(stage, active, left)].filter(Boolean).join(" · ")}</span>
     </li>
   );
 }
 
-/** What a screen reader is told when it changes: the stage, in steps of ten percent. */
+/** How long a stage still takes, has taken so far, or took. */
+function stageTime(stage: StageProgress, active: boolean, left: number | null): string {
+  if (!active || stage.fraction >= 1) return texts.job.took(duration(stage.seconds));
+  return left === null ? texts.job.spent(duration(stage.seconds)) : texts.job.left(duration(left));
+}
+
+/** What a screen reader is told when it changes: the stage, in steps of ten percent; its end is said where it stands. */
 function announcement(operation: Operation): string {
   const stage = operation.stages.at(-1);
-  if (operation.done || !stage) return texts.job.queued;
+  if (operation.done) return "";
+  if (!stage) return texts.job.queued;
   const tens = Math.floor(stage.fraction * 10) / 10;
   return `${texts.job.stages[stage.stage] ?? stage.stage}: ${texts.job.percent(tens)}`;
 }

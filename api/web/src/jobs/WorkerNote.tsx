@@ -4,13 +4,13 @@ import { texts } from "../texts";
 /** Who works on a job that is not done: nobody is there, it waits for its turn, its worker is silent, it was taken up anew. */
 export function WorkerNote({ operation }: { operation: Operation }) {
   if (operation.done) return null;
-  const again = operation.attempt > 1 && operation.worker === "working";
+  const again = operation.attempt > 1 && operation.worker === "working" && operation.again_after;
   return (
     <>
       {operation.worker === "none" && <p class="note error">{texts.jobWatching.noWorker}</p>}
       {operation.worker === "silent" && <p class="note error">{texts.jobWatching.silent}</p>}
       {operation.worker === "waiting" && <p>{texts.job.queued}</p>}
-      {again && <p class="note">{texts.jobWatching.attempt(operation.attempt)}</p>}
+      {again && <p class="note">{texts.jobWatching.attempt(operation.attempt, texts.jobWatching.againAfter[again])}</p>}
     </>
   );
 }

@@ -64,6 +64,7 @@ interface JobProperties {
 function Job({ operation, name, act }: JobProperties) {
   const stage = operation.stages.at(-1);
   const title = name === undefined ? texts.server.sceneGone : name || texts.scenes.untitled;
+  const photos = operation.error?.photos ?? [];
   const seconds = operation.stages.reduce((sum, each) => sum + each.seconds, 0);
   const about = [
     texts.server.kinds[operation.kind],
@@ -95,10 +96,10 @@ function Job({ operation, name, act }: JobProperties) {
       {act && name !== undefined && (operation.state === "FAILED" || operation.state === "CANCELLED") && (
         <button
           type="button"
-          aria-label={texts.server.retryOf(title)}
-          onClick={() => act(retryOperation, operation.id)}
+          aria-label={photos.length > 0 ? `${texts.job.leaveOut(photos)}: ${title}` : texts.server.retryOf(title)}
+          onClick={() => act((id) => retryOperation(id, photos), operation.id)}
         >
-          {texts.job.retry}
+          {photos.length > 0 ? texts.job.leaveOut(photos) : texts.job.retry}
         </button>
       )}
     </li>

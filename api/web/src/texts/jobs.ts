@@ -7,6 +7,10 @@ export const jobsTexts = {
     queued: "Waiting for a worker.",
     cancel: "Cancel the job",
     retry: "Try again",
+    retryUnchanged: "Try again with the same photos",
+    leaveOut: (photos: readonly string[]) =>
+      `Leave out ${photos.length === 1 ? (photos[0] ?? "") : plural(photos.length, "photo", "photos")} and go on`,
+    otherPhotos: "Choose other photos",
     failed: (stage: string) => `Failed in the stage “${stage}”.`,
     cancelled: "The job was cancelled.",
     stages: {
@@ -17,6 +21,7 @@ export const jobsTexts = {
     } as Record<string, string>,
     left: (time: string) => `about ${time} left in this stage`,
     spent: (time: string) => `${time} so far`,
+    took: (time: string) => `took ${time}`,
     done: "done",
     seconds: (count: number) => `${count} s`,
     minutes: (count: number) => `${count} min`,
@@ -27,8 +32,14 @@ export const jobsTexts = {
     noWorker:
       "No worker is running on the server, so nothing happens. The job begins, or goes on, when one is started.",
     silent: "The worker of this job has stopped answering. Another one will go on where it was.",
-    attempt: (number: number) =>
-      `Attempt ${number}: the job went on after its worker, or its training, had stopped without warning.`,
+    attempt: (number: number, why: string) => `Attempt ${number}: ${why}`,
+    againAfter: {
+      cancelled: "the job was cancelled, and begins anew because it was tried again.",
+      failed: "the job had failed, and begins anew because it was tried again.",
+      worker_stopped: "its worker was told to stop; the job goes on where it was.",
+      worker_died: "its worker stopped without warning; the job goes on where it was.",
+      trainer_died: "the program that trains it stopped without warning; the job goes on where it was.",
+    },
     pictureAlt: "The scene as it is trained so far",
     steps: (count: number, time: string) => `${plural(count, "step", "steps")}, ${time}`,
     camerasAlt: (placed: number, images: number) =>

@@ -1,0 +1,39 @@
+import { retryOperation } from "../api/calls";
+import type { Operation } from "../api/types";
+import { texts } from "../texts";
+
+/**
+ * What to do about a job that failed or was cancelled. First what would mend it: where photos are to blame, to leave
+ * them out; where the same photos would fail again, others. `act` runs the call.
+ */
+export function RetryOffer({
+  operation,
+  busy,
+  act,
+}: {
+  operation: Operation;
+  busy: boolean;
+  act: (call: (id: string) => Promise<void>) => void;
+}) {
+  if (operation.state !== "FAILED" && operation.state !== "CANCELLED") return null;
+  const photos = operation.error?.photos ?? [];
+  const others = photos.length === 0 && operation.error?.recurs === true && operation.kind === "create_scene";
+  const again = photos.length === 0 && !others;
+  return (
+    <span class="buttons">
+      {photos.length > 0 && (
+        <button type="button" class="primary" disabled={busy} onClick={() => act((id) => retryOperation(id, photos))}>
+          {texts.job.leaveOut(photos)}
+        </button>
+      )}
+      {others && (
+        <a class="button primary" href="#/new">
+          {texts.job.otherPhotos}
+        </a>
+      )}
+      <button type="button" class={again ? "primary" : ""} disabled={busy} onClick={() => act(retryOperation)}>
+        {again ? texts.job.retry : texts.job.retryUnchanged}
+      </button>
+    </span>
+  );
+}

@@ -1,0 +1,115 @@
+"""How often a job may be started: only starts that brought it no further than those before count against it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.settings import JobSettings, Settings
+from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.records import NewJob
+from fastsplat.workers import supervisor as supervising
+from fastsplat.workers.supervisor import Supervisor
+
+_JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
+
+
+@pytest.fixture
+def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
+    store = open_store(tmp_path / "data", database_url)
+    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "admitted": ""}))
+    yield store
+    store.close()
+
+
+class _Trainer:
+    """In place of a trainer process: reports fractions of the training, then dies."""
+
+    pid = 0
+
+    def __init__(self, fractions: Sequence[float]) -> None:
+        self._fractions = iter(fractions)
+
+    def next(self, timeout: float) -> ProgressEvent:
+        for fraction in self._fractions:
+            return ProgressEvent("training", fraction, "at work")
+        raise EOFError
+
+    def status(self) -> str:
+        return "it was killed"
+
+    def kill(self) -> None:
+        """Nothing is left of it."""
+
+
+class _PowerCutError(Exception):
+    """The machine is off."""
+
+
+def _starts_until_given_up(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reached: Sequence[float], *, trainer_alone: bool
+) -> int:
+    """How many attempts a job has of which each reaches the fraction of its number, step by step, and dies."""
+    attempts: list[float] = []
+
+    def start(*_: object) -> _Trainer:
+        if len(attempts) == len(reached):
+            raise _PowerCutError
+        attempts.append(reached[len(attempts)])
+        return _Trainer([attempts[-1] * part / 8 for part in range(9)])
+
+    settings = Settings(data_dir=tmp_path / "data", jobs=_JOBS)
+    monkeypatch.setattr(supervising, "TrainerProcess", start)
+    while True:
+        claim = store.jobs.claim("job")
+        assert claim is not None
+        worker = Supervisor(store, settings, claim, "", threading.Event())
+        if worker.start_limit_error() is not None:
+            return len(attempts)
+        if not trainer_alone:  # the worker dies with it, and says nothing any more
+            monkeypatch.setattr(worker, "_after_crash", _cut)
+        try:
+            outcome = worker.run_stage("training")
+        except _PowerCutError:
+            if len(attempts) == len(reached) or trainer_alone:
+                return len(attempts)
+            continue
+        assert outcome.error is not None and outcome.error["reason"] == "TRAINER_CRASHED"
+        return len(attempts)
+
+
+def _cut(*_: object) -> None:
+    raise _PowerCutError
+
+
+_AN_END = [0.5] * 20
+"""From here on it comes no further."""
+
+
+@pytest.mark.parametrize("trainer_alone", [False, True])
+@pytest.mark.parametrize(
+    ("reached", "starts"),
+    [
+        (_AN_END, 3),
+        ([0.0] * 20, 3),
+        ([0.05 * step for step in range(1, 11)], 10),  # each comes further: it may be started as often as it takes
+        ([0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.4, 0.4], 8),
+        ([0.1, 0.2, 0.3, *[0.3] * 9], 5),  # the third start that got to .3, and no further
+        ([0.5, 0.1, 0.2, 0.3, 0.4], 3),  # further than the last, but not than the first
+        ([0.5, 0.503, 0.506, 0.507], 3),  # so little may be the time between two reports
+    ],
+)
+def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
+    store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    reached: Sequence[float],
+    starts: int,
+    trainer_alone: bool,
+) -> None:
+    given = _starts_until_given_up(store, tmp_path, monkeypatch, reached, trainer_alone=trainer_alone)
+    assert given == starts
