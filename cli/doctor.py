@@ -24,11 +24,14 @@ from fastsplat.service.store.checkup import (
     mend_folder,
 )
 from fastsplat.workers.cleanup import remove_unneeded
-from fastsplat_contract.errors import NotFoundError, SceneFileError
+from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 
 
 def doctor(
     repair: Annotated[bool, typer.Option("--repair", help="Mend what can be mended without a decision.")] = False,
+    adopt: Annotated[
+        bool, typer.Option("--adopt", help="Use data folder and database together from now on; nothing is erased.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of lines.")] = False,
 ) -> None:
     """Say what is wrong with the data folder; exit with 1 if anything is. The service may run meanwhile."""
@@ -37,6 +40,8 @@ def doctor(
         raise NotFoundError(
             f"there is no data folder {settings.data_dir}", field="data_dir", hint="Set FASTSPLAT_DATA_DIR."
         )
+    if adopt:
+        _open(settings, adopting=True).close()
     problems = _examine(settings)
     if repair and any(problem.mendable for problem in problems):
         _mend(settings, problems)
@@ -59,7 +64,10 @@ def _examine(settings: Settings) -> Sequence[Problem]:
     problems += of_database
     if any(problem.place != "jobs.sqlite" for problem in of_database) or not os.access(settings.data_dir, os.W_OK):
         return problems  # the rows cannot be read
-    store = _open(settings)
+    try:
+        store = _open(settings)
+    except ConflictError as error:
+        return [*problems, Problem("database", error.message, error.hint)]
     try:
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
@@ -83,8 +91,8 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
         store.close()
 
 
-def _open(settings: Settings) -> Store:
-    return open_store(settings.data_dir, settings.database_url, settings.artefacts)
+def _open(settings: Settings, *, adopting: bool = False) -> Store:
+    return open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
 
 
 def _check_version(folder: Path) -> None:

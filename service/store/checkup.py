@@ -6,6 +6,7 @@ import os
 import shutil
 import sqlite3
 import stat
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 
 _DATABASES = (SQLITE_NAME, "jobs.sqlite")
+_LOST = "Restore a database that has it; or, if nobody needs it, remove the folder."
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
@@ -139,14 +141,19 @@ def check_left_over(
     jobs, uploads, folders = ids_before("jobs"), ids_before("uploads"), ids_before("scenes")
     for run_id in sorted(store.jobs.over(jobs)):
         yield Problem(f"jobs/{run_id}", "work of a job that is over", mendable=True)
-    for scene_id in sorted(store.jobs.unknown_scenes(folders)):
-        yield Problem(f"scenes/{scene_id}", "a scene that was deleted", mendable=True)
+    lost, unknown = store.jobs.lost_scenes(folders, time.time())
+    for scene_id in sorted(lost):
+        yield Problem(f"scenes/{scene_id}", "the row of this scene is gone: was it deleted?", _LOST)
+    for scene_id in sorted(unknown):
+        yield Problem(f"scenes/{scene_id}", "the database knows nothing of this scene: is it the right one?", _LOST)
+    for name in store.blobs.trashed_scenes():
+        yield Problem(f"trash/scenes/{name}", "a scene that lost its row; erased after seven days here", _LOST)
     needed, used = store.jobs.uploads(failed_upload_since)
     for upload_id in uploads:
         if upload_id in used or (upload_id not in needed and store.blobs.upload_age(upload_id) > upload_expiry_s):
             yield Problem(f"uploads/{upload_id}", "an upload that no job needs", mendable=True)
     if not isinstance(store.blobs, ObjectStoreBlobs):
-        for path in sorted((store.blobs.root / "trash").glob("*")):
+        for path in store.blobs.half_removed():
             yield Problem(f"trash/{path.name}", "it was being removed when a process ended", mendable=True)
 
 

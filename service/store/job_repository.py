@@ -316,6 +316,17 @@ class JobRepository:
         with self._reading() as connection:
             return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
 
+    def lost_scenes(self, scene_ids: Sequence[str], ended_before: float) -> tuple[frozenset[str], frozenset[str]]:
+        """Which of these scenes have no row: those of which there are operations, all ended before a moment (seconds
+        since 1970), and those of which there is nothing. A scene that is being deleted is neither."""
+        with self._reading() as connection:
+            rest = frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+            columns = operations.c.scene_id, operations.c.state, operations.c.updated_at
+            jobs = connection.execute(select(*columns)).all() if rest else ()
+        known = frozenset(job.scene_id for job in jobs)
+        open_ones = (job for job in jobs if job.state in _UNFINISHED or job.updated_at >= ended_before)
+        return (rest & known) - frozenset(job.scene_id for job in open_ones), rest - known
+
     def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
             values = {"state": state, "error": error, "updated_at": time.time()}

@@ -39,7 +39,8 @@ _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
 
 @pytest.fixture
 def empty(tmp_path: Path, database_url: str) -> Iterator[Engine]:
-    """A database without any table."""
+    """A database without any table, and the folder of the scene that the databases of before have."""
+    (tmp_path / "scenes" / "done").mkdir(parents=True)
     engine = open_engine(resolve_url(tmp_path, database_url, sqlite_name="fastsplat.sqlite"))
     _clear(engine)
     yield engine
@@ -154,7 +155,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 10),
+        ("schema_version", "version"): (2, 11),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)
@@ -189,7 +190,7 @@ def test_opening_twice_and_by_many_at_once_changes_nothing_more(old: Engine, tmp
         assert len(store.scenes.list_scenes(10)) == 2
         store.close()
     with old.connect() as connection:
-        for table in ("alembic_version", "schema_version"):
+        for table in ("alembic_version", "schema_version", "identity"):
             assert connection.scalar(text(f"SELECT count(*) FROM {table}")) == 1
 
 
