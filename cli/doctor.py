@@ -23,6 +23,7 @@ from fastsplat.service.store.checkup import (
     check_left_over,
     mend_folder,
 )
+from fastsplat.service.store.row_checkup import check_rows
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 
@@ -59,6 +60,9 @@ def doctor(
 
 
 def _examine(settings: Settings) -> Sequence[Problem]:
+    from fastsplat.service.application.stored import operation_of, scene_of  # loads what answers questions
+    from fastsplat.service.application.version_rows import version_of
+
     problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
     of_database = check_database(settings.data_dir, settings.database_url)
     problems += of_database
@@ -71,6 +75,7 @@ def _examine(settings: Settings) -> Sequence[Problem]:
     try:
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
+        problems += check_rows(store, scene_of, operation_of, lambda record: version_of(record, ""))
         problems += check_artefacts(store, _check_version)
         problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
     finally:

@@ -12,14 +12,15 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import URL, create_engine, select
+from sqlalchemy import URL, create_engine, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
+from fastsplat.service.store.damaged_rows import is_name
 from fastsplat.service.store.database import SQLITE_NAME, resolve_url
 from fastsplat.service.store.migrations import revisions
 from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.reserve import floor_of
-from fastsplat.service.store.schema import operations, scene_versions, scenes
+from fastsplat.service.store.schema import metadata, operations, scene_versions, scenes
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 
@@ -106,6 +107,7 @@ def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iter
         unfinished = connection.execute(waiting).all()
     ready = {scene_id for scene_id, _ in current}
     versions = {tuple(row) for row in current} | {tuple(row) for row in rows if row[0] in ready}
+    versions = {row for row in versions if is_name(row[1])}  # others are damage of a row
     for scene_id, version in sorted(versions):
         place = f"scenes/{scene_id}/{version}"
         inner = "the current version" if (scene_id, version) in {tuple(row) for row in current} else "an older version"
@@ -179,6 +181,10 @@ def _check_schema(url: URL) -> Iterator[Problem]:
     try:
         with engine.connect() as connection:
             stored, newest = revisions(connection)
+            missing = sorted(metadata.tables.keys() - set(inspect(connection).get_table_names()))
+    except ValueError as error:
+        yield Problem("database", str(error), "Stop the service and restore a backup.")
+        return
     except SQLAlchemyError as error:
         yield Problem("database", f"it does not answer ({type(error).__name__})", "Start it, or mend its URL.")
         return
@@ -190,3 +196,5 @@ def _check_schema(url: URL) -> Iterator[Problem]:
     elif stored < newest:
         hint = "Make a backup; the next start of the service, or --repair, brings it to this release's."
         yield Problem("database", f"it is of version {stored}, and this release's is {newest}", hint, True)
+    elif missing:
+        yield Problem("database", f"tables are missing: {', '.join(missing)}", "Stop the service and restore a backup.")

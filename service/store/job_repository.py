@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
+from fastsplat.service.store.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import RESULT, OperationRecord, SceneSummary
@@ -53,7 +54,7 @@ class JobRepository:
         query = select(operations).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
         order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading() as connection:
-            return [as_operation(row) for row in connection.execute(query.order_by(*order)).mappings()]
+            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
 
     def due(self, live_since: float) -> Sequence[OperationRecord]:
         """Queued operations to hand to the job engine now: one for each worker without a job, projects taking turns.
@@ -275,11 +276,15 @@ class JobRepository:
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
-        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist."""
-        unfinished = select(operations).where(operations.c.state.in_(_UNFINISHED))
+        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist; none of an operation
+        whose row cannot be read."""
+        unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
         with self._reading() as connection:
-            running = frozenset(as_operation(row).run_id for row in connection.execute(unfinished).mappings())
-        return frozenset(run_ids) - running
+            rows = connection.execute(unfinished).mappings().all()
+        records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
+        unreadable = frozenset(row["id"] for row in rows) - records.keys()
+        kept = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
+        return frozenset(run_ids) - kept
 
     def delete_ended(self, before: float) -> None:
         """Delete operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
@@ -354,7 +359,8 @@ class JobMetrics:
             operations.c.updated_at > moment, operations.c.state.in_(_ENDED)
         )
         with self._reading() as connection:
-            return [(row.id, row.updated_at, row.stages) for row in connection.execute(query)]
+            rows = connection.execute(query).all()
+        return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
 def no_upload(operation_id: str) -> NotFoundError:

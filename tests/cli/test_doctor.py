@@ -37,7 +37,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             store.blobs.upload(f"up-{name}").mkdir(parents=True)
     failing, working = store.jobs.claim("op-failed"), store.jobs.claim("op-ready")
     assert failing is not None and working is not None
-    store.jobs.fail(failing, {})
+    store.jobs.fail(failing, to_plain(OperationError("INTERNAL", "INTERNAL", "it failed", "capture", {})))
     _write_version(store.blobs.version("ready", "v1"))
     store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}))
     store.close()
