@@ -97,9 +97,9 @@ def is_name(value: object) -> bool:
     return isinstance(value, str) and _NAME.fullmatch(value) is not None
 
 
-def are_objects(value: object) -> bool:
-    """Whether a value is a list of JSON objects."""
-    return isinstance(value, Sequence) and all(isinstance(row, Mapping) for row in value)
+def are_objects(value: object, *keys: str) -> bool:
+    """Whether a value is a list of JSON objects that have these keys."""
+    return isinstance(value, Sequence) and all(isinstance(row, Mapping) and row.keys() >= set(keys) for row in value)
 
 
 def is_object(value: object) -> bool:

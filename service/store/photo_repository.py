@@ -46,6 +46,5 @@ def read_verdicts(row: Mapping[Any, Any]) -> Sequence[Mapping[str, Any]]:
         ArtefactError: they cannot be read.
     """
     photos: Sequence[Mapping[str, Any]] = row["photos"]
-    readable = are_objects(photos) and all("name" in photo and "placed" in photo for photo in photos)
-    require(f"photos of scene {row['scene_id']}", photos=readable)
+    require(f"photos of scene {row['scene_id']}", photos=are_objects(photos, "name", "placed"))
     return photos

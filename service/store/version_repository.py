@@ -54,7 +54,7 @@ class VersionRecord:
             parent=isinstance(self.parent, str),
             created_at=is_time(self.created_at),
             gaussians=isinstance(self.gaussians, int),
-            dictionary=are_objects(self.dictionary),
+            dictionary=are_objects(self.dictionary, "label_id", "label"),
             edits=are_objects(self.edits),
             current_at=self.current_at is None or is_time(self.current_at),
             scaling=self.scaling is None or is_object(self.scaling),
@@ -189,6 +189,7 @@ class VersionRepository:
             current = by_version.get(expected)
             if current is None or not current.parent:
                 raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
+            require(f"version {expected} of scene {scene_id}", parent=current.parent in by_version)
             _point(connection, scene_id, by_version[current.parent])
 
     def step_forward(self, scene_id: str, expected: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -22,9 +23,11 @@ from fastsplat.service.store.checkup import check_database
 from fastsplat.service.store.row_checkup import check_rows
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.scenes import Color, Edit
 from tests.api.made_scene import ENCODER, made_scene, write_words
 from tests.scenes import add_photos, store_scene
+
+_EDIT = Edit("recolor", "mug", color=Color(1.0, 0.0, 0.0))
 
 DAMAGES = {
     "state": "update scenes set state='EVIL' where {S}",
@@ -99,7 +102,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
         ids = [store_scene(service._store, made, name) for name in ("other", "damaged")]
         for scene_id in ids:
             add_photos(service._store, scene_id, [Image.new("RGB", (24, 18))] * 3)
-        service.versions.edit(ids[1], [Edit("rename", "mug", new_label="pot")])
+        service.versions.edit(ids[1], [_EDIT])
         operation = service.get_scene(ids[1]).operation_id
         yield Place(service, settings, ids[1], operation, ids[0], folder / "saved.sqlite")
 
@@ -114,8 +117,12 @@ def damage(place: Place) -> Iterator[Callable[[str], None]]:
             connection.commit()
 
     _copy(place.database, place.saved)
+    folders = place.settings.data_dir / "scenes" / place.scene
+    before = set(folders.iterdir())
     yield do
     _copy(place.saved, place.database)
+    for made in set(folders.iterdir()) - before:
+        shutil.rmtree(made)
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -129,8 +136,8 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "list scenes": service.list_scenes,
         "get scene": lambda: service.get_scene(scene),
         "labels": lambda: service.list_labels(scene),
-        "rename": lambda: service.answers.query(QueryRequest(("mug",), scene_id=scene)),
-        "query all": lambda: service.answers.ask(QueryRequest(("mug",), scene_id="")),
+        "query": lambda: service.answers.query(QueryRequest(scene, ("mug",))),
+        "query all": lambda: service.answers.ask(QueryRequest("", ("mug",))),
         "list operations": service.list_operations,
         "get operation": lambda: service.get_operation(operation),
         "cancel": lambda: service.cancel_operation(operation),
@@ -144,7 +151,7 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "SPZ": lambda: service.exports.file(ExportRequest(scene, "spz")),
         "cameras": lambda: service.camera_file(scene, "colmap"),
         "versions": lambda: service.versions.all(scene),
-        "edit": lambda: service.versions.edit(scene, [Edit("rename", "ball", new_label="globe")]),
+        "edit": lambda: service.versions.edit(scene, [_EDIT]),
         "undo": lambda: service.versions.undo(scene),
         "keys": lambda: service.keys.list("operator"),
         "status": lambda: service.status("operator", ""),
@@ -171,7 +178,7 @@ def test_a_damaged_row_is_typed_or_left_out_and_the_doctor_finds_it(
     assert not untyped
     assert place.other in {scene.id for scene in service.list_scenes().scenes}
     assert service.get_scene(place.other).state == "READY"
-    answers = service.answers.ask(QueryRequest(("mug",), scene_id="")).answers
+    answers = service.answers.ask(QueryRequest("", ("mug",))).answers
     assert place.other in {answer.scene_id for answer in answers}
     others = {operation.scene_id for operation in service.list_operations().operations}
     assert place.other in others

@@ -20,6 +20,8 @@ from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, w
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.operations import OperationError
 
 Doctor = Callable[..., tuple[int, list[dict[str, object]]]]
 
