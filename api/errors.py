@@ -6,6 +6,7 @@ metadata `grpc-status-details-bin` (AIP-193).
 
 from __future__ import annotations
 
+import errno
 import logging
 import re
 import uuid
@@ -147,7 +148,15 @@ def status_of(error: FastSplatError) -> Status:
 
 
 def refusal_of(error: Exception, request_id: str) -> Refusal:
-    """Describe any exception; one that is not ours is logged with its traceback and reveals nothing of itself."""
+    """Describe any exception; one that is not ours is logged with its traceback and reveals nothing of itself. But a
+    full disk, wherever it was met, is a resource that the server is out of."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        _log.warning("request %s met a full disk: %s", request_id, error)
+        error = errors.ResourceError(
+            "the server's disk is full; nothing of the request was stored",
+            field="data_dir",
+            hint="Delete scenes that are not needed any more, or free space on the server, then send it again.",
+        )
     if isinstance(error, FastSplatError):
         if error.kind is Kind.INTERNAL:
             _log.error("request %s failed: %s", request_id, error, exc_info=error)

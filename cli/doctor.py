@@ -23,12 +23,16 @@ from fastsplat.service.store.checkup import (
     check_left_over,
     mend_folder,
 )
+from fastsplat.service.store.row_checkup import check_rows
 from fastsplat.workers.cleanup import remove_unneeded
-from fastsplat_contract.errors import NotFoundError, SceneFileError
+from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 
 
 def doctor(
     repair: Annotated[bool, typer.Option("--repair", help="Mend what can be mended without a decision.")] = False,
+    adopt: Annotated[
+        bool, typer.Option("--adopt", help="Use data folder and database together from now on; nothing is erased.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of lines.")] = False,
 ) -> None:
     """Say what is wrong with the data folder; exit with 1 if anything is. The service may run meanwhile."""
@@ -37,6 +41,8 @@ def doctor(
         raise NotFoundError(
             f"there is no data folder {settings.data_dir}", field="data_dir", hint="Set FASTSPLAT_DATA_DIR."
         )
+    if adopt:
+        _open(settings, adopting=True).close()
     problems = _examine(settings)
     if repair and any(problem.mendable for problem in problems):
         _mend(settings, problems)
@@ -54,15 +60,22 @@ def doctor(
 
 
 def _examine(settings: Settings) -> Sequence[Problem]:
+    from fastsplat.service.application.stored import operation_of, scene_of  # loads what answers questions
+    from fastsplat.service.application.version_rows import version_of
+
     problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
     of_database = check_database(settings.data_dir, settings.database_url)
     problems += of_database
     if any(problem.place != "jobs.sqlite" for problem in of_database) or not os.access(settings.data_dir, os.W_OK):
         return problems  # the rows cannot be read
-    store = _open(settings)
+    try:
+        store = _open(settings)
+    except ConflictError as error:
+        return [*problems, Problem("database", error.message, error.hint)]
     try:
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
+        problems += check_rows(store, scene_of, operation_of, lambda record: version_of(record, ""))
         problems += check_artefacts(store, _check_version)
         problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
     finally:
@@ -83,8 +96,8 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
         store.close()
 
 
-def _open(settings: Settings) -> Store:
-    return open_store(settings.data_dir, settings.database_url, settings.artefacts)
+def _open(settings: Settings, *, adopting: bool = False) -> Store:
+    return open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
 
 
 def _check_version(folder: Path) -> None:

@@ -39,7 +39,7 @@ def _api_problem(settings: Settings) -> str:
 def _worker_problem(settings: Settings) -> str:
     from fastsplat.service.store import open_store
 
-    store = open_store(settings.data_dir, settings.database_url)
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         timeout_s = settings.jobs.stalled_worker_timeout_s
         if store.workers.alive_on(machine_id(), timeout_s):

@@ -83,7 +83,7 @@ def import_splat(
 
 
 def _check_project(project: str, settings: Settings) -> None:
-    store = open_store(settings.data_dir, settings.database_url)
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         if not Projects(store.projects).exists(project):
             raise NotFoundError(

@@ -103,7 +103,7 @@ def finish(job_id: Annotated[str, typer.Argument(help="The id from the list.")])
 @contextmanager
 def _store() -> Iterator[Store]:
     settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url)
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         yield store
     finally:

@@ -180,7 +180,7 @@ def _keys() -> Iterator[Keys]:
 @contextmanager
 def _opened_store() -> Iterator[Store]:
     settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url)
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
         yield store
     finally:

@@ -40,6 +40,7 @@ logger = logging.getLogger(__name__)
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
+    pretty_exceptions_enable=False,  # its traceback shows the variables of each frame
     help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
 )
 app.add_typer(models_app, name="models")

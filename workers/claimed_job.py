@@ -341,9 +341,9 @@ class ClaimedJob:
             promised = self.options.privacy is not None  # then no photo as sent outlives the attempt to read it
             if self.claim.operation.upload_id and (deleted or promised or outcome.state == "done"):
                 self._blobs.drop_upload(self.claim.operation.upload_id)
-            if deleted:
+            if deleted and self.claim.operation.kind == "create_scene":
                 self._blobs.drop_scene(self.scene_id)
-            elif outcome.state != "done":
+            elif deleted or outcome.state != "done":  # of a finished scene only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> frozenset[JobRequest]:

@@ -2,31 +2,46 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from contextlib import suppress
 
 from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import Blobs
+from fastsplat.service.store.identity import check_identity
+from fastsplat.workers.periodic import RepeatFilter
+
+TRASH_S = 7 * 24 * 3600.0
+"""So long a scene that lost its row stays in the trash."""
+_MOST_AT_ONCE = 3
+"""More scenes that lost their rows at a time are no remains of deletions: something is wrong with the database."""
+_DELETION_S = 3600.0
+"""A scene that lost its row so lately is being deleted by whoever removed the row."""
+
+logger = logging.getLogger(__name__)
+logger.addFilter(RepeatFilter(interval_s=3600.0, length=200))
 
 
 def remove_unneeded(
     store: Store, upload_expiry_s: float, ended_job_retention_s: float, failed_upload_retention_s: float
 ) -> None:
-    """Remove work folders of ended jobs, deleted scenes, used and expired uploads, and logs and rows of old jobs.
+    """Remove work folders of ended jobs, used and expired uploads, and logs and rows of old jobs.
 
     Args:
         store: what to clean.
         upload_expiry_s: uploads that no job needs are removed when nothing of them has changed for so long.
         ended_job_retention_s: logs, and operations without a scene, are removed so long after their end.
         failed_upload_retention_s: uploads of failed and cancelled jobs are removed so long after their end.
+
+    Raises:
+        ConflictError: the database is not that of the store's files; nothing was removed.
     """
+    check_identity(store.engine, store.blobs)
     # Folders are listed before rows are read: what came since then has its row and stays.
     blobs = store.blobs
-    jobs, uploads, scenes = blobs.ids("jobs"), blobs.ids("uploads"), blobs.ids("scenes")
+    jobs, uploads = blobs.ids("jobs"), blobs.ids("uploads")
     for run_id in store.jobs.over(jobs):
         blobs.drop_job(run_id)
-    for scene_id in store.jobs.unknown_scenes(scenes):
-        blobs.drop_scene(scene_id)
     needed, used = store.jobs.uploads(time.time() - failed_upload_retention_s)
     for upload_id in uploads:
         if upload_id in used or (upload_id not in needed and blobs.upload_age(upload_id) > upload_expiry_s):
@@ -35,6 +50,38 @@ def remove_unneeded(
         store.reserve.fill()
     _remove_old_logs(blobs, ended_job_retention_s)
     store.jobs.delete_ended(time.time() - ended_job_retention_s)
+
+
+def trash_lost_scenes(store: Store, now: float) -> None:
+    """Move scenes whose row is gone, and of which jobs are known, to the trash, and erase what has been there for
+    `TRASH_S`. Scenes of which the database knows nothing stay where they are: an older database was put back, say.
+
+    Args:
+        store: what to clean.
+        now: seconds since 1970, by a clock that no jump of the wall clock moves far, see `ActivityClock`.
+
+    Raises:
+        ConflictError: the database is not that of the store's files; nothing was moved or removed.
+    """
+    check_identity(store.engine, store.blobs)
+    lost, unknown = store.jobs.lost_scenes(store.blobs.ids("scenes"), now - _DELETION_S)
+    if unknown:
+        logger.warning("the database knows nothing of these scenes, which stay: %s", _listed(unknown))
+    if len(lost) > _MOST_AT_ONCE:
+        logger.warning("the rows of %d scenes are gone, and the scenes stay: %s", len(lost), _listed(lost))
+        lost = frozenset()
+    for scene_id in sorted(lost):
+        logger.warning("the row of scene %s is gone; the scene goes to the trash for seven days", scene_id)
+        store.blobs.trash_scene(scene_id, now)
+    for name in store.blobs.trashed_scenes():
+        scene_id, _, moved_at = name.rpartition(".")
+        if moved_at.isdecimal() and now - int(moved_at) > TRASH_S:
+            logger.warning("scene %s was in the trash for seven days and is erased", scene_id)
+            store.blobs.drop_trashed(name)
+
+
+def _listed(scene_ids: frozenset[str]) -> str:
+    return ", ".join(sorted(scene_ids))
 
 
 def _remove_old_logs(blobs: Blobs, retention_s: float) -> None:

@@ -31,7 +31,7 @@ from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
-from fastsplat.workers.cleanup import remove_unneeded
+from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
 from fastsplat.workers.lost_versions import trash_lost_versions
 from fastsplat.workers.periodic import RepeatFilter, repeat
@@ -308,6 +308,7 @@ def _clean_up(worker: Worker) -> None:
     settings = worker.settings
     uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
     remove_unneeded(worker.store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
+    trash_lost_scenes(worker.store, ActivityClock(worker.store.blobs.root).now())
     _delete_engine_records(retention_s)
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from sqlalchemy.exc import DBAPIError
 
-from fastsplat_contract.errors import DatabaseError, ObjectStoreError
+from fastsplat_contract.errors import ConflictError, DatabaseError, ObjectStoreError
 
 _PAUSE_AFTER_ERROR_S = 1.0
 
@@ -49,7 +49,8 @@ def repeat(name: str, task: Callable[[], None], interval_s: float) -> None:
 def run_logged(name: str, task: Callable[[], None]) -> bool:
     """Call `task` once; what it raises is logged, and the same is not logged again for a minute.
 
-    A database or an object store that is away is a line; anything else is a defect, and logged with its traceback.
+    A database or an object store that is away, or that is another's, is a line; anything else is a defect, and logged
+    with its traceback.
 
     Returns:
         Whether it ended without an error.
@@ -57,7 +58,7 @@ def run_logged(name: str, task: Callable[[], None]) -> bool:
     try:
         task()
         return True
-    except (DatabaseError, ObjectStoreError, DBAPIError) as error:
+    except (DatabaseError, ObjectStoreError, ConflictError, DBAPIError) as error:
         logger.warning("%s: %s", name, getattr(error, "message", type(error).__name__))
     except Exception as error:
         logger.exception("%s failed with %s", name, type(error).__name__)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from fastsplat.service.application.stored import operation_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import Store
+from fastsplat.service.store.damaged_rows import each_readable
 from fastsplat.service.store.records import OperationRecord
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
@@ -25,6 +26,10 @@ class RunningJobs:
     def operation(self, record: OperationRecord) -> Operation:
         """What a caller sees of a job."""
         return operation_of(record, self._worker_of(record))
+
+    def operations(self, records: Sequence[OperationRecord]) -> tuple[Operation, ...]:
+        """The same of many, without those whose rows cannot be read."""
+        return tuple(each_readable(records, self.operation))
 
     def finish(self, operation_id: str) -> Operation:
         """Ask a job to end its training early, once it has 250 steps, and to make its scene of what is there; asked

@@ -34,7 +34,7 @@ from fastsplat.service.application.running_jobs import RunningJobs
 from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.scene_orders import place_order
 from fastsplat.service.application.server_abilities import server_status
-from fastsplat.service.application.stored import label_of, scene_of, summary_of
+from fastsplat.service.application.stored import labels_of, scene_of, summaries_of
 from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import (
@@ -277,7 +277,7 @@ class SceneService:
         """
         size = check_page_size(page_size, self._settings.store)
         records = self._store.scenes.list_operations(size + 1, read_page_token(page_token), state)
-        return OperationList(tuple(self.jobs.operation(record) for record in records[:size]), _next(records, size))
+        return OperationList(self.jobs.operations(records[:size]), _next(records, size))
 
     def get_scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality; of very many labels and cameras the first.
@@ -309,7 +309,7 @@ class SceneService:
         size = check_page_size(page_size, self._settings.store)
         scene = self._store.scenes.scene(scene_id)
         page, token = page_of(scene.dictionary, size, page_token, f"labels {scene_id} {scene.state}")
-        return LabelList(tuple(label_of(row) for row in page), token)
+        return LabelList(labels_of(scene, page), token)
 
     def list_photo_verdicts(self, scene_id: str, page_size: int = 0, page_token: str = "") -> PhotoVerdictList:
         """What became of each photo of a scene's capture, in pages as `list_scenes`; the scene need not be ready.
@@ -347,7 +347,7 @@ class SceneService:
         """
         size = check_page_size(page_size, self._settings.store)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
-        return SceneList(tuple(summary_of(record) for record in records[:size]), _next(records, size))
+        return SceneList(summaries_of(records[:size]), _next(records, size))
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene: its files go, its job stops, its request id is free again.
@@ -361,7 +361,7 @@ class SceneService:
             kept.forget(scene_id)
         self._store.reserve.lend(lambda: self._store.keys.revoke_of_scene(scene_id, time.time()))
         self._store.blobs.drop_scene(scene_id)
-        if operation.state != "RUNNING":  # otherwise its worker cleans up behind the trainer it kills
+        if operation is not None and operation.state != "RUNNING":  # else its worker cleans up behind its trainer
             self._store.blobs.drop_upload(operation.upload_id)
             self._store.blobs.drop_job(operation.run_id)
             remove(self._store.blobs.log(operation.id))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from typing import Any, TypeVar
@@ -15,6 +15,7 @@ from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.scene.upright import vertical_of
 from fastsplat.service.store.codec import camera_from_json
+from fastsplat.service.store.damaged_rows import decodes, each_readable
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
@@ -34,6 +35,7 @@ from fastsplat_contract.train_more_messages import TrainMoreResult
 T = TypeVar("T")
 
 
+@decodes("operation")
 def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
     """What a caller sees of an operation row; a metric that is no finite number is left out.
 
@@ -70,6 +72,7 @@ def _result_of(record: OperationRecord, kind: OperationKind, result: type[T]) ->
     return None if record.result is None or record.kind != kind else from_plain(result, dict(record.result))
 
 
+@decodes("scene")
 def summary_of(record: SceneRecord) -> SceneSummary:
     """What a list shows of a scene row."""
     return SceneSummary(
@@ -85,6 +88,12 @@ def summary_of(record: SceneRecord) -> SceneSummary:
     )
 
 
+def summaries_of(records: Sequence[SceneRecord]) -> tuple[SceneSummary, ...]:
+    """The same of many, without those whose rows cannot be read."""
+    return tuple(each_readable(records, summary_of))
+
+
+@decodes("scene")
 def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
     unit = None if record.scaling is None else record.scaling["meters_per_unit"]
@@ -128,6 +137,12 @@ def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
         alignment.outliers,
         Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation))),
     )
+
+
+@decodes("scene")
+def labels_of(record: SceneRecord, rows: Sequence[Mapping[str, Any]]) -> tuple[DictionaryEntry, ...]:
+    """What a caller sees of some entries of a scene's dictionary."""
+    return tuple(label_of(row) for row in rows)
 
 
 def label_of(row: Mapping[str, Any]) -> DictionaryEntry:

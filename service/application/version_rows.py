@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.query import SceneIndex
+from fastsplat.service.store.damaged_rows import decodes
 from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
@@ -35,6 +36,7 @@ def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> lis
     ]
 
 
+@decodes("version")
 def version_of(record: VersionRecord) -> SceneVersion:
     """What a caller sees of a row."""
     return SceneVersion(

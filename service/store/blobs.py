@@ -5,7 +5,8 @@ jobs/<run id>           a running job's stage results and checkpoints, and in pr
 scenes/<id>/<version>   finished artefacts, never changed once there
 logs/                   stderr of the trainers
 locks/<scene id>        held while a scene is edited
-trash/                  what is being removed
+trash/                  what is being removed; in trash/scenes/<scene id>.<second> scenes that lost their rows
+.identity               see `service.store.identity`
 
 The data directory may be a folder that several machines share. Where they share none, uploads and scenes are kept in an
 object store instead, see `service.store.object_store`; then `scenes` here is a cache.
@@ -23,15 +24,17 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastsplat.service.common.atomic import publish_directory, sync_directory, sync_tree
+from fastsplat.service.common.atomic import atomic_file, publish_directory, sync_directory, sync_tree
 from fastsplat.service.common.call_scheduling import wait_elsewhere
 from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.file_digests import check_files, write_digests
+from fastsplat_contract.errors import ResourceError
 
 RESUMABLE_MARK = "offset"
 """File of an unfinished resumable upload; when it was changed says how old the upload is, by `ActivityClock`."""
 
 _LOCK_POLL_S = 0.02
+_IDENTITY = ".identity"
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,32 @@ class Blobs:
     """Where things are. Every name handed in is an id that this service made."""
 
     root: Path
+
+    def identity(self) -> str | None:
+        """The id that the place of the scenes shares with its database; None if it has none yet."""
+        try:
+            return (self.root / _IDENTITY).read_text().strip() or None
+        except FileNotFoundError:
+            return None
+
+    def keep_identity(self, identity: str, *, replace: bool = False) -> str:
+        """Write that id, durably, unless one is there and not to be replaced. Returns the one that is there then.
+
+        Raises:
+            ResourceError: it cannot be written.
+        """
+        try:
+            with atomic_file(self.root / _IDENTITY, replace=replace) as path:
+                path.write_text(identity)
+        except FileExistsError:  # another process was faster
+            return self.identity() or ""
+        except OSError as error:
+            raise ResourceError(
+                f"the data folder cannot be written: {error.strerror}",
+                field="data_dir",
+                hint="Free space, or make the folder writable for the service.",
+            ) from error
+        return identity
 
     def upload(self, upload_id: str) -> Path:
         """Folder of one upload on this machine."""
@@ -185,9 +214,28 @@ class Blobs:
         self._discard(self._folder("scenes", scene_id))
         remove(self._folder("locks", scene_id))
 
+    def trash_scene(self, scene_id: str, now: float) -> None:
+        """Move all versions of a scene to the trash, at `now`, in seconds since 1970."""
+        trash = self.root / "trash" / "scenes"
+        trash.mkdir(parents=True, exist_ok=True)
+        with suppress(FileNotFoundError):  # another worker moved it first
+            self._folder("scenes", scene_id).rename(trash / trash_name(scene_id, now))
+
+    def trashed_scenes(self) -> tuple[str, ...]:
+        """What `trash_scene` moved: "<scene id>.<second>"."""
+        return self.ids("trash/scenes")
+
+    def drop_trashed(self, name: str) -> None:
+        """Remove one of `trashed_scenes`."""
+        self._discard(self._folder("trash", "scenes", name))
+
+    def half_removed(self) -> tuple[Path, ...]:
+        """What was being removed when a process ended, or is being removed now."""
+        return tuple(sorted(path for path in (self.root / "trash").glob("*") if path.name != "scenes"))
+
     def remove_partial(self, expiry_s: float) -> None:
         """Remove what crashes left half-written or half-removed; what is younger than `expiry_s` may be in use."""
-        for path in (self.root / "trash").glob("*"):
+        for path in self.half_removed():
             remove(path)
 
     def _discard(self, path: Path) -> None:
@@ -205,6 +253,11 @@ class Blobs:
             if not name or name.startswith(".") or "/" in name or "\\" in name or "\0" in name:
                 raise ValueError(f"not an id: {name!r}")
         return self.root.joinpath(*names)
+
+
+def trash_name(scene_id: str, now: float) -> str:
+    """How a scene is called in the trash. It says when it came there, which copies of the folder keep."""
+    return f"{scene_id}.{int(now)}"
 
 
 def lock_of(folder: Path) -> int | None:

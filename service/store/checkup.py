@@ -6,23 +6,26 @@ import os
 import shutil
 import sqlite3
 import stat
+import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy import URL, create_engine, select
+from sqlalchemy import URL, create_engine, inspect, select
 from sqlalchemy.exc import SQLAlchemyError
 
+from fastsplat.service.store.damaged_rows import is_name
 from fastsplat.service.store.database import SQLITE_NAME, resolve_url
 from fastsplat.service.store.migrations import revisions
 from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.reserve import floor_of
-from fastsplat.service.store.schema import operations, scene_versions, scenes
+from fastsplat.service.store.schema import metadata, operations, scene_versions, scenes
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 
 _DATABASES = (SQLITE_NAME, "jobs.sqlite")
+_LOST = "Restore a database that has it; or, if nobody needs it, remove the folder."
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
@@ -104,6 +107,7 @@ def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iter
         unfinished = connection.execute(waiting).all()
     ready = {scene_id for scene_id, _ in current}
     versions = {tuple(row) for row in current} | {tuple(row) for row in rows if row[0] in ready}
+    versions = {row for row in versions if is_name(row[1])}  # others are damage of a row
     for scene_id, version in sorted(versions):
         place = f"scenes/{scene_id}/{version}"
         inner = "the current version" if (scene_id, version) in {tuple(row) for row in current} else "an older version"
@@ -139,14 +143,19 @@ def check_left_over(
     jobs, uploads, folders = ids_before("jobs"), ids_before("uploads"), ids_before("scenes")
     for run_id in sorted(store.jobs.over(jobs)):
         yield Problem(f"jobs/{run_id}", "work of a job that is over", mendable=True)
-    for scene_id in sorted(store.jobs.unknown_scenes(folders)):
-        yield Problem(f"scenes/{scene_id}", "a scene that was deleted", mendable=True)
+    lost, unknown = store.jobs.lost_scenes(folders, time.time())
+    for scene_id in sorted(lost):
+        yield Problem(f"scenes/{scene_id}", "the row of this scene is gone: was it deleted?", _LOST)
+    for scene_id in sorted(unknown):
+        yield Problem(f"scenes/{scene_id}", "the database knows nothing of this scene: is it the right one?", _LOST)
+    for name in store.blobs.trashed_scenes():
+        yield Problem(f"trash/scenes/{name}", "a scene that lost its row; erased after seven days here", _LOST)
     needed, used = store.jobs.uploads(failed_upload_since)
     for upload_id in uploads:
         if upload_id in used or (upload_id not in needed and store.blobs.upload_age(upload_id) > upload_expiry_s):
             yield Problem(f"uploads/{upload_id}", "an upload that no job needs", mendable=True)
     if not isinstance(store.blobs, ObjectStoreBlobs):
-        for path in sorted((store.blobs.root / "trash").glob("*")):
+        for path in store.blobs.half_removed():
             yield Problem(f"trash/{path.name}", "it was being removed when a process ended", mendable=True)
 
 
@@ -172,6 +181,10 @@ def _check_schema(url: URL) -> Iterator[Problem]:
     try:
         with engine.connect() as connection:
             stored, newest = revisions(connection)
+            missing = sorted(metadata.tables.keys() - set(inspect(connection).get_table_names()))
+    except ValueError as error:
+        yield Problem("database", str(error), "Stop the service and restore a backup.")
+        return
     except SQLAlchemyError as error:
         yield Problem("database", f"it does not answer ({type(error).__name__})", "Start it, or mend its URL.")
         return
@@ -183,3 +196,5 @@ def _check_schema(url: URL) -> Iterator[Problem]:
     elif stored < newest:
         hint = "Make a backup; the next start of the service, or --repair, brings it to this release's."
         yield Problem("database", f"it is of version {stored}, and this release's is {newest}", hint, True)
+    elif missing:
+        yield Problem("database", f"tables are missing: {', '.join(missing)}", "Stop the service and restore a backup.")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 import time
 from collections.abc import Iterator, Mapping
@@ -13,11 +12,13 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
+from fastsplat.service.store.damaged_rows import read_json
 from fastsplat.service.store.migrations import migrate
 from fastsplat_contract.errors import DatabaseError, InvalidInputError
 
 _BUSY_MS = 30_000
 _DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+_DAMAGE_HINT = "Run: fastsplat doctor. Then restore a backup."
 _PRIMARY_CODE = 0xFF  # the rest of SQLite's error codes says more
 
 IDLE_TRANSACTION_TIMEOUT_S = 30.0
@@ -60,7 +61,9 @@ def open_engine(url: URL) -> Engine:
     """
     sqlite = url.get_backend_name() == "sqlite"
     arguments = {} if sqlite else dict(_POSTGRES)
-    engine = create_engine(url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24, connect_args=arguments)
+    engine = create_engine(
+        url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24, connect_args=arguments, json_deserializer=read_json
+    )
     if sqlite:
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
@@ -102,7 +105,7 @@ def transaction(engine: Engine) -> Iterator[Connection]:
                 "the disk of the database is full", hint="Delete scenes that are not needed any more, or free space."
             ) from error
         raise DatabaseError(f"the database does not answer ({type(error).__name__})") from error
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+    except UnicodeDecodeError as error:
         raise _damaged() from error
 
 
@@ -111,7 +114,7 @@ def _sqlite_code(error: SQLAlchemyError) -> int:
 
 
 def _damaged() -> DatabaseError:
-    return DatabaseError("the database is damaged", hint="Run: fastsplat doctor. Then restore a backup.")
+    return DatabaseError("the database is damaged", hint=_DAMAGE_HINT)
 
 
 def _tune_sqlite(connection: Any, record: Any) -> None:
@@ -137,8 +140,8 @@ def _open_tables(engine: Engine, tries: int = 5) -> None:
         try:
             migrate(engine)
             return
-        except ValueError as error:  # text that is none, or a revision that is no number
-            raise _damaged() from error
+        except ValueError as error:  # text that is none, or a revision that never was
+            raise DatabaseError(f"the database is damaged: {error}", hint=_DAMAGE_HINT) from error
         except DBAPIError as error:
             if _sqlite_code(error) in _DAMAGE:
                 raise _damaged() from error

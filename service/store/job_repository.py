@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
+from fastsplat.service.store.damaged_rows import are_objects, each_readable
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import (
@@ -62,7 +63,7 @@ class JobRepository:
         query = select(operations).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
         order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
         with self._reading() as connection:
-            return [as_operation(row) for row in connection.execute(query.order_by(*order)).mappings()]
+            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
 
     def due(self, live_since: float) -> Sequence[OperationRecord]:
         """Queued operations to hand to the job engine now: one for each worker without a job, projects taking turns.
@@ -299,11 +300,15 @@ class JobRepository:
             return as_operation(connection.execute(select(operations).where(here)).mappings().one())
 
     def over(self, run_ids: Sequence[str]) -> frozenset[str]:
-        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist."""
-        unfinished = select(operations).where(operations.c.state.in_(_UNFINISHED))
+        """Which of these runs of operations (`OperationRecord.run_id`) have ended or do not exist; none of an operation
+        whose row cannot be read."""
+        unfinished = select(operations).where(operations.c.state.not_in(_ENDED))
         with self._reading() as connection:
-            running = frozenset(as_operation(row).run_id for row in connection.execute(unfinished).mappings())
-        return frozenset(run_ids) - running
+            rows = connection.execute(unfinished).mappings().all()
+        records = {record.id: record.run_id for record in each_readable(rows, as_operation)}
+        unreadable = frozenset(row["id"] for row in rows) - records.keys()
+        kept = frozenset(records.values()) | {run for run in run_ids if run.partition(".")[0] in unreadable}
+        return frozenset(run_ids) - kept
 
     def delete_ended(self, before: float) -> None:
         """Delete operations that ended before a moment (seconds since 1970) and have no scene (any more)."""
@@ -340,6 +345,17 @@ class JobRepository:
         with self._reading() as connection:
             return frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
 
+    def lost_scenes(self, scene_ids: Sequence[str], ended_before: float) -> tuple[frozenset[str], frozenset[str]]:
+        """Which of these scenes have no row: those of which there are operations, all ended before a moment (seconds
+        since 1970), and those of which there is nothing. A scene that is being deleted is neither."""
+        with self._reading() as connection:
+            rest = frozenset(scene_ids) - frozenset(connection.scalars(select(scenes.c.id)))
+            columns = operations.c.scene_id, operations.c.state, operations.c.updated_at
+            jobs = connection.execute(select(*columns)).all() if rest else ()
+        known = frozenset(job.scene_id for job in jobs)
+        open_ones = (job for job in jobs if job.state in _UNFINISHED or job.updated_at >= ended_before)
+        return (rest & known) - frozenset(job.scene_id for job in open_ones), rest - known
+
     def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
             values = {"state": state, "error": error, "updated_at": time.time()}
@@ -367,7 +383,8 @@ class JobMetrics:
             operations.c.updated_at > moment, operations.c.state.in_(_ENDED)
         )
         with self._reading() as connection:
-            return [(row.id, row.updated_at, row.stages) for row in connection.execute(query)]
+            rows = connection.execute(query).all()
+        return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
 def no_upload(operation_id: str) -> NotFoundError:

@@ -9,6 +9,8 @@ objects that nothing names, which `remove_partial` removes. Keys, below the URL:
     .../parts-<random>/<file name>    written before
     jobs/<run id>/<file name>         what can be looked at while a job runs: a file each, never changed
     trash/<scene id>.<version>.<second>/<version>/...   versions that have no row
+    trash/<scene id>.<second>/...     scenes that lost their rows
+    identity                          see `service.store.identity`
 
 Readers copy a folder into the data directory once, check every digest, and use it from there; what is there is whole.
 Credentials come from where the store's own tools look: AWS_ACCESS_KEY_ID and so on.
@@ -27,7 +29,7 @@ from datetime import datetime
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fastsplat.service.store.blobs import Blobs, remove
+from fastsplat.service.store.blobs import Blobs, remove, trash_name
 from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat_contract.errors import ArtefactError, InvalidInputError, ObjectStoreError
@@ -36,6 +38,7 @@ _MANIFEST = "manifest.json"
 _PARTS = "parts-"
 _CHUNK = 1 << 20
 _STAMP = ".used"
+_IDENTITY = "identity"
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,25 @@ class ObjectStoreBlobs(Blobs):
     files: Any = field(repr=False)
     prefix: str = ""
     cache_bytes: int = 0
+
+    def identity(self) -> str | None:
+        """See `Blobs`."""
+        with _store_errors():
+            try:
+                content: bytes = self.files.cat_file(self._key(_IDENTITY))
+            except FileNotFoundError:
+                return None
+        return content.decode() or None
+
+    def keep_identity(self, identity: str, *, replace: bool = False) -> str:
+        """See `Blobs`."""
+        with _store_errors(absence=()):
+            try:
+                mode = "overwrite" if replace else "create"
+                self.files.pipe_file(self._key(_IDENTITY), identity.encode(), mode=mode)
+            except FileExistsError:  # another process was faster
+                return self.identity() or ""
+        return identity
 
     def ids(self, kind: str) -> tuple[str, ...]:
         """See `Blobs`."""
@@ -159,6 +181,23 @@ class ObjectStoreBlobs(Blobs):
         """See `Blobs`."""
         self._drop(self._key("scenes", scene_id))
         super().drop_scene(scene_id)
+
+    def trash_scene(self, scene_id: str, now: float) -> None:
+        """See `Blobs`. An object store cannot rename: its objects are copied there, manifests last, then removed."""
+        source, target = self._key("scenes", scene_id), self._key("trash", trash_name(scene_id, now))
+        with _store_errors():
+            for name in sorted(self.files.find(source), key=lambda name: name.endswith(f"/{_MANIFEST}")):
+                with suppress(FileNotFoundError):  # another worker moved it first
+                    self.files.cp_file(name, target + str(name).partition(source)[2])
+        self.drop_scene(scene_id)
+
+    def trashed_scenes(self) -> tuple[str, ...]:
+        """See `Blobs`."""
+        return tuple(sorted(PurePosixPath(name).name for name in self._list(self._key("trash"))))
+
+    def drop_trashed(self, name: str) -> None:
+        """See `Blobs`."""
+        self._drop(self._key("trash", name))
 
     def remove_partial(self, expiry_s: float) -> None:
         """See `Blobs`; also parts that no manifest names."""

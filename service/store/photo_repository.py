@@ -8,6 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, delete, insert, select
 
+from fastsplat.service.store.damaged_rows import are_objects, require
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import scene_photos, scenes
 
@@ -34,4 +35,16 @@ class PhotoRepository:
         """As `record_photos` wrote them; empty if nobody has looked. Whether the scene is the caller's: not asked."""
         query = select(scene_photos.c.photos).where(scene_photos.c.scene_id == scene_id)
         with self._reading() as connection:
-            return connection.scalar(query) or []
+            photos = connection.scalar(query)
+        return [] if photos is None else read_verdicts({"scene_id": scene_id, "photos": photos})
+
+
+def read_verdicts(row: Mapping[Any, Any]) -> Sequence[Mapping[str, Any]]:
+    """The verdicts in a row, as `record_photos` wrote them.
+
+    Raises:
+        ArtefactError: they cannot be read.
+    """
+    photos: Sequence[Mapping[str, Any]] = row["photos"]
+    require(f"photos of scene {row['scene_id']}", photos=are_objects(photos, "name", "placed"))
+    return photos

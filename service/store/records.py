@@ -1,11 +1,13 @@
-"""Rows of the database as frozen values. JSON parts are plain dicts and lists."""
+"""Rows of the database as frozen values. JSON parts are plain dicts and lists. One that cannot be what it says raises
+`SceneFileError` (a scene, a version) or `ArtefactError`, see `damaged_rows`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, get_args
 
+from fastsplat.service.store.damaged_rows import are_objects, is_name, is_object, is_time, require
 from fastsplat_contract.operations import AgainAfter, OperationKind, OperationState
 from fastsplat_contract.scenes import Scale, SceneState
 
@@ -26,6 +28,8 @@ AGAIN_AFTER = "again_after"
 RELEASED = "released"
 """Keys of `OperationRecord.options` that the queue writes; `RELEASED`: its worker was told to stop and gave it back."""
 
+_SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
+
 
 @dataclass(frozen=True)
 class SceneRecord:
@@ -45,6 +49,23 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
+
+    def __post_init__(self) -> None:
+        require(
+            f"scene {self.id}",
+            name=isinstance(self.name, str),
+            operation_id=isinstance(self.operation_id, str),
+            state=self.state in _SCENE_STATES,
+            version=is_name(self.version) or (self.version == "" and self.state != "READY"),
+            created_at=is_time(self.created_at),
+            gaussians=isinstance(self.gaussians, int),
+            scale=self.scale in _SCALES,
+            dictionary=are_objects(self.dictionary, "label_id", "label"),
+            cameras=are_objects(self.cameras, "name"),
+            quality=is_object(self.quality),
+            scaling=self.scaling is None or is_object(self.scaling),
+            alignment=self.alignment is None or is_object(self.alignment),
+        )
 
 
 @dataclass(frozen=True)
@@ -74,6 +95,27 @@ class OperationRecord:
     project: str = DEFAULT_PROJECT
     finish_requested: bool = False
     progress_files: Mapping[str, Mapping[str, Any]] | None = None
+
+    def __post_init__(self) -> None:
+        options = self.options if is_object(self.options) else {}
+        require(
+            f"operation {self.id}",
+            scene_id=isinstance(self.scene_id, str),
+            state=self.state in _OPERATION_STATES,
+            upload_id=isinstance(self.upload_id, str),
+            options=is_object(self.options)
+            and isinstance(options.get("retries", 0), int)
+            and all(options.get(key) is None or is_object(options[key]) for key in (LOOK_AGAIN, TRAIN_MORE, RESULT)),
+            stages=are_objects(self.stages),
+            error=self.error is None or is_object(self.error),
+            created_at=is_time(self.created_at),
+            updated_at=is_time(self.updated_at),
+            attempt=isinstance(self.attempt, int),
+            starts=isinstance(self.starts, int),
+            priority=isinstance(self.priority, int),
+            progress_files=self.progress_files is None
+            or (is_object(self.progress_files) and are_objects(tuple(self.progress_files.values()))),
+        )
 
     @property
     def retries(self) -> int:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, get_args
 
 from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, Table, and_, delete, insert, or_, select, update
 from sqlalchemy.exc import IntegrityError
 
+from fastsplat.service.store.damaged_rows import first_readable, is_name, require
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
 from fastsplat.service.store.photo_repository import forget_photos
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scene_versions, scenes
-from fastsplat_contract.errors import ConflictError, NotFoundError, NotReadyError
+from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.scenes import SceneState
 
@@ -146,26 +147,33 @@ class SceneRepository:
         if row is None:
             raise no_scene(scene_id)
         state, version, operation_id = row
+        require(
+            f"scene {scene_id}",
+            state=state in get_args(SceneState),
+            version=is_name(version) or (version == "" and state != "READY"),
+        )
         return state, version, operation_id
 
     def list_scenes(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[SceneRecord]:
-        """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty."""
+        """Up to `limit` scenes, newest first, those after (created_at, id); their `cameras` are left empty. Those whose
+        rows cannot be read are left out."""
         query = select(*_LISTED).where(*self._within(scenes))
-        query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc()).limit(limit)
+        query = query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())
         if after is not None:
             created, scene_id = after
             same_time = and_(scenes.c.created_at == created, scenes.c.id < scene_id)
             query = query.where(or_(scenes.c.created_at < created, same_time))
         with self._reading() as connection:
-            return [SceneRecord(**row, cameras=()) for row in connection.execute(query).mappings()]
+            return first_readable(connection, query, limit, lambda row: SceneRecord(**row, cameras=()))
 
     def list_operations(
         self, limit: int, after: tuple[float, str] | None = None, state: OperationState | None = None
     ) -> Sequence[OperationRecord]:
-        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if any."""
+        """Up to `limit` operations, newest first, those after (created_at, id) and in `state`, if any, without those
+        whose rows cannot be read."""
         rows = operations.c
         query = select(operations).where(*self._within(operations))
-        query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
+        query = query.order_by(rows.created_at.desc(), rows.id.desc())
         if state is not None:
             query = query.where(rows.state == state)
         if after is not None:
@@ -173,7 +181,7 @@ class SceneRepository:
             same_time = and_(rows.created_at == created, rows.id < operation_id)
             query = query.where(or_(rows.created_at < created, same_time))
         with self._reading() as connection:
-            return [as_operation(row) for row in connection.execute(query).mappings()]
+            return first_readable(connection, query, limit, as_operation)
 
     def ready_scene_ids(self) -> Sequence[str]:
         """Ids of all READY scenes, newest first."""
@@ -207,7 +215,7 @@ class SceneRepository:
         """
         with self._writing() as connection:
             before = self._operation(connection, operation_id)
-            _stop(connection, before)
+            _stop(connection, before.id)
             return self._operation(connection, operation_id)
 
     def finish(self, operation_id: str) -> OperationRecord:
@@ -226,28 +234,35 @@ class SceneRepository:
             connection.execute(running.values(finish_requested=True))
             return self._operation(connection, operation_id)
 
-    def delete_scene(self, scene_id: str) -> OperationRecord:
-        """Delete a scene with its versions, and stop its operations; their request ids become free again.
+    def delete_scene(self, scene_id: str) -> OperationRecord | None:
+        """Delete a scene with its versions, and stop its operations, readable or not; their request ids become free
+        again.
 
         Returns:
-            The operation that made it as it now is: while RUNNING, its worker cleans up.
+            The operation that made it as it now is: while RUNNING, its worker cleans up. None if it cannot be read.
 
         Raises:
             NotFoundError: there is none of that id.
         """
-        record = self.scene(scene_id)
+        this_scene = select(scenes.c.operation_id).where(scenes.c.id == scene_id, *self._within(scenes))
         with self._writing() as connection:
+            operation_id = connection.scalar(this_scene)
+            if operation_id is None:
+                raise no_scene(scene_id)
             # Operations first, as in every transaction that changes both, so that none waits for one that waits for it.
             here = operations.c.scene_id == scene_id
-            for row in connection.execute(select(operations).where(here)).mappings().all():
-                _stop(connection, as_operation(row))
+            for stopped in connection.scalars(select(operations.c.id).where(here)).all():
+                _stop(connection, stopped)
             if not connection.execute(delete(scenes).where(scenes.c.id == scene_id)).rowcount:
                 raise no_scene(scene_id)
             connection.execute(delete(scene_versions).where(scene_versions.c.scene_id == scene_id))
             forget_names(connection, scene_id)
             forget_photos(connection, scene_id)
             connection.execute(update(operations).where(here).values(request_id=None, updated_at=time.time()))
-            return self._operation(connection, record.operation_id)
+            try:
+                return self._operation(connection, str(operation_id))
+            except (ArtefactError, NotFoundError):
+                return None
 
     def _within(self, table: Table) -> Sequence[ColumnElement[bool]]:
         within = () if self._project is None else (table.c.project == self._project,)
@@ -288,12 +303,12 @@ def no_scene(scene_id: str) -> NotFoundError:
     )
 
 
-def _stop(connection: Connection, operation: OperationRecord) -> None:
+def _stop(connection: Connection, operation_id: str) -> None:
     now = time.time()
-    here = operations.c.id == operation.id
+    here = operations.c.id == operation_id
     queued = update(operations).where(here, operations.c.state == "QUEUED")
     if connection.execute(queued.values(state="CANCELLED", cancel_requested=True, updated_at=now)).rowcount:
-        connection.execute(update(scenes).where(scenes.c.operation_id == operation.id).values(state="CANCELLED"))
+        connection.execute(update(scenes).where(scenes.c.operation_id == operation_id).values(state="CANCELLED"))
         return
     running = update(operations).where(here, operations.c.state == "RUNNING")
     connection.execute(running.values(cancel_requested=True, updated_at=now))

@@ -170,5 +170,13 @@ quota_usage = Table(
     Column("bytes", BigInteger, nullable=False),
 )
 
+# One row, see `service.store.identity`.
+identity = Table(
+    "identity",
+    metadata,
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("id", String(40), nullable=False),
+)
+
 # Read by releases before alembic only, which refuse a database of a later version.
 schema_version = Table("schema_version", metadata, Column("version", Integer, primary_key=True, autoincrement=False))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqlalchemy import Engine
+from sqlalchemy import URL, Engine
 
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
+from fastsplat.service.store.identity import adopt, check_new_database, establish_identity
 from fastsplat.service.store.job_repository import JobMetrics, JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.name_repository import KnownNameRepository
@@ -22,7 +24,9 @@ from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import VersionRepository
 from fastsplat.service.store.worker_repository import WorkerRepository
-from fastsplat_contract.errors import ResourceError
+from fastsplat_contract.errors import FastSplatError, ObjectStoreError, ResourceError
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,21 @@ class Store:
         self.engine.dispose()
 
 
-def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None) -> Store:
+def open_store(
+    data_dir: Path, database_url: str = "", artefacts: ArtefactSettings | None = None, *, adopting: bool = False
+) -> Store:
     """The store of a data folder; makes the folder and the tables on first use.
+
+    Args:
+        data_dir: the folder.
+        database_url: empty for SQLite in the folder.
+        artefacts: where scenes are stored; None: in the folder.
+        adopting: whether folder and database are to belong together from now on, whatever they belonged to.
 
     Raises:
         InvalidInputError: a URL cannot be read.
+        ConflictError: database and folder do not belong together, see `service.store.identity`; or a later release
+            wrote the database.
         ResourceError: the folder or the database cannot be used.
     """
     try:
@@ -85,8 +99,9 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
             field="data_dir",
             hint="Mount its disk for writing or mend its owner; or point FASTSPLAT_DATA_DIR at a writable folder.",
         )
-    engine = open_engine(resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME))
+    url = resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME)
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
+    engine = _open_own(url, blobs, adopting)
     reserve = Reserve(data_dir.resolve())
     if engine.dialect.name == "sqlite":
         reserve.fill()
@@ -105,3 +120,25 @@ def open_store(data_dir: Path, database_url: str = "", artefacts: ArtefactSettin
         reserve=reserve,
         engine=engine,
     )
+
+
+def _open_own(url: URL, blobs: Blobs, adopting: bool) -> Engine:
+    """The engine of the database that belongs to where scenes are stored. An object store that is away is asked again
+    before anything is removed from it."""
+    if adopting:
+        engine = open_engine(url)
+        adopt(engine, blobs)
+        return engine
+    try:
+        if url.get_backend_name() == "sqlite" and not Path(str(url.database)).exists():
+            check_new_database(blobs)
+        engine = open_engine(url)
+        try:
+            establish_identity(engine, blobs)
+        except FastSplatError:
+            engine.dispose()
+            raise
+    except ObjectStoreError as error:
+        _log.warning("whether the object store belongs to this database is not known: %s", error.message)
+        engine = open_engine(url)
+    return engine

@@ -15,6 +15,7 @@ from typing import Any
 from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
+from fastsplat.service.store.damaged_rows import are_objects, is_name, is_object, is_time, require
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import VersionNames, forget_names, record_names
 from fastsplat.service.store.records import SceneRecord
@@ -46,6 +47,22 @@ class VersionRecord:
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
     current: bool = False
+
+    def __post_init__(self) -> None:
+        require(
+            f"version {self.version} of scene {self.scene_id}",
+            version=is_name(self.version),
+            number=isinstance(self.number, int),
+            parent=isinstance(self.parent, str),
+            created_at=is_time(self.created_at),
+            gaussians=isinstance(self.gaussians, int),
+            dictionary=are_objects(self.dictionary, "label_id", "label"),
+            edits=are_objects(self.edits),
+            current_at=self.current_at is None or is_time(self.current_at),
+            scaling=self.scaling is None or is_object(self.scaling),
+            alignment=self.alignment is None or is_object(self.alignment),
+            quality=self.quality is None or is_object(self.quality),
+        )
 
 
 @dataclass(frozen=True)
@@ -172,6 +189,7 @@ class VersionRepository:
             current = records.get(scene.version)
             if current is None or not current.parent:
                 raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
+            require(f"version {scene.version} of scene {scene_id}", parent=current.parent in records)
             parent = records[current.parent]
             _point(connection, scene, parent)
         return replace(parent, current=True)

@@ -20,6 +20,8 @@ from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, w
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.operations import OperationError
 
 Doctor = Callable[..., tuple[int, list[dict[str, object]]]]
 
@@ -37,7 +39,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             store.blobs.upload(f"up-{name}").mkdir(parents=True)
     failing, working = store.jobs.claim("op-failed"), store.jobs.claim("op-ready")
     assert failing is not None and working is not None
-    store.jobs.fail(failing, {})
+    store.jobs.fail(failing, to_plain(OperationError("INTERNAL", "INTERNAL", "it failed", "capture", {})))
     _write_version(store.blobs.version("ready", "v1"))
     store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}))
     store.close()
@@ -109,15 +111,48 @@ def test_missing_versions_and_uploads_are_named(data: Path, doctor: Doctor) -> N
 
 
 def test_what_is_left_over_and_open_to_others_is_named_and_mended(data: Path, doctor: Doctor) -> None:
-    for name in ("jobs/op-failed", "scenes/deleted/v1", "uploads/up-ready", "trash/half"):
+    for name in ("jobs/op-failed", "uploads/up-ready", "trash/half"):
         (data / name).mkdir(parents=True)
     data.chmod(0o755)
     status, problems = doctor()
-    places = {"data", "jobs/op-failed", "scenes/deleted", "uploads/up-ready", "trash/half"}
+    places = {"data", "jobs/op-failed", "uploads/up-ready", "trash/half"}
     assert status == 1 and {problem["place"] for problem in problems} == places
     assert all(problem["mendable"] for problem in problems)
     assert doctor("--repair") == (0, [])
     assert data.stat().st_mode & 0o077 == 0 and (data / "uploads/up-failed").is_dir()
+
+
+def test_a_scene_without_a_row_is_a_question_that_no_repair_answers(data: Path, doctor: Doctor) -> None:
+    for name in ("scenes/unknown/v1", "trash/scenes/older.5", "jobs/op-failed"):
+        (data / name).mkdir(parents=True)
+    with closing(sqlite3.connect(data / "fastsplat.sqlite")) as connection:
+        connection.execute("DELETE FROM scenes WHERE id = 'ready'")
+        connection.commit()
+    questions = {"scenes/unknown", "scenes/ready", "trash/scenes/older.5"}
+    for words in ((), ("--repair",)):
+        status, problems = doctor(*words)
+        assert status == 1
+        assert {problem["place"] for problem in problems if not problem["mendable"]} == questions
+        assert all(problem["hint"] for problem in problems if not problem["mendable"])
+    assert not (data / "jobs/op-failed").exists() and (data / "scenes/ready/v1/scene.ply").is_file()
+    assert {str(path.relative_to(data)) for path in data.glob("**/scenes/*")} == questions
+
+
+@pytest.mark.parametrize("url", ["", "sqlite:///{}/other.sqlite"])
+def test_without_its_database_a_folder_is_left_alone_until_somebody_adopts_it(
+    url: str, data: Path, doctor: Doctor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    database = data / "fastsplat.sqlite"
+    monkeypatch.setenv("FASTSPLAT_DATABASE_URL", url.format(tmp_path))
+    database.rename(tmp_path / "its.sqlite")
+    for words in ((), ("--repair",)):
+        status, problems = doctor(*words)
+        assert status == 1 and [problem["place"] for problem in problems] == ["database"]
+        assert "--adopt" in str(problems[0]["hint"]) and not problems[0]["mendable"]
+    assert not database.exists() and not (tmp_path / "other.sqlite").exists()
+    status, problems = doctor("--adopt", "--repair")
+    assert status == 1 and [problem["place"] for problem in problems] == ["scenes/ready"]
+    assert (data / "scenes/ready/v1/scene.ply").is_file()
 
 
 def test_too_little_space_is_named(doctor: Doctor, monkeypatch: pytest.MonkeyPatch) -> None:

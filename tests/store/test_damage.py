@@ -15,7 +15,7 @@ from sqlalchemy import event, text
 
 from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
-from fastsplat_contract.errors import DatabaseError, FastSplatError
+from fastsplat_contract.errors import ArtefactError, DatabaseError, FastSplatError
 
 
 def _make(folder: Path) -> None:
@@ -53,13 +53,19 @@ def test_random_flipped_bits_end_in_an_answer_or_a_typed_error(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("value", ["X'ff7b'", "'{\"labels\": ['"])
-def test_a_row_that_is_no_text_or_no_json_is_a_damaged_database(value: str, tmp_path: Path) -> None:
+def test_a_row_that_is_no_text_or_no_json_is_left_out_of_a_list_and_is_an_error_alone(
+    value: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     _make(tmp_path)
     store = open_store(tmp_path)
     with store.engine.begin() as connection:
-        connection.execute(text(f"UPDATE operations SET options = {value}"))
-    with pytest.raises(DatabaseError, match="damaged"):
-        store.scenes.list_operations(5)
+        connection.execute(text(f"UPDATE operations SET options = {value} WHERE id != 'op7'"))
+    for records in (store.scenes.list_operations(5), store.jobs.waiting()):
+        assert [record.id for record in records] == ["op7"]
+    assert "operation op3 is damaged" in caplog.text
+    with pytest.raises(ArtefactError, match="damaged"):
+        store.scenes.operation("op3")
+    assert store.jobs.over(["op3", "op3.1", "op7", "gone"]) == {"gone"}
     store.close()
 
 

@@ -39,7 +39,8 @@ _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
 
 @pytest.fixture
 def empty(tmp_path: Path, database_url: str) -> Iterator[Engine]:
-    """A database without any table."""
+    """A database without any table, and the folder of the scene that the databases of before have."""
+    (tmp_path / "scenes" / "done").mkdir(parents=True)
     engine = open_engine(resolve_url(tmp_path, database_url, sqlite_name="fastsplat.sqlite"))
     _clear(engine)
     yield engine
@@ -211,7 +212,7 @@ def test_opening_twice_and_by_many_at_once_changes_nothing_more(old: Engine, tmp
         assert len(store.scenes.list_scenes(10)) == 2
         store.close()
     with old.connect() as connection:
-        for table in ("alembic_version", "schema_version"):
+        for table in ("alembic_version", "schema_version", "identity"):
             assert connection.scalar(text(f"SELECT count(*) FROM {table}")) == 1
 
 

@@ -35,6 +35,7 @@ def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
 
     Raises:
         ConflictError: a later release wrote this database.
+        ValueError: the database is of a version that never was.
         DBAPIError: the database does not answer.
     """
     newest = _newest(scripts)
@@ -48,11 +49,15 @@ def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
 
 
 def revisions(connection: Connection) -> tuple[int, int]:
-    """The schema version of a database, and this release's; 0 for a new database."""
+    """The schema version of a database, and this release's; 0 for a new database.
+
+    Raises:
+        ValueError: the database names no version.
+    """
     stored = _revision(connection)
     if stored is None and inspect(connection).has_table(operations.name):
         stored = _BEFORE_ALEMBIC
-    return int(stored or 0), int(_newest(_SCRIPTS))
+    return _number(stored or "0"), int(_newest(_SCRIPTS))
 
 
 def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
@@ -61,9 +66,9 @@ def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
     from alembic.util import CommandError
 
     revision = _revision(connection)
-    if revision is not None and int(revision) > int(newest):
+    if revision is not None and _number(revision) > int(newest):
         raise ConflictError(
-            f"the database is of version {int(revision)}, and this release knows versions up to {int(newest)}",
+            f"the database is of version {_number(revision)}, and this release knows versions up to {int(newest)}",
             field="database_url",
             hint="Start the release that wrote it, or a newer one; or restore a backup made before the upgrade.",
         )
@@ -74,7 +79,7 @@ def _upgrade(connection: Connection, scripts: Path, newest: str) -> None:
     try:
         command.upgrade(config, newest)
     except CommandError as error:
-        raise ValueError(f"the database is of a version that never was: {revision}") from error
+        raise ValueError(f"it is of a version that never was: {revision!r}") from error
     # Releases before alembic look here, and refuse a database of a later version.
     version = {"version": int(newest)}
     if not connection.execute(update(schema_version).values(version)).rowcount:
@@ -87,6 +92,12 @@ def _revision(connection: Connection) -> str | None:
         return None
     revision: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
     return revision
+
+
+def _number(revision: str) -> int:
+    if not revision.isdecimal():
+        raise ValueError(f"it is of a version that never was: {revision[:40]!r}")
+    return int(revision)
 
 
 def _newest(scripts: Path) -> str:

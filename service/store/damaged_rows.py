@@ -1,0 +1,113 @@
+"""Rows that cannot be read: one that is asked for is a typed error, and a list goes on without those that it has."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+from sqlalchemy import Connection, RowMapping, Select
+
+from fastsplat_contract.errors import ArtefactError, FastSplatError, InvalidInputError, SceneFileError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+S = TypeVar("S")
+T = TypeVar("T")
+_HINT = "Run: fastsplat doctor. Then restore a backup of the database, or delete it."
+_END_OF_TIME = 253_402_300_800.0  # the year 10000, where dates end
+_NAME = re.compile(r"[^./\\\0][^/\\\0]*")
+
+_log = logging.getLogger(__name__)
+
+
+def require(what: str, **columns: bool) -> None:
+    """Return if all columns of the row of `what`, "scene 5f" or "operation 7a", can be read; each says whether it can.
+
+    Raises:
+        SceneFileError: of a scene or version one cannot.
+        ArtefactError: of anything else.
+    """
+    unreadable = [name for name, readable in columns.items() if not readable]
+    if unreadable:
+        raise _damaged(what, f"{', '.join(unreadable)} cannot be read")
+
+
+def decodes(kind: str) -> Callable[[Callable[Concatenate[R, P], T]], Callable[Concatenate[R, P], T]]:
+    """A function of a record of this kind, see `require`: whatever its decoding fails with is the row's fault."""
+
+    def decorator(read: Callable[Concatenate[R, P], T]) -> Callable[Concatenate[R, P], T]:
+        @wraps(read)
+        def decoding(record: R, /, *args: P.args, **kwargs: P.kwargs) -> T:
+            try:
+                return read(record, *args, **kwargs)
+            except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, InvalidInputError) as error:
+                name = getattr(record, "id", None) or getattr(record, kind)
+                raise _damaged(f"{kind} {name}", f"{type(error).__name__}: {str(error)[:100]}") from error
+
+        return decoding
+
+    return decorator
+
+
+def each_readable(items: Iterable[S], read: Callable[[S], T]) -> list[T]:
+    """What `read` makes of each item, without those whose rows it calls damaged; the log names these."""
+    made: list[T] = []
+    for item in items:
+        try:
+            made.append(read(item))
+        except (SceneFileError, ArtefactError) as error:
+            _log.warning("left out: %s", error.message)
+    return made
+
+
+def first_readable(
+    connection: Connection, query: Select[Any], limit: int, read: Callable[[RowMapping], T]
+) -> Sequence[T]:
+    """The first `limit` rows of a query that can be read, see `each_readable`."""
+    made: list[T] = []
+    start = 0
+    while len(made) < limit:
+        rows = connection.execute(query.limit(limit - len(made)).offset(start)).mappings().all()
+        if not rows:
+            break
+        made += each_readable(rows, read)
+        start += len(rows)
+    return made
+
+
+def read_json(content: str | bytes) -> Any:
+    """The value of a JSON column; the content itself where it is no JSON, which then is of no type that is expected."""
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError):
+        return content
+
+
+def is_time(value: object) -> bool:
+    """Whether a value is a time in seconds since 1970 that has a date."""
+    return isinstance(value, int | float) and 0 <= value < _END_OF_TIME
+
+
+def is_name(value: object) -> bool:
+    """Whether a value is the name of a folder."""
+    return isinstance(value, str) and _NAME.fullmatch(value) is not None
+
+
+def are_objects(value: object, *keys: str) -> bool:
+    """Whether a value is a list of JSON objects that have these keys."""
+    return isinstance(value, Sequence) and all(isinstance(row, Mapping) and row.keys() >= set(keys) for row in value)
+
+
+def is_object(value: object) -> bool:
+    """Whether a value is a JSON object."""
+    return isinstance(value, Mapping)
+
+
+def _damaged(what: str, why: str) -> FastSplatError:
+    kind = what.partition(" ")[0]
+    error = SceneFileError if kind in ("scene", "version") else ArtefactError
+    return error(f"the row of {what} is damaged: {why}", field=kind, hint=_HINT)
