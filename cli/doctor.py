@@ -75,7 +75,7 @@ def _examine(settings: Settings) -> Sequence[Problem]:
     try:
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
-        problems += check_rows(store, scene_of, operation_of, lambda record: version_of(record, ""))
+        problems += check_rows(store, scene_of, operation_of, version_of)
         problems += check_artefacts(store, _check_version)
         problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
     finally:
