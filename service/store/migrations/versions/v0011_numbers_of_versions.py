@@ -11,8 +11,8 @@ down_revision = "0010"
 
 def upgrade() -> None:
     """Number the versions of each such scene anew: the trained one first, then by the time at which they were made."""
-    columns = [sa.column(name) for name in ("scene_id", "version", "parent", "number", "created_at")]
-    versions = sa.table("scene_versions", *columns)
+    names = ("scene_id", "version", "parent", "number", "created_at")
+    versions = sa.table("scene_versions", *(sa.column(name) for name in names))
     connection = op.get_bind()
     doubled = sa.select(versions.c.scene_id).group_by(versions.c.scene_id, versions.c.number)
     for scene_id in set(connection.scalars(doubled.having(sa.func.count() > 1))):
