@@ -125,7 +125,7 @@ class Ranker:
         self._present = np.ones(len(entries), dtype=np.bool_)
         self._suggested = np.zeros(len(entries), dtype=np.bool_)
         if things is not None and labels.mode == "things":
-            sure = things.probabilities | {label_id: likely for label_id, (likely, _) in things.suggested.items()}
+            sure = {**things.probabilities, **{each: likely for each, (likely, _) in things.suggested.items()}}
             self._confidence = np.array([sure.get(row + 1, 0.0) for row in range(len(entries))], dtype=np.float64)
             self._present = np.array([row + 1 in sure for row in range(len(entries))], dtype=np.bool_)
             self._suggested = np.array([row + 1 in things.suggested for row in range(len(entries))], dtype=np.bool_)
