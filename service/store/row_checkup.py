@@ -55,7 +55,7 @@ def check_rows(
     versions = {(row["scene_id"], row["version"]) for row in rows[scene_versions.name]}
     for row in rows[scenes.name]:
         problem = partial(_problem, scenes, row["id"])
-        yield from _unreadable(problem, lambda row=row: read_scene(SceneRecord(**row)))
+        yield from _unreadable(problem, row, lambda row: read_scene(SceneRecord(**row)))
         if row["operation_id"] not in jobs:
             yield problem(f"its operation {row['operation_id']} has no row")
         if row["project"] not in own:
@@ -69,16 +69,16 @@ def check_rows(
             yield Problem(f"scenes/{row['id']}/{version}", "no row names this version: is it the right database?", hint)
     for row in rows[operations.name]:
         problem = partial(_problem, operations, row["id"])
-        yield from _unreadable(problem, lambda row=row: read_operation(as_operation(row)))
+        yield from _unreadable(problem, row, lambda row: read_operation(as_operation(row)))
         if row["project"] not in own:
             yield problem(f"its project {row['project']!r} has no row")
     for row in rows[scene_versions.name]:
         problem = partial(_problem, scene_versions, f"{row['scene_id']}/{row['version']}")
-        yield from _unreadable(problem, lambda row=row: read_version(VersionRecord(**row)))
+        yield from _unreadable(problem, row, lambda row: read_version(VersionRecord(**row)))
         if row["parent"] and (row["scene_id"], row["parent"]) not in versions:
             yield problem(f"the version {row['parent']!r} that it was made of has no row")
     for row in rows[scene_photos.name]:
-        yield from _unreadable(partial(_problem, scene_photos, row["scene_id"]), lambda row=row: read_verdicts(row))
+        yield from _unreadable(partial(_problem, scene_photos, row["scene_id"]), row, read_verdicts)
     for row in rows[api_keys.name]:
         if row["role"] not in ROLES or not _HASH.fullmatch(str(row["hash"])):
             yield _problem(api_keys, row["id"], "its role or its hash cannot be read")
@@ -98,9 +98,11 @@ def _run_id(job: RowMapping) -> str:
         return str(job["id"])
 
 
-def _unreadable(problem: Callable[[str], Problem], read: Callable[[], object]) -> Iterator[Problem]:
+def _unreadable(
+    problem: Callable[[str], Problem], row: RowMapping, read: Callable[[RowMapping], object]
+) -> Iterator[Problem]:
     try:
-        read()
+        read(row)
     except (SceneFileError, ArtefactError) as error:
         yield problem(error.message)
 
