@@ -20,7 +20,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
-from tests.api.training_job import add_training_job
+from tests.api.training_job import add_cancelled_job, add_training_job
 from tests.api.upright_scene import add_upright_scene
 
 _DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
@@ -130,6 +130,8 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
         if name == "get_goal":  # of a scene whose z is up
             upright = add_upright_scene(place.service, place._settings)
             ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}
+        if name == "retry_operation":
+            ids["operation_id"] = add_cancelled_job(place.service, "IMG_0012.jpg")
         response = _sent(place, name, body, ids)
         assert response.is_success, (body, response.text)
         described = operation["responses"][str(response.status_code)].get("content", {})

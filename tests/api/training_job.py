@@ -9,7 +9,9 @@ import numpy as np
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.placed_cameras import PlacedViews, placed_to_json
+from fastsplat.service.capture.upload_manifest import VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.store.job_repository import Claim
 from fastsplat.service.store.records import NewJob
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -23,6 +25,20 @@ def add_training_job(service: SceneService, name: str = "") -> Claim:
     assert claim is not None
     show_training(service, claim, 1)
     return claim
+
+
+def add_cancelled_job(service: SceneService, photo: str) -> str:
+    """Id of a job of three photos, one of this name, that was cancelled in the queue."""
+    options = {"labels": [], "admitted": VALIDATED}
+    job = NewJob(uuid.uuid4().hex, uuid.uuid4().hex, "", "", "", uuid.uuid4().hex, options)
+    names = (photo, "another.jpg", "a third.jpg")
+    photos = tuple(PhotoInfo(name, 32, 24, 1, "", 0.0) for name in names)
+    folder = service._store.blobs.upload(job.upload_id) / VALIDATED
+    folder.mkdir(parents=True)
+    write_manifest(UploadManifest("images", photos, names), folder)
+    service._store.scenes.create(job)
+    service.cancel_operation(job.operation_id)
+    return job.operation_id
 
 
 def show_training(service: SceneService, claim: Claim, number: int) -> None:

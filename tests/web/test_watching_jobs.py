@@ -128,9 +128,7 @@ def test_a_cancelled_job_says_so_and_nothing_else_when_it_is_tried_again(
         assert page.get_by_text("without warning").count() == 0
 
 
-def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(
-    place: Place, browser: Browser, training: Claim
-) -> None:
+def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, browser: Browser, training: Claim) -> None:
     jobs, job = place.service._store.jobs, training.operation.id
     error = {"kind": "FAILED_PRECONDITION", "reason": "RECONSTRUCTION_FAILED", "stage": "capture", "details": {}}
     blamed = {**error, "message": "IMG_0012.jpg fits nowhere", "recurs": True, "photos": ["IMG_0012.jpg"]}

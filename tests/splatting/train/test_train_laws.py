@@ -259,7 +259,7 @@ def test_bad_captures_are_named(world, quick) -> None:
 
 
 def test_a_time_bound_ends_a_run(world, quick) -> None:
-    settings = quick(iterations=10**9, time_budget_s=0.5, max_gaussians=180)
+    settings = quick(iterations=10**9, time_budget_s=0.5, min_iterations=100, max_gaussians=180)
     trained = train(*world, settings, silent)
     assert 0 < trained.quality["iterations"] < 10**9
     assert len(trained.gaussians) <= 180
