@@ -346,11 +346,11 @@ def scene_quality(
     """What a scene's manifest says of how well it was made, ready for JSON.
 
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
-    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, source, splat, warnings,
-    mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and scale_error_95 (half of the
-    95 % interval of a length, as a share of it); where pixels were left out of the photos, withheld (`WithheldReport`);
-    of a world made upright, vertical_source and vertical_deviation_deg; where photos were corrected, photometric (see
-    `TrainedSplats`).
+    tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, left_out (why, by file),
+    source, splat, warnings, mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and
+    scale_error_95 (half of the 95 % interval of a length, as a share of it); where pixels were left out of the photos,
+    withheld (`WithheldReport`); of a world made upright, vertical_source and vertical_deviation_deg; where photos were
+    corrected, photometric (see `TrainedSplats`).
     """
     report, scale, withheld = capture.report, capture.report.scale, capture.report.withheld
     held_back = {} if withheld is None else {"withheld": asdict(withheld)}
@@ -371,6 +371,7 @@ def scene_quality(
         "images": report.images,
         "registered": len(capture.views),
         "unregistered": list(report.unregistered),
+        "left_out": dict(report.left_out),
         "source": report.source,
         "splat": report.splat,
         "warnings": list(report.warnings),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,6 +27,7 @@ from fastsplat.service.capture.photo_quality import PhotoMatches, judge_photos, 
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.posed_input import PosedImage, mask_warning
+from fastsplat.service.capture.posed_validation import read_validated_dataset
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
@@ -42,7 +43,6 @@ from fastsplat.service.capture.sfm_images import (
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
-from fastsplat.service.capture.upload_validation import read_posed_dataset
 from fastsplat.service.capture.view_depths import view_depth
 from fastsplat.service.capture.view_writer import (
     IMAGES,
@@ -110,6 +110,7 @@ def build_capture(
             held = WithheldPixels(withholding, work / "withheld")
             build = _Build(manifest, files, partial, work, settings, progress, decoder, on_placed, held)
             capture = build.posed() if manifest.poses else build.reconstructed()
+            capture = replace(capture, report=replace(capture.report, left_out=manifest.left_out))
         shutil.rmtree(work)
         save_capture(capture, partial)
     progress(ProgressEvent(_STAGE, 1.0, f"{len(capture.views)} views, {len(capture.points)} points"))
@@ -181,8 +182,7 @@ class _Build:
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
-        sizes = {photo.path: (photo.width, photo.height) for photo in self.manifest.photos}
-        dataset = read_posed_dataset(self.files, self.manifest, sizes, self.settings)
+        dataset = read_validated_dataset(self.files, self.manifest, self.settings)
         if self.manifest.splat_frame:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -30,6 +31,7 @@ class ValidatedUpload:
         has_labels: whether label maps came with it, so that no detector will run.
         warnings: what will not be used, as sentences for people.
         gaussians: of the splat that it brings; 0 for none.
+        left_out: why files and frames are not used that were meant to be, by their names in the upload.
     """
 
     folder: Path
@@ -38,6 +40,7 @@ class ValidatedUpload:
     has_labels: bool = False
     warnings: tuple[str, ...] = ()
     gaussians: int = 0
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,7 @@ class CaptureReport:
         vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
+        left_out: as `ValidatedUpload.left_out`; these are in no other number.
     """
 
     source: Source
@@ -166,6 +170,7 @@ class CaptureReport:
     photos: tuple[PhotoVerdict, ...] = ()
     withheld: WithheldReport | None = None
     vertical: VerticalEstimate | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,7 @@ class UploadManifest:
         spherical: whether the video's metadata say that it is an equirectangular one of 360°.
         metadata: by photo path, what photos without poses say of themselves; see `photo_metadata`. It has the places
             where they were taken, and goes with the upload.
+        left_out: why files and frames are not used that were meant to be, by their names in the upload.
     """
 
     source: Source
@@ -56,6 +57,7 @@ class UploadManifest:
     spherical: bool = False
     depth_sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
     metadata: dict[str, dict[str, Any]] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
 
 
 def write_manifest(manifest: UploadManifest, folder: Path) -> None:

@@ -314,7 +314,7 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
     document["frames"][1]["transform_matrix"] = pose
     folder = send(document)
     with refused(InvalidInputError, "transforms.json", "images/1.jpg"):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)
 
 
 @pytest.mark.parametrize(
@@ -341,7 +341,7 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
         (_document(frames=[{"file_path": "images/9.jpg", "transform_matrix": _pose()}]), "images/9.jpg"),
         (_document(frames=[{"file_path": "../../../../etc/passwd", "transform_matrix": _pose()}]), "passwd"),
         (_document(frames=[{"file_path": "images/0.jpg", "transform_matrix": _pose()}] * 2), "same file"),
-        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "xxx"),
+        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "5000 characters"),
         (_document(frames=[{"file_path": "transforms.json", "transform_matrix": _pose()}]), "not an image"),
         (_document(split={"test": ["7"]}), "'7'"),
         (_document(ply_file_path="lost.ply"), "lost.ply"),
@@ -352,7 +352,7 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
 def test_invalid_documents_are_refused(document: Any, said: str, send, settings, refused) -> None:
     folder = send(document)
     with refused(InvalidInputError, said):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)
 
 
 def test_document_that_is_too_large(send, settings, refused) -> None:
