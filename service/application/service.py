@@ -217,7 +217,7 @@ class SceneService:
 
     def for_upload(self, key_id: str) -> OneUpload:
         """This service as a key for one upload has it."""
-        return OneUpload(self, self._store, key_id)
+        return OneUpload(self, self._store, key_id, self._settings.capture.max_entries)
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
         """What this server can do, and how much room the project has left, as a caller of this role may know it."""

@@ -32,7 +32,7 @@ class LeftOut:
 
         Args:
             name: of what is left out.
-            subject: what messages call it, where that is not its name.
+            subject: what messages may call it beside its name.
         """
         try:
             yield
@@ -40,7 +40,7 @@ class LeftOut:
             if self._strict:
                 raise
             self._first = self._first or error
-            reason = _clause(error.message, subject or name)[:_MAX_LETTERS]
+            reason = _clause(error.message, (subject, name))[:_MAX_LETTERS]
             self.reasons.setdefault(_storable(name), _storable(reason))
 
     def refusal(self, otherwise: FastSplatError) -> FastSplatError:
@@ -52,11 +52,12 @@ class LeftOut:
         return type(first)(message, hint=first.hint, field=first.field, limit=first.limit)
 
 
-def _clause(message: str, subject: str) -> str:
+def _clause(message: str, names: tuple[str, ...]) -> str:
     """A message without the name that stands before it in a list."""
-    for separator, begin in ((" ", "it "), (": ", "")):
-        if message.startswith(subject + separator):
-            return begin + message[len(subject) + len(separator) :]
+    for name in filter(None, names):
+        for separator, begin in ((" ", "it "), (": ", "")):
+            if message.startswith(name + separator):
+                return begin + message[len(name) + len(separator) :]
     return message
 
 

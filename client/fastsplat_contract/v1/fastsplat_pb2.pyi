@@ -6778,7 +6778,7 @@ class ServerStatus(_message.Message):
 
     @_builtins.property
     def quotas(self) -> _containers.RepeatedCompositeFieldContainer[Global___QuotaStatus]:
-        """of the project"""
+        """of the project; empty for a key for one upload"""
 
     @_builtins.property
     def addresses(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
