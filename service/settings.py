@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
+from platformdirs import user_data_path
 from pydantic import Field, ValidationError, model_validator
 from pydantic_settings import (
     BaseSettings,
@@ -222,6 +223,13 @@ def _secret(variable: str, path: Path) -> str:
         ) from error
 
 
+def find_models(data_dir: Path) -> Path:
+    """The model directory where none is named: `models` in the data folder, or `.models` where the process was started,
+    if there is one; otherwise the user's own, where the platform keeps such data, be it there or not."""
+    near = (data_dir / "models", Path(".models"))
+    return next((folder for folder in near if folder.is_dir()), user_data_path("fastsplat", appauthor=False) / "models")
+
+
 class Settings(BaseSettings):
     """Everything an operator can set, with the defaults of a laptop without a GPU."""
 
@@ -230,7 +238,10 @@ class Settings(BaseSettings):
     )
 
     data_dir: Path = Field(Path("fastsplat-data"), description="scenes, uploads and the embedded database")
-    models: Path = Field(Path(".models"), description="model directory, one folder a model")
+    models: Path = Field(
+        default_factory=lambda values: find_models(values["data_dir"]),
+        description="model directory, one folder a model; left out: see find_models",
+    )
     database_url: str = Field("", description="SQLAlchemy URL; empty: SQLite inside data_dir")
     database_password: str = Field("", repr=False, description="for a database_url without one, best from a file")
     host: str = "127.0.0.1"

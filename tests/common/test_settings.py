@@ -133,6 +133,22 @@ def test_a_variable_near_a_setting_is_refused(variable: str, monkeypatch: pytest
         load_settings()
 
 
+def test_models_are_found_by_the_setting_then_near_then_at_the_user_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTSPLAT_MODELS", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    data = tmp_path / "data"
+    assert Settings(data_dir=data).models == tmp_path / "home" / "fastsplat" / "models"  # where pull makes it
+    (tmp_path / ".models").mkdir()
+    assert Settings(data_dir=data).models == Path(".models")
+    (data / "models").mkdir(parents=True)
+    assert Settings(data_dir=data).models == data / "models"
+    monkeypatch.setenv("FASTSPLAT_MODELS", "/elsewhere")
+    assert Settings(data_dir=data).models == Path("/elsewhere")
+
+
 def test_a_group_that_is_not_json_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTSPLAT_JOBS", "{secret")
     with pytest.raises(InvalidInputError, match="jobs") as caught:
