@@ -21,7 +21,12 @@ models_app = typer.Typer(
 )
 
 _Directory = Annotated[
-    Path | None, typer.Option("--models", help="Model directory. Default: FASTSPLAT_MODELS, or .models.")
+    Path | None,
+    typer.Option(
+        "--models",
+        help="Model directory. Default: FASTSPLAT_MODELS; models in the data folder, or .models here, if there is one; "
+        "or the user's own.",
+    ),
 ]
 _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another manifest than the built-in one.")]
 

@@ -7,7 +7,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from platformdirs import user_data_path
+from pydantic import Field, ValidationError, model_validator
 from pydantic_settings import (
     BaseSettings,
     EnvSettingsSource,
@@ -18,7 +19,13 @@ from pydantic_settings import (
 from sqlalchemy import make_url
 
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
-from fastsplat.service.common.settings import ENV_DELIMITER, ENV_PREFIX, SettingGroup, settings_error
+from fastsplat.service.common.settings import (
+    ENV_DELIMITER,
+    ENV_PREFIX,
+    SettingGroup,
+    check_variables,
+    settings_error,
+)
 from fastsplat.service.instances.prompt_settings import PromptSettings
 from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
 from fastsplat.service.localization.settings import LocalizationSettings
@@ -88,23 +95,19 @@ class UploadSettings(SettingGroup, section="uploads"):
     """Seconds that receiving one upload, or one piece of a resumable one, may take."""
 
 
-class StoreSettings(BaseModel):
+class StoreSettings(SettingGroup, section="store"):
     """Limits of the service layer that belong to no other room."""
 
-    model_config = ConfigDict(frozen=True)
-
-    max_name_chars: int = 200
-    max_labels: int = 1_000
-    max_label_chars: int = 200
-    max_time_budget_s: float = 24 * 3600.0
-    max_gaussians: int = 20_000_000
-    max_page_size: int = 500
+    max_name_chars: int = Field(200, description="characters of a scene's name")
+    max_labels: int = Field(1_000, description="labels that one scene may be asked for")
+    max_label_chars: int = Field(200, description="characters of a label")
+    max_time_budget_s: float = Field(24 * 3600.0, description="seconds of training that one scene may ask for")
+    max_gaussians: int = Field(20_000_000, description="Gaussians that one scene may ask for")
+    max_page_size: int = Field(500, description="entries of one page of a list")
 
 
-class LimitSettings(BaseModel):
+class LimitSettings(SettingGroup, section="limits"):
     """Requests at a time and over time. What passes them is refused at once, with the time to wait."""
-
-    model_config = ConfigDict(frozen=True)
 
     rate_per_s: float = Field(1_000.0, gt=0, description="requests a second of one key, over time")
     burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
@@ -142,10 +145,8 @@ class LimitSettings(BaseModel):
     call_s: float = Field(600.0, gt=0, description="seconds that any other call may take, waiting included")
 
 
-class QuotaSettings(BaseModel):
+class QuotaSettings(SettingGroup, section="quotas"):
     """What one project may hold. 0: no bound."""
-
-    model_config = ConfigDict(frozen=True)
 
     scenes: int = Field(1_000, ge=0, description="scenes")
     stored_bytes: int = Field(
@@ -154,10 +155,8 @@ class QuotaSettings(BaseModel):
     queued_jobs: int = Field(100, ge=0, description="jobs that are queued or run")
 
 
-class CallSettings(BaseModel):
+class CallSettings(SettingGroup, section="calls"):
     """What an answer may hold, and how much is kept in memory between answers."""
-
-    model_config = ConfigDict(frozen=True)
 
     scene_memory_bytes: int = Field(
         4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
@@ -209,6 +208,7 @@ class _EnvironmentAndFiles(EnvSettingsSource):
                 raise InvalidInputError(f"{setting.upper()} and {name.upper()} are both set", field=name.upper())
             if path:
                 variables[setting] = _secret(name.upper(), Path(path))
+        check_variables(variables, self.settings_cls)
         return variables
 
 
@@ -223,15 +223,25 @@ def _secret(variable: str, path: Path) -> str:
         ) from error
 
 
+def find_models(data_dir: Path) -> Path:
+    """The model directory where none is named: `models` in the data folder, or `.models` where the process was started,
+    if there is one; otherwise the user's own, where the platform keeps such data, be it there or not."""
+    near = (data_dir / "models", Path(".models"))
+    return next((folder for folder in near if folder.is_dir()), user_data_path("fastsplat", appauthor=False) / "models")
+
+
 class Settings(BaseSettings):
     """Everything an operator can set, with the defaults of a laptop without a GPU."""
 
     model_config = SettingsConfigDict(
-        env_prefix=ENV_PREFIX, env_nested_delimiter=ENV_DELIMITER, frozen=True, extra="ignore"
+        env_prefix=ENV_PREFIX, env_nested_delimiter=ENV_DELIMITER, frozen=True, extra="forbid"
     )
 
     data_dir: Path = Field(Path("fastsplat-data"), description="scenes, uploads and the embedded database")
-    models: Path = Field(Path(".models"), description="model directory, one folder a model")
+    models: Path = Field(
+        default_factory=lambda values: find_models(values["data_dir"]),
+        description="model directory, one folder a model; left out: see find_models",
+    )
     database_url: str = Field("", description="SQLAlchemy URL; empty: SQLite inside data_dir")
     database_password: str = Field("", repr=False, description="for a database_url without one, best from a file")
     host: str = "127.0.0.1"
@@ -322,6 +332,6 @@ def load_settings() -> Settings:
     try:
         return Settings()
     except ValidationError as error:
-        raise settings_error(error) from error
+        raise settings_error(error, Settings) from error
     except SettingsError as error:  # a group that is not JSON
         raise InvalidInputError(str(error), hint="Write a group as a JSON object, or its fields one by one.") from error

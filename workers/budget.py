@@ -68,7 +68,9 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
     with intact(job.folder / _PLAN):
         stored = json.loads((job.folder / _PLAN).read_text())
         tradeoffs = stored.get("tradeoffs", stored.get(_FORMER_KEY, ()))
-        return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(tradeoffs))
+        # A plan of another release may name a setting that is no more.
+        settings = TrainingSettings.model_validate(stored["settings"], extra="ignore")
+        return StagePlan(settings, tuple(tradeoffs))
 
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import aclosing, asynccontextmanager
 from typing import Any, TypeAlias
@@ -55,6 +56,7 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
 
     @asynccontextmanager
     async def entered(context: Context) -> AsyncIterator[KeyWatch]:
+        status = ""
         with gate.metrics.request(route) as ended:
             try:
                 current_principal.set(principal)
@@ -63,39 +65,35 @@ def _wrapped(handler: Handler, route: str, principal: Principal, rule: Rule, gat
             except FastSplatError as error:  # the gate's: the handler answers with its own
                 async with guarded(context, route):
                     raise error
+            except (asyncio.CancelledError, aio.InternalError):  # the caller is gone; gRPC may hear of it by a write
+                status = "CANCELLED"
+                raise
             finally:
-                ended(_status(context))
+                ended(status or _status(context))
 
     async def one(request: Any, context: Context) -> Any:
         async with entered(context):
             return await inner(request, context)
 
-    async def many(request: Any, context: Context) -> AsyncIterator[Any]:
+    async def many(request: Any, context: Context) -> None:
+        # No generator, which gRPC would leave to the garbage collector when its reader is gone: everything below is
+        # closed in the call's own task, while the call is there.
         async with entered(context) as watch, aclosing(inner(request, context)) as responses:
             async for response in responses:
                 with watch.deferred():  # in there the task runs gRPC's own code
-                    yield response
+                    await context.write(response)
 
     return replaced(handler, many if handler.response_streaming else one)
 
 
 def _status(context: Context) -> str:
-    if context.cancelled():
-        return "CANCELLED"
     code: Any = context.code()
     return _CODES.get(code, "OK") if isinstance(code, int) else getattr(code, "name", "OK")
 
 
 def _refusing(handler: Handler | None, method: str, error: FastSplatError) -> Handler:
-    async def one(request: Any, context: Context) -> Any:
+    async def refuse(request: Any, context: Context) -> None:
         async with guarded(context, method):
             raise error
 
-    async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-        async with guarded(context, method):
-            raise error
-        yield  # makes this a generator
-
-    if handler is None:
-        return grpc.unary_unary_rpc_method_handler(one)
-    return replaced(handler, many if handler.response_streaming else one)
+    return grpc.unary_unary_rpc_method_handler(refuse) if handler is None else replaced(handler, refuse)

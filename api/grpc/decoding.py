@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import aclosing
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -42,8 +43,9 @@ class DecodingInterceptor(aio.ServerInterceptor):
             return await behavior(await _checked(request, context, method), context)
 
         async def many(request: Any, context: Context) -> AsyncIterator[Any]:
-            async for response in behavior(await _checked(request, context, method), context):
-                yield response
+            async with aclosing(behavior(await _checked(request, context, method), context)) as responses:
+                async for response in responses:
+                    yield response
 
         return replaced(handler, many if handler.response_streaming else one, _decoder(handler.request_deserializer))
 

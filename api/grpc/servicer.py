@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from contextlib import aclosing
 from pathlib import Path
 from typing import TypeVar
 
@@ -215,8 +216,9 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
         """The operation now and on every change, until it is done."""
         async with guarded(context, "WatchOperation"):
             first = await self._operations.current(request.operation_id)
-            async for change in self._operations.changes(first):
-                yield as_message(pb.Operation, change.operation)
+            async with aclosing(self._operations.changes(first)) as changes:
+                async for change in changes:
+                    yield as_message(pb.Operation, change.operation)
 
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
         """Ranked labels, masks and objects."""
@@ -237,8 +239,9 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
         self, request_iterator: AsyncIterator[pb.StreamQueryRequest], context: Context
     ) -> AsyncIterator[pb.StreamQueryResponse]:
         """A standing question and pose after pose."""
-        async with guarded(context, "StreamQuery"):
-            async for message in answer_stream(self._service, self._threads, aiter(request_iterator)):
+        answers = answer_stream(self._service, self._threads, aiter(request_iterator))
+        async with guarded(context, "StreamQuery"), aclosing(answers):
+            async for message in answers:
                 yield message
 
     async def RenderView(self, request: pb.RenderViewRequest, context: Context) -> AsyncIterator[pb.Chunk]:
@@ -269,8 +272,9 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             path, _ = await self._threads.call(
                 lambda: self._service.answers.scene_ply(request.scene_id, request.version)
             )
-            async for chunk in self._file(path, request.offset):
-                yield chunk
+            async with aclosing(self._file(path, request.offset)) as file:
+                async for chunk in file:
+                    yield chunk
 
     async def DownloadMaskPly(self, request: pb.DownloadMaskPlyRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """The Gaussians that answer a text as a 3DGS PLY."""
@@ -311,8 +315,9 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
             path, _ = await self._threads.call(
                 lambda: self._service.photos.path(request.scene_id, request.view, request.version)
             )
-            async for chunk in self._file(path, 0):
-                yield chunk
+            async with aclosing(self._file(path, 0)) as file:
+                async for chunk in file:
+                    yield chunk
 
     async def ListBestViews(self, request: pb.ListBestViewsRequest, context: Context) -> pb.ListBestViewsResponse:
         """Which cameras show some things best."""

@@ -6,7 +6,7 @@ import asyncio
 import math
 import time
 from collections.abc import AsyncIterator
-from contextlib import suppress
+from contextlib import aclosing, suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -72,8 +72,9 @@ async def answer_stream(
             if dropped is not None:
                 yield pb.StreamQueryResponse(dropped=dropped)
             if pose is not None:
-                async for message in _answers(service, threads, pose):
-                    yield message
+                async with aclosing(_answers(service, threads, pose)) as messages:
+                    async for message in messages:
+                        yield message
             elif inbox.ended:
                 return
     finally:

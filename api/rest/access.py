@@ -17,6 +17,7 @@ from fastsplat.api.access.exposure import check_local
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.access.policy import UNMATCHED, Rule, rule_of
 from fastsplat.api.errors import status_of
+from fastsplat.api.rest.events import end_events
 from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
 
 _log = logging.getLogger(__name__)
@@ -51,14 +52,15 @@ class AccessLayer:
             return
         route = self.matched_route(scope)
         rule = UNMATCHED if route == NO_ROUTE else rule_of(route)
-        started = False
+        started = over = False
         with self._gate.metrics.request(route) as ended:
 
             async def counted_send(message: Message) -> None:
-                nonlocal started
+                nonlocal started, over
                 if message["type"] == "http.response.start":
                     started = True
                     ended(str(message["status"]))
+                over = message["type"] == "http.response.body" and not message.get("more_body")
                 await send(message)
 
             try:
@@ -72,7 +74,9 @@ class AccessLayer:
             except Exception as error:  # answered by the layer outside
                 if started and isinstance(error, UnauthenticatedError):
                     _log.info("%s ends before its answer is complete: %s", route, error.message)
-                    return  # the server closes the connection
+                    if not over:
+                        await end_events(scope, send, error)
+                    return  # the server closes the connection under any other answer
                 ended(str(status_of(error).http if isinstance(error, FastSplatError) else 500))
                 raise
 

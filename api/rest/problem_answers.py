@@ -12,7 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import Response
 from starlette.routing import Match
 
-from fastsplat.api.errors import refusal_of
+from fastsplat.api.errors import Refusal, refusal_of
 from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,
@@ -48,9 +48,17 @@ def problem_response(request_id: str, error: Exception) -> Response:
         headers["Retry-After"] = str(max(1, math.ceil(refusal.retry_after_s or 1)))
     if refusal.status.http == 401:
         headers["WWW-Authenticate"] = 'Bearer realm="fastsplat"'
+    return Response(_document(refusal), refusal.status.http, headers=headers, media_type=MEDIA_TYPE)
+
+
+def problem_document(request_id: str, error: Exception) -> str:
+    """The problem that tells of `error`, as JSON without line breaks."""
+    return _document(refusal_of(error, request_id))
+
+
+def _document(refusal: Refusal) -> str:
     members = {name: value for name, value in vars(refusal.as_problem()).items() if value is not None}
-    body = json.dumps(members, ensure_ascii=False)
-    return Response(body, refusal.status.http, headers=headers, media_type=MEDIA_TYPE)
+    return json.dumps(members, ensure_ascii=False)
 
 
 def install(app: FastAPI) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat_client.captures import CaptureFiles
-from fastsplat_client.errors import UnreachableError, read
+from fastsplat_client.errors import UnreachableError, problem_of, read
 from fastsplat_client.events import events_of
 from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
@@ -28,7 +28,7 @@ from fastsplat_client.stream_calls import StreamCalls
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
 from fastsplat_client.transport import Retry, Transport
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import DeadlineExceededError
+from fastsplat_contract.errors import DeadlineExceededError, FastSplatError, Kind
 from fastsplat_contract.exports import ExportFormat
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
@@ -173,6 +173,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                 headers = {"Last-Event-ID": last} if last else {}
                 with self._transport.streamed(path, headers=headers) as response:
                     for event in events_of(response.iter_lines()):
+                        if event.kind == "error":
+                            raise problem_of(event.data)
                         last, failures = event.id, 0
                         operation = read(Operation, event.data)
                         yield operation
@@ -180,9 +182,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                             return
                     if response.status_code == 204:
                         return
-            except (UnreachableError, DeadlineExceededError):
+            except FastSplatError as error:
                 failures += 1
-                if failures >= self._retry.tries:
+                if error.kind not in (Kind.UNAVAILABLE, Kind.DEADLINE_EXCEEDED) or failures >= self._retry.tries:
                     raise
                 time.sleep(self._retry.pause(failures - 1))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
@@ -11,6 +12,18 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind
 from fastsplat_contract.json_codec import from_json
 
 T = TypeVar("T")
+
+_KINDS = {
+    401: Kind.UNAUTHENTICATED,
+    403: Kind.PERMISSION_DENIED,
+    404: Kind.NOT_FOUND,
+    409: Kind.FAILED_PRECONDITION,
+    413: Kind.RESOURCE_EXHAUSTED,
+    429: Kind.RESOURCE_EXHAUSTED,
+    502: Kind.UNAVAILABLE,
+    503: Kind.UNAVAILABLE,
+    504: Kind.UNAVAILABLE,
+}
 
 
 class RemoteError(FastSplatError):
@@ -38,6 +51,23 @@ def read(kind: type[T], answer: httpx.Response | str) -> T:
             field=error.field,
             hint="Is it a FAST-Splat server, and of this client's release?",
         ) from error
+
+
+def problem_of(content: str | bytes, status: int = 0, after: str = "") -> FastSplatError:
+    """What a problem document (RFC 9457) says, as the exception that the server raised.
+
+    Args:
+        content: the document, or whatever else the server sent.
+        status: of the answer; 0: what the document says.
+        after: the header Retry-After, "" without.
+    """
+    try:
+        body = json.loads(content)
+        reason, detail, status = str(body["reason"]), str(body["detail"]), status or int(body["status"])
+    except (ValueError, KeyError, TypeError):
+        body, reason, detail = {}, "", f"HTTP {status} without a problem to read"
+    kind = _KINDS.get(status) or (Kind.INVALID_ARGUMENT if 400 <= status < 500 else Kind.INTERNAL)
+    return error_of(reason, kind, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)
 
 
 def error_of(

@@ -11,16 +11,17 @@ class Event(NamedTuple):
 
     id: str
     data: str
+    kind: str = "message"
 
 
 def events_of(lines: Iterable[str]) -> Iterator[Event]:
     """The whole events in a stream's lines; one that the end cuts off is none."""
-    name, data = "", list[str]()
+    name, kind, data = "", "", list[str]()
     for line in lines:
         if not line:
             if data:
-                yield Event(name, "\n".join(data))
-            data = []
+                yield Event(name, "\n".join(data), kind or "message")
+            kind, data = "", []
         elif not line.startswith(":"):
             field, _, value = line.partition(":")
             value = value.removeprefix(" ")
@@ -28,3 +29,5 @@ def events_of(lines: Iterable[str]) -> Iterator[Event]:
                 data.append(value)
             elif field == "id":
                 name = value
+            elif field == "event":
+                kind = value

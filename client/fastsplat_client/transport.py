@@ -13,21 +13,10 @@ from typing import Any
 
 import httpx
 
-from fastsplat_client.errors import UnreachableError, error_of
-from fastsplat_contract.errors import DeadlineExceededError, FastSplatError, Kind
+from fastsplat_client.errors import UnreachableError, problem_of
+from fastsplat_contract.errors import DeadlineExceededError
 
 _AGAIN = (429, 502, 503, 504)
-_KINDS = {
-    401: Kind.UNAUTHENTICATED,
-    403: Kind.PERMISSION_DENIED,
-    404: Kind.NOT_FOUND,
-    409: Kind.FAILED_PRECONDITION,
-    413: Kind.RESOURCE_EXHAUSTED,
-    429: Kind.RESOURCE_EXHAUSTED,
-    502: Kind.UNAVAILABLE,
-    503: Kind.UNAVAILABLE,
-    504: Kind.UNAVAILABLE,
-}
 
 
 @dataclass(frozen=True)
@@ -148,7 +137,7 @@ class Transport:
                 response = send(httpx.Timeout(max(0.001, deadline - time.monotonic())))
                 if response.is_success or response.status_code == 304:
                     return response
-                error = _problem(response)
+                error = problem_of(response.content, response.status_code, response.headers.get("retry-after", ""))
                 # 429 turns away before any work, so that even what must not be done twice may be sent again.
                 again = response.status_code in _AGAIN and (repeatable or response.status_code == 429)
                 pause = pause if error.retry_after_s is None else error.retry_after_s
@@ -162,14 +151,3 @@ class Transport:
                 raise error
             time.sleep(pause)
         raise AssertionError
-
-
-def _problem(response: httpx.Response) -> FastSplatError:
-    try:
-        body = response.json()
-        reason, detail = str(body["reason"]), str(body["detail"])
-    except (ValueError, KeyError, TypeError):
-        body, reason, detail = {}, "", f"HTTP {response.status_code} without a problem to read"
-    after = response.headers.get("retry-after", "")
-    kind = _KINDS.get(response.status_code) or (Kind.INVALID_ARGUMENT if response.is_client_error else Kind.INTERNAL)
-    return error_of(reason, kind, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)

@@ -12,6 +12,7 @@ from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.memory import MemoryBudget
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.embeddings import TextCaches, text_caches
+from fastsplat.service.query.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.settings import Settings
@@ -28,7 +29,7 @@ if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the ser
 T = TypeVar("T")
 _TRIES = 3
 _COPIES = 2
-"""A scene weighs its mapped pages and the renderer's own activated arrays."""
+"""A scene weighs its mapped pages and the renderer's own activated arrays; and, open, the maps that it keeps."""
 
 
 class OpenScenes:
@@ -81,7 +82,7 @@ class OpenScenes:
         """
         name = self.version(scene_id, version)
         folder = self.folder(scene_id, name)
-        index = self._open.get((scene_id, name), lambda: _weigh(folder), lambda: self._load(scene_id, name))
+        index = self._open.get((scene_id, name), lambda: _weigh_open(folder), lambda: self._load(scene_id, name))
         return use(index, name)
 
     def ranked(self, scene_id: str) -> tuple[str, RankedScene]:
@@ -104,7 +105,7 @@ class OpenScenes:
     def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
         """Hold a version open that was just written, so that the first question does not read it back."""
         folder = self.folder(scene_id, version)
-        self._open.get((scene_id, version), lambda: _weigh(folder), lambda: index)
+        self._open.get((scene_id, version), lambda: _weigh_open(folder), lambda: index)
 
     def version(self, scene_id: str, version: str) -> str:
         """The name of a version that can be read; "" stands for the current one.
@@ -217,6 +218,10 @@ def _weigh(folder: Path) -> int:
         return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
     except FileNotFoundError:  # being removed, as reading it will tell
         return 0
+
+
+def _weigh_open(folder: Path) -> int:
+    return _weigh(folder) + KEPT_MAP_BYTES
 
 
 def _deleted(scene_id: str) -> NotFoundError:

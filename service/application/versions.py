@@ -8,6 +8,7 @@ import os
 import secrets
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -151,14 +152,16 @@ class Versions:
         return version_of(self._store.versions.restore(scene_id, version, expected))
 
     def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
-        """Every version of a scene, oldest first.
+        """Every version of a scene, oldest first; without authors where the scene is all that the caller is shown.
 
         Raises:
             NotFoundError, NotReadyError: as `edit`.
         """
         self._scenes.version(scene_id, "")
         scene = self._store.scenes.scene(scene_id)
-        return tuple(version_of(record) for record in self._store.versions.of(scene))
+        versions = tuple(version_of(record) for record in self._store.versions.of(scene))
+        # Who follows a link to one scene is a stranger to those who made it.
+        return tuple(replace(version, author="") for version in versions) if self._store.only_scene else versions
 
     def resolve(self, scene_id: str, version: str = "") -> str:
         """The name of a version that can be read; "" stands for the current one.

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from fastsplat.service.common.settings import SettingGroup
 from fastsplat_contract.operations import Lens
 
 
-class CaptureSettings(BaseModel):
+class CaptureSettings(SettingGroup, section="capture"):
     """Every limit on an upload, and how camera poses are computed."""
-
-    model_config = ConfigDict(frozen=True)
 
     max_upload_bytes: int = 2 * 2**30
     """Bytes of one upload as sent."""
@@ -73,6 +71,7 @@ class CaptureSettings(BaseModel):
     exhaustive_images: int = 30
     """Up to so many images every pair is matched; beyond, the `pairs_per_image` most promising of each image."""
     pairs_per_image: int = 20
+    """Pairs of each image then."""
     lens: Lens = "auto"
     """What photos and videos without poses were taken with: "auto" (those whose metadata say so are 360° panoramas, all
     others perspective), "fisheye", or "panorama" (equirectangular, 360° × 180°). A scene may be posted with its own."""

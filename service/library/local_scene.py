@@ -18,7 +18,7 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.library.viewer import Viewer
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import Settings, find_models, load_settings
 from fastsplat.service.store.database import SQLITE_NAME
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotFoundError, NotReadyError
@@ -207,8 +207,10 @@ def newest_scene(service: SceneService) -> SceneSummary | None:
 def folder_settings(folder: Path) -> Settings:
     """The settings of the environment with everything that is stored in one folder, whatever server they are for."""
     settings = load_settings()
+    models = settings.models if "models" in settings.model_fields_set else find_models(folder)
     return settings.model_copy(
         update={
+            "models": models,
             "data_dir": folder.resolve(),
             "database_url": "",
             "artefacts": type(settings.artefacts).model_construct(),

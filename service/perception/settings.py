@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
-class PerceptionSettings(BaseModel):
+class PerceptionSettings(SettingGroup, section="perception"):
     """Which models look at the images, and how sure they must be.
 
     A model is named as the manifest names it ("picodet_416"), or as "adapter:folder" for a folder of the model
     directory that no manifest lists ("yolo_world:my_folder").
     """
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     text_encoder: str = "minilm_l6_int8"
     """Embeds the dictionary and the questions."""

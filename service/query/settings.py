@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
 def _one_slot(template: str) -> str:
@@ -13,10 +15,8 @@ def _one_slot(template: str) -> str:
     return template
 
 
-class QuerySettings(BaseModel):
+class QuerySettings(SettingGroup, section="query"):
     """How a text is compared with the dictionary, and how an answer becomes an image."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     negatives: Annotated[tuple[str, ...], Field(min_length=1)] = ("object", "things", "stuff", "texture")
     """Canonical negatives (LERF)."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -14,21 +12,19 @@ from scipy.spatial import cKDTree
 
 from fastsplat.service.query.absence import searched_names
 from fastsplat.service.query.floors import with_floors_judged
+from fastsplat.service.query.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.objects import Instance, solid_rows
 from fastsplat.service.query.thing_measures import ThingMeasures, boxes_of
 from fastsplat.service.query.thing_names import ThingNames
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
 from fastsplat.service.scene.types import Parts, Scene, Thing, Things
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Box
 from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
 
-ThingMap = NDArray[np.uint16]
-
-_KEPT_MAPS = 8
 _NEAREST = 8
 _REACH = 3.0
 """Standard deviations of a Gaussian within which a point is at it."""
@@ -42,7 +38,7 @@ _OF_MEMBERSHIP = (
     "_boxes",
     "_part_boxes",
     "_solid",
-    "drawn_maps",
+    "_maps",
     "views_of_things",
     "measures",
 )
@@ -74,13 +70,9 @@ class SceneThings:
         self.stored = stored
         self.table = scene.things
         self._draw = draw
-        self._maps: OrderedDict[tuple[Camera, bytes, bool], ThingMap] = OrderedDict()
-        self._lock = threading.Lock()
         self.described: dict[int, Instance | None] = {}
         same = before is not None and before.scene.gaussians is scene.gaussians
         if before is not None and same and _same_members(before.table, scene.things):
-            with before._lock:
-                self._maps.update(before._maps)
             known = vars(before)
             vars(self).update({name: known[name] for name in _OF_MEMBERSHIP if name in known})
 
@@ -215,31 +207,18 @@ class SceneThings:
         return np.asarray(inside | np.isin(self.part_owner, thing_ids) if self.present_parts else inside)
 
     @cached_property
-    def drawn_maps(self) -> dict[tuple[Camera, bytes, bool], ThingMap]:
-        """Maps that `thing_views` has drawn; shared by versions that differ in names alone."""
+    def views_of_things(self) -> dict[int, tuple[str, ...]]:
+        """Cameras that see each thing, by its id, that `thing_detections` has looked for; shared by versions that
+        differ in names alone."""
         return {}
 
     @cached_property
-    def views_of_things(self) -> dict[int, tuple[str, ...]]:
-        """Cameras that see each thing, by its id, that `thing_detections` has looked for; shared as `drawn_maps`."""
-        return {}
-
-    def draw(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
-        """uint16 [H, W]: the thing of each pixel, or the part, drawn anew."""
-        return self._draw(posed, of)
+    def _maps(self) -> KeptMaps:
+        return KeptMaps()
 
     def _map(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
         key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
-        with self._lock:
-            if key in self._maps:
-                self._maps.move_to_end(key)
-                return self._maps[key]
-        drawn = self._draw(posed, of)
-        with self._lock:
-            self._maps[key] = drawn
-            while len(self._maps) > _KEPT_MAPS:
-                self._maps.popitem(last=False)
-        return drawn
+        return self._maps.get(key, lambda: self._draw(posed, of))
 
     def at_pixel(self, posed: PosedCamera, pixel: Pixel) -> int:
         """The id of the thing that a view shows at a pixel.

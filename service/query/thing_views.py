@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.objects import masses
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.thing_index import SceneThings
 from fastsplat.service.query.visibility import view_scores
-from fastsplat.service.scene.types import Parts, Things
 from fastsplat_contract.camera import PosedCamera
 
 CANDIDATES = 5
 """Cameras that are looked through beyond those that are asked for: which they are is estimated without rendering."""
 _SIDE = 256
-_KEPT_MAPS = 128
 _CUT_OFF = 0.4
 """What a share counts where the things reach the picture's edge; as for what things are known by in other scenes."""
 
@@ -57,7 +54,7 @@ def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) ->
     seen: list[ThingView] = []
     for number in (-scores[0]).argsort(kind="stable")[: count + CANDIDATES] if len(views) else ():
         check_cancelled()
-        mask = _mask(things, small_view(views[number]), thing_ids)
+        mask = things.mask(small_view(views[number]), thing_ids)
         if mask.any():
             edge = bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
             seen.append(ThingView(views[number].name, float(mask.mean()), edge, mask))
@@ -70,22 +67,3 @@ def small_view(posed: PosedCamera) -> PosedCamera:
     scale = min(1.0, _SIDE / max(posed.camera.width, posed.camera.height))
     width, height = (max(1, round(side * scale)) for side in (posed.camera.width, posed.camera.height))
     return PosedCamera(posed.camera.scaled_to(width, height), posed.world_from_camera)
-
-
-def _mask(things: SceneThings, posed: PosedCamera, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
-    """bool [H, W]: where a view shows one of these things or parts."""
-    inside = np.isin(_map(things, posed, things.table), thing_ids)
-    if things.table.parts is not None and any(part.id in thing_ids for part in things.present_parts):
-        inside |= np.isin(_map(things, posed, things.table.parts), thing_ids)
-    return np.asarray(inside)
-
-
-def _map(things: SceneThings, posed: PosedCamera, of: Things | Parts) -> NDArray[np.uint16]:
-    maps = things.drawn_maps
-    key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
-    if (known := maps.get(key)) is not None:
-        return known
-    if len(maps) >= _KEPT_MAPS:
-        maps.clear()
-    drawn = maps[key] = things.draw(posed, of)
-    return drawn

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from fastsplat.service.common.settings import SettingGroup
 
 
-class SplatImportSettings(BaseModel):
+class SplatImportSettings(SettingGroup, section="splat_import"):
     """How a splat of another tool becomes a scene."""
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     pictures: int = Field(28, ge=2, le=500)
     """Pictures that are rendered around a splat without posed photos."""

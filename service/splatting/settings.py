@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from fastsplat.service.common.settings import SettingGroup
 from fastsplat.service.scene.types import MAX_SH_DEGREE
 
 FEWEST_STEPS = 250
 """Steps before which nobody ends a run, neither a time that was asked for nor a person: fewer leave a blur."""
 
 
-class LearningRates(BaseModel):
+class LearningRates(SettingGroup, section="training__rates"):
     """Adam's learning rates at the start of a run; each decays exponentially to `final_share` of it (means:
     `means_final`).
 
@@ -21,8 +22,6 @@ class LearningRates(BaseModel):
     12,000 Gaussians at 240×180: these 29.4 dB on a table scene and 27.1 on the demo's sample, 3DGS's 27.4 and 23.8;
     another seed moves that by 0.1 to 0.3 dB.
     """
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     means: float = Field(3e-3, gt=0)
     """Of positions, times the scene's extent."""
@@ -55,7 +54,7 @@ class LearningRates(BaseModel):
         return self.photometric * math.pow(self.photometric_final / self.photometric, progress)
 
 
-class TrainingSettings(BaseModel):
+class TrainingSettings(SettingGroup, section="training"):
     """How long, how large and how fine a scene is trained.
 
     A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
@@ -63,8 +62,6 @@ class TrainingSettings(BaseModel):
     progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the bit, and one
     bounded by time adapts to the machine it is on.
     """
-
-    model_config = ConfigDict(frozen=True, use_attribute_docstrings=True)
 
     backend: Literal["cpu", "cuda", "reference"] = "cpu"
     """Which rasterizer."""

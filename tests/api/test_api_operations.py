@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import threading
 import uuid
 from collections.abc import Iterator
@@ -116,7 +117,30 @@ def test_last_event_id_continues_after_what_is_known(faces: Faces, service: Scen
 
 def test_an_event_stream_is_read_as_the_standard_says() -> None:
     lines = [": hello", "", "id: 1", "data: a", "data:b", "", "event: x", "data: c", "", "data: cut off"]
-    assert list(events_of(lines)) == [Event("1", "a\nb"), Event("1", "c")]
+    assert list(events_of(lines)) == [Event("1", "a\nb"), Event("1", "c", "x")]
+
+
+def test_events_that_end_before_the_job_does_say_why(
+    service: SceneService, api_settings: Settings, queued: str
+) -> None:
+    class Forgetful:
+        """A service whose operation is gone when it is looked for again; each client sees it once."""
+
+        looks = 0
+
+        def get_operation(self, operation_id: str) -> Operation:
+            self.looks += 1
+            if self.looks % 2:
+                return service.get_operation(queued)
+            raise NotFoundError("no operation", field="operation_id")
+
+    with served(Forgetful(), api_settings) as faces:
+        with faces.rest.stream("GET", f"/v1/operations/{queued}/events") as response:
+            first, last = events_of(response.iter_lines())
+        assert (first.kind, last.kind) == ("operation", "error")
+        assert json.loads(last.data)["reason"] == "NOT_FOUND" and json.loads(last.data)["status"] == 404
+        with pytest.raises(NotFoundError, match="no operation"):
+            list(client_of(faces).watch(queued))
 
 
 def test_waiting_ends_with_the_job_or_with_the_time(

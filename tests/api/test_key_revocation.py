@@ -6,12 +6,14 @@ The server looks at its keys once a second (`Authenticator.FRESH_S`), so each en
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import queue
 import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -29,6 +31,8 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.key_repository import KeyRecord
 from fastsplat.service.store.records import NewJob
+from fastsplat_client import Client
+from fastsplat_client.events import events_of
 from fastsplat_contract.errors import DatabaseError, UnauthenticatedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
@@ -165,6 +169,36 @@ def _rest(head: Callable[[_Place], str], *, begins: bool) -> Callable[[_Place, s
     return start
 
 
+def _events(place: _Place, key: str) -> _Call:
+    """Server-sent events end as a whole answer, with an event that says why."""
+    client = httpx.Client(base_url=place.faces.rest.base_url, headers={"Authorization": f"Bearer {key}"}, timeout=30)
+    answer = client.send(client.build_request("GET", f"/v1/operations/{place.operation_id}/events"), stream=True)
+    assert answer.status_code == 200
+
+    def ended() -> str:
+        with closing(client), closing(answer):
+            *_, last = events_of(answer.iter_lines())  # httpx raises where an answer is cut off
+        assert last.kind == "error"
+        problem = json.loads(last.data)
+        assert problem["status"] == 401 and problem["request_id"] == answer.headers["x-request-id"]
+        return str(problem["reason"])
+
+    return _Call(ended)
+
+
+def _client_watch(place: _Place, key: str) -> _Call:
+    client = Client(str(place.faces.rest.base_url), key=key)
+    states = client.watch(place.operation_id)
+    assert next(states).state == "QUEUED"
+
+    def ended() -> str:
+        with closing(client), pytest.raises(UnauthenticatedError) as caught:
+            list(states)
+        return caught.value.reason
+
+    return _Call(ended)
+
+
 _BODY = "Content-Type: multipart/form-data; boundary=x\r\nContent-Length: 2000\r\n\r\n"
 _PART = '--x\r\nContent-Disposition: form-data; name="images"; filename="a.jpg"\r\n\r\nabc'
 
@@ -183,7 +217,8 @@ _CALLS: dict[str, Callable[[_Place, str], _Call]] = {
     "gRPC WaitOperation": _rpc(_wait, read=lambda call: call.result()),
     "gRPC DownloadScenePly": _rpc(_download),
     "gRPC CreateScene": _rpc(_upload, read=lambda call: call.result()),
-    "REST events": _rest(lambda place: f"GET /v1/operations/{place.operation_id}/events HTTP/1.1\n\r\n", begins=True),
+    "REST events": _events,
+    "the client's watch": _client_watch,
     "REST wait": _rest(
         lambda place: f"GET /v1/operations/{place.operation_id}:wait?timeout_s=200 HTTP/1.1\n\r\n", begins=False
     ),
@@ -231,7 +266,7 @@ def test_a_call_ends_with_its_key_and_others_go_on(place: _Place, call: str, exp
         key_id, key = place.key()
         running = begin(place, key)
         place.service.admin.keys.revoke(key_id)
-    assert running.ended() in ("UNAUTHENTICATED", "")
+    assert running.ended() == ("" if call == "REST scene.ply" else "UNAUTHENTICATED")
     wait_for(lambda: _uploads(place) == 0)  # an upload that was cut leaves nothing
     assert watching.is_active()
     watching.cancel()

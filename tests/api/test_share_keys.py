@@ -21,6 +21,7 @@ from fastsplat_contract.errors import (
     UnauthenticatedError,
 )
 from fastsplat_contract.keys import KeyIn
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_known_name, add_scene
@@ -129,6 +130,21 @@ def test_names_of_other_scenes_are_not_suggested_to_a_link(place: _Place, link: 
     with _client(place, link) as client:
         for thing in client.things(place.ids(own=False)["scene_id"]):
             assert not [each for each in thing.suggestions if each.scene_id]
+
+
+def test_a_link_shows_nobody_s_key_name(place: _Place) -> None:
+    scene_id = add_scene(place.service, place.settings)
+    place.keys["Ada"] = place.service.admin.keys.create("Ada", "editor")[1]
+    with _client(place, "Ada") as editor:
+        editor.edit_scene(scene_id, [Edit("recolor", label="mug", color=(0.0, 0.0, 1.0))])
+        assert [version.author for version in editor.versions(scene_id)] == ["", "Ada"]
+    with _client(place, "admin") as admin:
+        place.keys["visitor"] = admin.keys.share(scene_id, "for Eve", 3600.0).secret
+    with _client(place, "visitor") as visitor:
+        assert [version.author for version in visitor.versions(scene_id)] == ["", ""]
+    metadata = tuple((name.lower(), value) for name, value in place.header("visitor").items())
+    listed = place.faces.rpc.ListVersions(pb.ListVersionsRequest(scene_id=scene_id), metadata=metadata)
+    assert [version.author for version in listed.versions] == ["", ""]
 
 
 def test_links_are_listed_by_scene_and_revoked(place: _Place) -> None:

@@ -32,12 +32,17 @@ _MIDDLES = {
 
 
 def _session(talk: Talk, models: Path, temporary: Path) -> Any:
-    """What `talk` returns of a session with a process that can reach no server, and whose temporary files are there."""
-    environment = {**os.environ, "FASTSPLAT_MODELS": str(models), "TMPDIR": str(temporary)}
-    for name in ("FASTSPLAT_SERVER", "FASTSPLAT_KEY", "FASTSPLAT_DATA_DIR"):
+    """What `talk` returns of a session with a process that can reach no server and was started in an empty folder; it
+    finds models as for a user without any settings, and its temporary files are there."""
+    home, empty = temporary.with_name(f"{temporary.name}-home"), temporary.with_name(f"{temporary.name}-empty")
+    (home / "fastsplat").mkdir(parents=True)
+    (home / "fastsplat" / "models").symlink_to(models.resolve())
+    empty.mkdir()
+    environment = {**os.environ, "XDG_DATA_HOME": str(home), "TMPDIR": str(temporary)}
+    for name in ("FASTSPLAT_SERVER", "FASTSPLAT_KEY", "FASTSPLAT_DATA_DIR", "FASTSPLAT_MODELS"):
         environment.pop(name, None)
     command = StdioServerParameters(
-        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--sample"], env=environment
+        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--sample"], env=environment, cwd=empty
     )
 
     async def session() -> Any:

@@ -5,25 +5,29 @@ from __future__ import annotations
 import re
 import subprocess
 from collections.abc import Iterator
+from difflib import SequenceMatcher
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel, Field
 
-from fastsplat.service.common.settings import ENV_PREFIX, SettingGroup, environment_variable
+from fastsplat.service.common.settings import ENV_PREFIX, OTHER_VARIABLES, SettingGroup, environment_variable
 from fastsplat.service.settings import JobSettings, Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError
 
 ROOT = Path(__file__).parent.parent.parent
-_GROUPS = {
+_GROUPS: dict[str, type[SettingGroup]] = {
     name: field.annotation
     for name, field in Settings.model_fields.items()
     if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)
 }
-_DOCUMENTED = {name: group for name, group in _GROUPS.items() if issubclass(group, SettingGroup)}
-_NOT_SETTINGS = {
-    "BIND", "KEY", "PARENT_PID", "RASTER_THREADS", "RASTER_ISA", "SERVER", "TEST_DATA", "TEST_SEED"
-}  # fmt: skip
+
+
+def _names(group: type[BaseModel]) -> Iterator[str]:
+    for name, field in group.model_fields.items():
+        yield name
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from (f"{name}__{inner}" for inner in _names(field.annotation))
 
 
 @pytest.fixture(autouse=True)
@@ -34,8 +38,8 @@ def _fresh() -> Iterator[None]:
 
 
 def test_a_group_knows_under_which_name_it_is_set() -> None:
-    assert {name: group.section for name, group in _DOCUMENTED.items()} == {name: name for name in _DOCUMENTED}
-    assert "jobs" in _DOCUMENTED
+    assert {name: group.section for name, group in _GROUPS.items()} == {name: name for name in _GROUPS}
+    assert len(_GROUPS) > 10
 
 
 @pytest.mark.parametrize("field", JobSettings.model_fields)
@@ -50,7 +54,7 @@ def test_variables_are_derived_from_fields_that_exist() -> None:
         environment_variable(JobSettings, "max_start")
 
 
-@pytest.mark.parametrize("group", _DOCUMENTED.values(), ids=_DOCUMENTED)
+@pytest.mark.parametrize("group", _GROUPS.values(), ids=_GROUPS)
 def test_every_field_of_a_group_is_documented_under_it(group: type[SettingGroup]) -> None:
     assert all(field.description for field in group.model_fields.values())
 
@@ -69,6 +73,82 @@ def test_a_variable_that_sets_nothing_is_refused_by_name_and_not_told(
     assert value not in str(caught.value)
 
 
+_VARIABLES = {f"{ENV_PREFIX}{name.upper()}" for name in _names(Settings)}
+
+
+@pytest.mark.parametrize("group", ["", *_GROUPS, "training__rates"])
+def test_a_misspelt_variable_is_refused_and_the_nearest_name_offered(
+    group: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One letter is lost from the middle of every field of every group."""
+    start = f"{ENV_PREFIX}{group.upper()}__" if group else ENV_PREFIX
+    fields = [name for name in _VARIABLES if name.startswith(start) and "__" not in name.removeprefix(start)]
+    assert len(fields) > 2
+    for variable in fields:
+        at = (len(start) + len(variable)) // 2
+        misspelt = variable[:at] + variable[at + 1 :]
+        with monkeypatch.context() as patched:
+            patched.setenv(misspelt, "7")
+            with pytest.raises(InvalidInputError, match="is no setting") as caught:
+                load_settings()
+        assert caught.value.field == misspelt
+        near = re.findall(r"Did you mean (\w+)\?", caught.value.hint)[0]
+        assert near == variable or _likeness(misspelt, near) >= _likeness(misspelt, variable)
+
+
+def _likeness(one: str, other: str) -> float:
+    return SequenceMatcher(None, other.removeprefix(ENV_PREFIX), one.removeprefix(ENV_PREFIX)).ratio()
+
+
+@pytest.mark.parametrize("group", _GROUPS)
+def test_a_misspelt_field_in_a_group_as_json_is_refused(group: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(f"FASTSPLAT_{group.upper()}", '{"max_imags": 7}')
+    with pytest.raises(InvalidInputError, match="is no setting") as caught:
+        load_settings()
+    assert caught.value.field == f"FASTSPLAT_{group.upper()}__MAX_IMAGS" and "Did you mean" in caught.value.hint
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"),
+    [
+        *((variable, "x") for variable in sorted(OTHER_VARIABLES)),
+        ("FASTSPLAT_SERVICE_HOST", "10.0.0.7"),
+        ("FASTSPLAT_SERVICE_PORT_HTTP", "8000"),
+        ("FASTSPLAT_WORKER_SERVICE_HOST", "10.0.0.8"),
+        ("FASTSPLAT_PORT", "tcp://10.0.0.7:8000"),
+        ("FASTSPLAT_PORT_8000_TCP_ADDR", "10.0.0.7"),
+        ("FAST_SPLAT", "x"),
+    ],
+)
+def test_variables_of_others_are_let_be(variable: str, value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kubernetes sets some for each service, also for one that is called fastsplat."""
+    monkeypatch.setenv(variable, value)
+    assert load_settings() is not None
+
+
+@pytest.mark.parametrize("variable", ["FASTSPLAT_PORT", "FASTSPLAT_HTTP_PORT__X", "FASTSPLAT_CAPTURE__MAX_IMAGES__X"])
+def test_a_variable_near_a_setting_is_refused(variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(variable, "8000")
+    with pytest.raises(InvalidInputError, match="is no setting"):
+        load_settings()
+
+
+def test_models_are_found_by_the_setting_then_near_then_at_the_user_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("FASTSPLAT_MODELS", raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+    data = tmp_path / "data"
+    assert Settings(data_dir=data).models == tmp_path / "home" / "fastsplat" / "models"  # where pull makes it
+    (tmp_path / ".models").mkdir()
+    assert Settings(data_dir=data).models == Path(".models")
+    (data / "models").mkdir(parents=True)
+    assert Settings(data_dir=data).models == data / "models"
+    monkeypatch.setenv("FASTSPLAT_MODELS", "/elsewhere")
+    assert Settings(data_dir=data).models == Path("/elsewhere")
+
+
 def test_a_group_that_is_not_json_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTSPLAT_JOBS", "{secret")
     with pytest.raises(InvalidInputError, match="jobs") as caught:
@@ -83,16 +163,11 @@ def test_a_subclass_must_name_its_section() -> None:
             value: int = Field(1)
 
 
-def _names(group: type[BaseModel]) -> Iterator[str]:
-    for name, field in group.model_fields.items():
-        yield name
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from (f"{name}__{inner}" for inner in _names(field.annotation))
-
-
 def test_every_variable_that_code_or_documents_name_is_a_setting() -> None:
     """A renamed setting must not live on in an error's text, a document or a compose file."""
-    variables = {name.upper() for name in _names(Settings)} | _NOT_SETTINGS
+    variables = {name.upper() for name in _names(Settings)} | {
+        each.removeprefix(ENV_PREFIX) for each in OTHER_VARIABLES
+    }
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
     texts = [
         path for path in map(ROOT.joinpath, listed)

@@ -12,6 +12,7 @@ import pytest
 import fastsplat
 from fastsplat.service.library import sample
 from fastsplat.service.library.sample import SAMPLE_ARCHIVE, sample_folder, unpack_sample
+from fastsplat.service.settings import load_settings
 from fastsplat.service.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
 
@@ -62,6 +63,24 @@ def test_it_is_asked_and_gone_when_it_is_closed(models_dir: Path, temporary: Pat
     assert list(temporary.iterdir()) == []
     with fastsplat.open_sample() as again:
         assert "beaker of tea" not in {thing.name for thing in again.things()}
+
+
+def test_it_is_asked_from_any_folder_with_the_models_of_the_user(
+    models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "home" / "fastsplat").mkdir(parents=True)
+    (tmp_path / "home" / "fastsplat" / "models").symlink_to(models_dir.resolve())
+    monkeypatch.chdir(tmp_path / "empty")
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("FASTSPLAT_MODELS")
+    load_settings.cache_clear()
+    try:
+        with fastsplat.open_sample() as scene:
+            assert scene.ask("cup").verdict == "exact"
+    finally:
+        load_settings.cache_clear()
+    assert list((tmp_path / "empty").iterdir()) == []
 
 
 def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:

@@ -37,7 +37,7 @@ def look_from(
     Raises:
         InvalidInputError: no viewpoint, two of them, or one that looks nowhere.
     """
-    shown = client.scene(resolve_scene(client, scene).id)
+    shown = resolve_scene(client, scene)
     if (position is None) != (target is None) or (view and position is not None):
         raise InvalidInputError(
             "a viewpoint is a view's name, or a position with a target",

@@ -4,9 +4,11 @@ project has one."""
 from __future__ import annotations
 
 import math
+import re
 import unicodedata
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import islice
 
 from fastsplat_client.assistant.tool_lengths import (
@@ -42,38 +44,45 @@ from fastsplat_client.assistant.tool_results import (
     point,
 )
 from fastsplat_client.client import Client
-from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import SceneObject, SceneSummary
+from fastsplat_contract.scenes import Scene, SceneObject, SceneSummary
 from fastsplat_contract.thing_messages import SceneThing
 
 _MOST_PLACES = 5
 _MOST_SCENES = 200
+_MOST_OFFERED = 20
 _MOST_NAMES = 100
 _MOST_THINGS = 100
 _MOST_IDS = 500
 _MOST_CHARS = 80
 _MOST_WITNESSES = 20
+_ID = re.compile("[0-9a-f]{32}")
 
 
-def resolve_scene(client: Client, scene: str) -> SceneSummary:
-    """The scene of that id or name, or, for "", the project's only one that is ready.
+def resolve_scene(client: Client, scene: str) -> Scene:
+    """The scene of that id or name, or, for "", the project's only one that is ready. Scenes are listed only for names,
+    and no further than it takes to say that too many fit.
 
     Raises:
         InvalidInputError: none, or several, fit.
     """
-    scenes = list(client.scenes())
-    if scene:
-        fitting = [each for each in scenes if each.id == scene]
-        fitting = fitting or [each for each in scenes if each.name.casefold() == scene.casefold()]
-    else:
-        fitting = [each for each in scenes if each.state == "READY"]
+    if _ID.fullmatch(scene):
+        with suppress(NotFoundError):
+            return client.scene(scene)
+    listed: list[SceneSummary] = []
+    fitting: list[SceneSummary] = []
+    for each in client.scenes():
+        listed = [*listed, each][:_MOST_OFFERED]
+        if each.name.casefold() == scene.casefold() if scene else each.state == "READY":
+            fitting.append(each)
+        if len(fitting) > _MOST_OFFERED:
+            break
     if len(fitting) == 1:
-        return fitting[0]
-    names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or scenes)[:20])
-    what = (
-        f"{len(fitting)} scenes fit {scene[:80]!r}" if scene else f"{len(fitting)} scenes are ready, and none was named"
-    )
+        return client.scene(fitting[0].id)
+    names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or listed)[:_MOST_OFFERED])
+    count = f"more than {_MOST_OFFERED}" if len(fitting) > _MOST_OFFERED else str(len(fitting))
+    what = f"{count} scenes fit {scene[:80]!r}" if scene else f"{count} scenes are ready, and none was named"
     raise InvalidInputError(
         what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
     )
@@ -90,7 +99,7 @@ def list_scenes(client: Client) -> Scenes:
 
 def describe_scene(client: Client, scene: str) -> SceneDescription:
     """What is in a scene, its extent and units, and how far it can be relied on."""
-    shown = client.scene(resolve_scene(client, scene).id)
+    shown = resolve_scene(client, scene)
     things = list(client.things(shown.id, version=shown.version))
     names = Counter(each.name for each in things if each.name)
     low, high = bounds_of([each.box for each in things if each.box is not None])
@@ -211,7 +220,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
 
 def where_is(client: Client, text: str, scene: str) -> Where:
     """Where the things of the label that answers a text are, with what is not known of it."""
-    shown = client.scene(resolve_scene(client, scene).id)
+    shown = resolve_scene(client, scene)
     answer = _ask(client, shown.id, text)
     leading = _leading_objects(answer)
     return Where(
@@ -243,7 +252,7 @@ def measure(client: Client, first: int, second: int, scene: str) -> Measured:
 
 def goal(client: Client, thing: int, robot_radius: float, scene: str) -> StandingPlace:
     """Where a robot stands to see a thing."""
-    shown = client.scene(resolve_scene(client, scene).id)
+    shown = resolve_scene(client, scene)
     place = client.goal(shown.id, thing, robot_radius, version=shown.version)
     x, y, _ = position = point(place.pose.position)
     sentence = (

@@ -62,7 +62,10 @@ async function read(
     const { value, done } = await reader.read();
     if (done) return false;
     for (const event of parser.read(decoder.decode(value, { stream: true })))
-      if (tell(event.id, JSON.parse(event.data) as Operation)) {
+      if (event.kind === "error") {
+        await reader.cancel();
+        return false; // asking for the job tells why
+      } else if (tell(event.id, JSON.parse(event.data) as Operation)) {
         await reader.cancel();
         return true;
       }

@@ -10,7 +10,7 @@ test.each([1, 2, 5, 1000])("events are whole however the stream is cut: pieces o
   const events = [];
   for (let at = 0; at < STREAM.length; at += size) events.push(...reader.read(STREAM.slice(at, at + size)));
   expect(events).toEqual([
-    { id: "7", data: '{"a":\n1}' },
-    { id: "8", data: "two" },
+    { id: "7", data: '{"a":\n1}', kind: "operation" },
+    { id: "8", data: "two", kind: "message" },
   ]);
 });

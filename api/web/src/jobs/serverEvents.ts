@@ -2,12 +2,14 @@
 export interface ServerEvent {
   id: string;
   data: string;
+  kind: string;
 }
 
 /** The whole events of a stream of text that comes in pieces; one that the end cuts off is none. */
 export class EventReader {
   #rest = "";
   #id = "";
+  #kind = "";
   #data: string[] = [];
 
   /** The events that are whole with this piece. */
@@ -17,12 +19,15 @@ export class EventReader {
     const events: ServerEvent[] = [];
     for (const line of lines) {
       if (line === "") {
-        if (this.#data.length) events.push({ id: this.#id, data: this.#data.join("\n") });
+        if (this.#data.length)
+          events.push({ id: this.#id, data: this.#data.join("\n"), kind: this.#kind || "message" });
         this.#data = [];
+        this.#kind = "";
       } else if (!line.startsWith(":")) {
         const [field, value] = split(line);
         if (field === "data") this.#data.push(value);
         else if (field === "id") this.#id = value;
+        else if (field === "event") this.#kind = value;
       }
     }
     return events;

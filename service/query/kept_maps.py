@@ -1,0 +1,45 @@
+"""Maps of things as they were drawn last, bounded by their bytes."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+
+import numpy as np
+from numpy.typing import NDArray
+
+ThingMap = NDArray[np.uint16]
+
+KEPT_MAP_BYTES = 32 << 20
+"""Of the maps of one open scene: 8 of 1920×1080 pixels, or one of 4096×4096."""
+
+
+class KeptMaps:
+    """uint16 [H, W] maps of `KEPT_MAP_BYTES` together, the least recently used leave first; a larger one is not kept.
+    Threads may share it."""
+
+    def __init__(self) -> None:
+        self._maps: OrderedDict[Hashable, ThingMap] = OrderedDict()
+        self._bytes = 0
+        self._lock = threading.Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """What the maps here weigh."""
+        return self._bytes
+
+    def get(self, key: Hashable, draw: Callable[[], ThingMap]) -> ThingMap:
+        """The map of `key`, drawn now if it is not here; two threads may draw the same one."""
+        with self._lock:
+            if key in self._maps:
+                self._maps.move_to_end(key)
+                return self._maps[key]
+        drawn = draw()
+        with self._lock:
+            if key not in self._maps and drawn.nbytes <= KEPT_MAP_BYTES:
+                self._maps[key] = drawn
+                self._bytes += drawn.nbytes
+                while self._bytes > KEPT_MAP_BYTES:
+                    self._bytes -= self._maps.popitem(last=False)[1].nbytes
+        return drawn
