@@ -34,12 +34,15 @@ def train(
     ] = "",
     seconds: Annotated[float | None, typer.Option(help="Time for all that comes after structure from motion.")] = None,
     preset: Annotated[PresetName | None, typer.Option(help="draft, balanced or best.")] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Refuse photos of which some cannot be used, instead of leaving these out.")
+    ] = False,
 ) -> None:
     """Train a scene into a folder, without a server."""
     from fastsplat.service import library
 
     names = tuple(part.strip() for part in labels.split(",") if part.strip())
-    with library.train(photos, out, labels=names, seconds=seconds, preset=preset) as scene:
+    with library.train(photos, out, labels=names, seconds=seconds, preset=preset, strict=strict) as scene:
         typer.echo(repr(scene))
 
 

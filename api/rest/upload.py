@@ -99,6 +99,7 @@ class _Texts(BaseModel):
     privacy: str = ""
     lens: str = ""
     nadir_deg: float | None = None
+    strict: bool = False
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:

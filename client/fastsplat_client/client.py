@@ -149,6 +149,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         for field in ("time_budget_s", "max_gaussians", "preset", "up", "movers", "privacy", "lens", "nadir_deg"):
             if (value := getattr(options, field)) is not None:
                 fields.append((field, str(value)))
+        if options.strict:
+            fields.append(("strict", "true"))
         if capture.is_file():
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
             fields.append(("uploads", sent))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
@@ -99,6 +99,13 @@ class SceneOptions(Request):
             "are left out; absent: the server's default",
         ),
     ] = None
+    strict: Annotated[
+        bool,
+        Field(
+            description="refuse the upload where one of its photos or frames cannot be used; else these are left out, "
+            "and named in left_out"
+        ),
+    ] = False
 
 
 @dataclass(frozen=True)
@@ -193,6 +200,13 @@ class Operation(Response):
             "After these three it goes on where it was. Absent in the first attempt"
         ),
     ] = None
+    left_out: Annotated[
+        Mapping[str, str],
+        Field(
+            description="why files of the upload cannot be used, by their names in it; of very many the first, the "
+            "scene's quality has all"
+        ),
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class ServerStatus(Response):
     backend: Annotated[str, Field(description="what draws the answers: cpu, cuda or reference")]
     training_backend: Annotated[str, Field(description="what this server's workers train with: cpu, cuda or reference")]
     workers: Annotated[int, Field(description="worker processes that live; without one, jobs wait")]
-    quotas: Annotated[Many[QuotaStatus], Field(description="of the project")]
+    quotas: Annotated[Many[QuotaStatus], Field(description="of the project; empty for a key for one upload")]
     max_upload_bytes: Annotated[int, Field(description="of one upload, all its files together")]
     max_images: Annotated[int, Field(description="images in one upload")]
     addresses: Annotated[

@@ -11,31 +11,30 @@ process that dies.
 
 from __future__ import annotations
 
+import copy
 import fcntl
-import hashlib
-import hmac
 import json
 import os
 import time
 import uuid
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import partial
 from io import FileIO
 from pathlib import Path
-from typing import Literal
 
 from fastsplat.service.application.quotas import Quotas
-from fastsplat.service.application.uploads import SPACE_CHECK_BYTES, disk_error
+from fastsplat.service.application.upload_piece import OFFSET, Algorithm, Piece, digits, mark_activity
+from fastsplat.service.application.uploads import disk_error
 from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.activity_clock import ActivityClock
-from fastsplat.service.store.blobs import RESUMABLE_MARK, Blobs, remove
+from fastsplat.service.store.blobs import Blobs, remove
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.errors import (
-    ChecksumMismatchError,
+    ConflictError,
     InvalidInputError,
     LimitExceededError,
     NotFoundError,
@@ -43,11 +42,7 @@ from fastsplat_contract.errors import (
     UploadLockedError,
 )
 
-Algorithm = Literal["sha1", "sha256"]
-ALGORITHMS: tuple[Algorithm, ...] = ("sha1", "sha256")
-
-_INFO, _OFFSET, _DATA = "resumable.json", RESUMABLE_MARK, "data"
-_DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
+_INFO, _DATA = "resumable.json", "data"
 
 
 @dataclass(frozen=True)
@@ -77,10 +72,15 @@ class _Info:
     name: str
     length: int
     metadata: str
+    key: str = ""
+    """Id of the key for one upload that announced it; "" for other keys."""
 
 
 class ResumableUploads:
     """All unfinished uploads of one data folder. Safe from any thread and from several processes."""
+
+    _key = ""
+    _max_files = 0
 
     def __init__(
         self,
@@ -99,6 +99,17 @@ class ResumableUploads:
         self.max_bytes = max_bytes
         self._lifetime_s = lifetime_s
 
+    def of_key(self, key_id: str, max_files: int) -> ResumableUploads:
+        """The uploads of a key for one upload, as if there were no others: files that become one scene together.
+
+        Args:
+            key_id: the key's.
+            max_files: so many it may announce; together they have at most `max_bytes`, and one at a time is not whole.
+        """
+        own = copy.copy(self)
+        own._key, own._max_files = key_id, max_files
+        return own
+
     def create(self, project: str, name: str, length: int, metadata: str = "") -> Resumable:
         """Announce a file; durable on return.
 
@@ -110,7 +121,8 @@ class ResumableUploads:
 
         Raises:
             InvalidInputError: an unsafe name, or a negative length.
-            LimitExceededError: longer than `max_bytes`.
+            LimitExceededError: longer than `max_bytes`, or more or longer files than the key may announce.
+            ConflictError: another file of the key is not whole yet.
             QuotaError: the project holds all that it may.
             ResourceError: the disk is full, or has too little space for it.
         """
@@ -125,22 +137,28 @@ class ResumableUploads:
                 hint="Send fewer or smaller images.",
             )
         if self._quotas is not None and self._quotas.bounded:
-            self._quotas.check_room(project, length + self._pending_bytes(project))
+            self._quotas.check_room(project, length + sum(upload.length for upload in self._all(project)))
         check_free_space(self._blobs.root, self._min_free_bytes, length)
         upload_id = uuid.uuid4().hex
         folder = self._blobs.upload(upload_id)
         try:
             folder.mkdir(parents=True)
             _write_durably(folder / _DATA, "")
-            _write_durably(folder / _OFFSET, _digits(0))
+            _write_durably(folder / OFFSET, digits(0))
             # Last: a folder without it is no upload.
-            _write_durably(folder / _INFO, json.dumps(asdict(_Info(project, name, length, metadata))))
-            _mark_activity(folder, self._clock.now())
+            _write_durably(folder / _INFO, json.dumps(asdict(_Info(project, name, length, metadata, self._key))))
+            mark_activity(folder, self._clock.now())
             sync_directory(folder)
             sync_directory(folder.parent)
         except OSError as error:
             remove(folder)
             raise disk_error(error, "upload") from error
+        try:
+            if self._key:  # only now, so that of two at the same moment each sees the other
+                self._check_owned(project, upload_id)
+        except BaseException:
+            remove(folder)
+            raise
         return self.get(project, upload_id)
 
     def get(self, project: str, upload_id: str) -> Resumable:
@@ -150,7 +168,7 @@ class ResumableUploads:
             NotFoundError: there is none of that id, not of this project, or it has expired.
         """
         folder, info = self._find(project, upload_id)
-        offset = int((folder / _OFFSET).read_text())
+        offset = int((folder / OFFSET).read_text())
         expires_at = self._wall() + self._lifetime_s - self._age(folder)
         return Resumable(upload_id, info.name, info.length, offset, info.metadata, expires_at)
 
@@ -196,14 +214,14 @@ class ResumableUploads:
         folder, info = self._find(project, upload_id)
         data = _locked(folder)
         try:
-            reached = int((folder / _OFFSET).read_text())
+            reached = int((folder / OFFSET).read_text())
             if offset != reached:
                 raise OffsetConflictError(
                     f"the piece begins at {offset}, the upload ends at {reached}",
                     field="Upload-Offset",
                     hint="Ask for the offset with HEAD, then go on from there.",
                 )
-            _mark_activity(folder, self._clock.now())
+            mark_activity(folder, self._clock.now())
             check_space = partial(check_free_space, self._blobs.root, self._min_free_bytes)
             return Piece(folder, data, reached, info.length, checksum, self._clock.now, check_space)
         except BaseException:
@@ -236,126 +254,52 @@ class ResumableUploads:
             )
         return upload.name, self._blobs.upload(upload_id) / _DATA
 
-    def _pending_bytes(self, project: str) -> int:
-        """What this project's unfinished uploads will weigh."""
-        total = 0
+    def _check_owned(self, project: str, new_id: str) -> None:
+        """Raise if a key for one upload may not have what it has, the new file included."""
+        owned = list(self._all(project))
+        limits = (
+            (sum(upload.length for upload in owned), self.max_bytes, "bytes", "FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES"),
+            (len(owned), self._max_files, "files", "FASTSPLAT_CAPTURE__MAX_ENTRIES"),
+        )
+        for count, limit, unit, setting in limits:
+            if count > limit:
+                raise LimitExceededError(
+                    f"the files of this key's upload would be {count} {unit}",
+                    field="Upload-Length",
+                    limit=f"{limit} {unit} ({setting})",
+                    hint="Send fewer or smaller images, or delete files that were sent and are not needed.",
+                )
+        for upload in owned:
+            if upload.id != new_id and upload.offset < upload.length:
+                raise ConflictError(
+                    f"{upload.name!r} of this key's upload is not whole yet",
+                    field="upload",
+                    hint=f"Send the rest of /v1/uploads/{upload.id} first, or delete it.",
+                )
+
+    def _all(self, project: str) -> Iterator[Resumable]:
         for upload_id in self._blobs.ids("uploads"):
             try:
-                total += self._find(project, upload_id)[1].length
-            except NotFoundError:
+                yield self.get(project, upload_id)
+            except (NotFoundError, OSError, ValueError):  # of others, or removed meanwhile
                 continue
-        return total
 
     def _age(self, folder: Path) -> float:
         """Seconds since the last piece."""
-        return self._clock.now() - (folder / _OFFSET).stat().st_mtime
+        return self._clock.now() - (folder / OFFSET).stat().st_mtime
 
     def _find(self, project: str, upload_id: str) -> tuple[Path, _Info]:
         try:
             folder = self._blobs.upload(upload_id)
             info = _read_info(folder / _INFO)
-            if info.project == project and self._age(folder) < self._lifetime_s:
+            owned = info.project == project and self._key in ("", info.key)
+            if owned and self._age(folder) < self._lifetime_s:
                 return folder, info
         except (OSError, ValueError):
             pass
         raise NotFoundError(
             f"no upload {upload_id[:80]!r}", field="upload", hint="It was finished, removed or has expired: start anew."
         )
-
-
-class Piece:
-    """Bytes on their way to the end of an upload, see `ResumableUploads.begin_piece`. One thread at a time."""
-
-    def __init__(
-        self,
-        folder: Path,
-        data: FileIO,
-        offset: int,
-        length: int,
-        checksum: tuple[Algorithm, bytes] | None,
-        now: Callable[[], float],
-        check_space: Callable[[], None],
-    ) -> None:
-        self._check_space, self._space_checked_at = check_space, offset
-        self._folder, self._data, self._length, self._checksum, self._now = folder, data, length, checksum, now
-        self._begin = self._end = self._durable = offset
-        self._hash = hashlib.new(checksum[0]) if checksum is not None else None
-        self._finished = False
-        data.truncate(offset)
-        data.seek(offset)
-
-    def write(self, chunk: bytes) -> None:
-        """Take some more bytes.
-
-        Raises:
-            LimitExceededError: they reach over the announced end.
-            ResourceError: the disk is full, or almost.
-        """
-        if self._end + len(chunk) > self._length:
-            raise LimitExceededError(
-                "the piece reaches over the announced end",
-                field="Upload-Offset",
-                limit=f"{self._length} bytes (Upload-Length)",
-                hint="Send as many bytes as were announced.",
-            )
-        if self._end + len(chunk) - self._space_checked_at >= SPACE_CHECK_BYTES:
-            self._space_checked_at = self._end + len(chunk)
-            self._check_space()
-        try:
-            rest = memoryview(chunk)
-            while rest:
-                written = self._data.write(rest)
-                self._end += written
-                rest = rest[written:]
-            if self._hash is not None:
-                self._hash.update(chunk)
-            elif self._end - self._durable >= _DURABLE_BYTES:
-                self._commit()
-        except OSError as error:
-            raise disk_error(error, "upload") from error
-
-    def finish(self) -> None:
-        """Make the piece durable: all of it has come.
-
-        Raises:
-            ChecksumMismatchError: it is not what its checksum says.
-            ResourceError: the disk is full.
-        """
-        if self._hash is not None and not self._fits(self._hash.digest()):
-            raise ChecksumMismatchError(
-                "the piece is not what its checksum says",
-                field="Upload-Checksum",
-                hint=f"Send it again from {self._begin}.",
-            )
-        try:
-            self._commit()
-        except OSError as error:
-            raise disk_error(error, "upload") from error
-        self._finished = True
-
-    def close(self) -> None:
-        """Let others go on. What has come stays, unless the piece has yet to meet its checksum."""
-        if self._data.closed:
-            return
-        try:
-            if not self._finished and self._hash is None:
-                self._commit()
-        except OSError:
-            pass  # what is not durable was not acknowledged
-        finally:
-            self._data.close()
-
-    def _fits(self, digest: bytes) -> bool:
-        return self._checksum is not None and hmac.compare_digest(digest, self._checksum[1])
-
-    def _commit(self) -> None:
-        os.fsync(self._data.fileno())
-        with (self._folder / _OFFSET).open("r+") as file:  # in place: 20 bytes of one sector change at once
-            file.write(_digits(self._end))
-            file.flush()
-            os.fsync(file.fileno())
-        _mark_activity(self._folder, self._now())
-        self._durable = self._end
 
 
 def _locked(folder: Path) -> FileIO:
@@ -382,15 +326,6 @@ def _read_info(path: Path) -> _Info:
     content.setdefault("project", DEFAULT_PROJECT)
     content.pop("owner", None)
     return _Info(**content)
-
-
-def _mark_activity(folder: Path, now: float) -> None:
-    """Let an upload's age count from `now`, whatever the wall clock says."""
-    os.utime(folder / _OFFSET, (now, now))
-
-
-def _digits(offset: int) -> str:
-    return f"{offset:020d}"
 
 
 def _write_durably(path: Path, text: str) -> None:

@@ -52,7 +52,9 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         backend=settings.query.backend,
         training_backend=settings.training.backend,
         workers=sum(worker.heartbeat_at >= live_since for worker in store.workers.list_workers()),
-        quotas=(
+        quotas=()
+        if role == "uploader"
+        else (
             QuotaStatus("scenes", usage.scenes, quotas.scenes or None),
             QuotaStatus("bytes", usage.stored_bytes, quotas.stored_bytes or None),
             QuotaStatus("jobs", usage.queued_jobs, quotas.queued_jobs or None),

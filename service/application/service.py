@@ -34,7 +34,7 @@ from fastsplat.service.application.running_jobs import RunningJobs
 from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.scene_orders import place_order
 from fastsplat.service.application.server_abilities import server_status
-from fastsplat.service.application.stored import labels_of, scene_of, summaries_of
+from fastsplat.service.application.stored import labels_of, left_out_to_json, scene_of, summaries_of
 from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import (
@@ -64,7 +64,7 @@ from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
 
-Admit = Callable[[Path, CaptureSettings], ValidatedUpload]
+Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
 
 class SceneService:
@@ -187,7 +187,7 @@ class SceneService:
                 remove(upload.folder)
                 return self.jobs.operation(earlier)
             with self._validating.taken(self.project):
-                validated = self._check_files(upload.raw, self._settings.capture)
+                validated = self._check_files(upload.raw, self._settings.capture, options.strict)
                 check_labels(options, validated, self._settings)
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)
@@ -200,7 +200,7 @@ class SceneService:
                 request_id=request_id,
                 request_digest=digest,
                 upload_id=upload.id,
-                options={"admitted": upload.raw.name, **options_to_json(options)},
+                options={"admitted": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
                 priority=options.priority,
                 project=self.project,
             )
@@ -217,7 +217,7 @@ class SceneService:
 
     def for_upload(self, key_id: str) -> OneUpload:
         """This service as a key for one upload has it."""
-        return OneUpload(self, self._store, key_id)
+        return OneUpload(self, self._store, key_id, self._settings.capture.max_entries)
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
         """What this server can do, and how much room the project has left, as a caller of this role may know it."""

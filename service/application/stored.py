@@ -6,10 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Any, TypeVar
 
 import numpy as np
 
+from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
@@ -33,6 +35,14 @@ from fastsplat_contract.scenes import (
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
 T = TypeVar("T")
+
+_LEFT_OUT = "left_out"
+_MAX_LEFT_OUT = 100
+
+
+def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
+    """What stands beside a job's options of the files of its upload that cannot be used, for `operation_of`."""
+    return {_LEFT_OUT: dict(islice(upload.left_out.items(), _MAX_LEFT_OUT))}
 
 
 @decodes("operation")
@@ -65,6 +75,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
+        left_out=record.options.get(_LEFT_OUT, {}),
     )
 
 

@@ -14,7 +14,7 @@ from fastsplat_contract.errors import ConflictError, PermissionDeniedError
 from fastsplat_contract.operations import Operation, SceneOptions
 
 if TYPE_CHECKING:
-    from fastsplat.service.application.resumable import Resumable
+    from fastsplat.service.application.resumable import Resumable, ResumableUploads
     from fastsplat.service.application.service import SceneService
     from fastsplat.service.application.uploads import UploadSession
 
@@ -39,9 +39,11 @@ class OneUpload:
         service: of the key's project.
         store: of the same.
         key_id: the key's.
+        max_files: of the one upload.
     """
 
-    def __init__(self, service: SceneService, store: Store, key_id: str) -> None:
+    def __init__(self, service: SceneService, store: Store, key_id: str, max_files: int) -> None:
+        self._max_files = max_files
         self._service = service
         self._keys = store.keys
         self._key_id = key_id
@@ -63,9 +65,9 @@ class OneUpload:
         return self._service.create_scene(upload, name, request_id, options, upload_key=self._key_id)
 
     @property
-    def resumable(self) -> _BegunUploads:
-        """As `SceneService.resumable`."""
-        return _BegunUploads(self)
+    def resumable(self) -> _OwnUploads:
+        """As `SceneService.resumable`, of which there are none but the key's own."""
+        return _OwnUploads(self, self._service.resumable.of_key(self._key_id, self._max_files))
 
     def get_operation(self, operation_id: str) -> Operation:
         """The operation that the key has made.
@@ -94,12 +96,11 @@ class OneUpload:
         self._keys.prolong(self._key_id, record.created_at + _DAY_S)
 
 
-class _BegunUploads:
-    """Resumable uploads, of which each new one begins the upload that the key is for."""
+class _OwnUploads:
+    """The resumable uploads of the key, of which each new one begins the upload that the key is for."""
 
-    def __init__(self, upload: OneUpload) -> None:
-        self._upload = upload
-        self._uploads = upload._service.resumable
+    def __init__(self, upload: OneUpload, uploads: ResumableUploads) -> None:
+        self._upload, self._uploads = upload, uploads
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._uploads, name)
@@ -108,7 +109,7 @@ class _BegunUploads:
         """As `ResumableUploads.create`.
 
         Raises:
-            ConflictError: the key has made a scene before.
+            ConflictError: the key has made a scene before, too.
         """
         self._upload.begin()
         return self._uploads.create(project, name, length, metadata)

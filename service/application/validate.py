@@ -246,13 +246,13 @@ def _check_length(field: str, text: str, limit: int, setting: str) -> None:
         )
 
 
-def admit_upload(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+def admit_upload(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
     """The upload of a folder, checked in a process of its own; raises as `validate_in_sandbox`."""
     from fastsplat.service.capture.sandbox import (
         validate_in_sandbox,  # loads with the first upload, not with the server
     )
 
-    return validate_in_sandbox(folder, settings)
+    return validate_in_sandbox(folder, settings, strict)
 
 
 def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Settings) -> None:

@@ -26,6 +26,7 @@ from fastsplat.service.capture.photo_quality import judge_photos, matches_by_nam
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.capture.posed_input import mask_warning
+from fastsplat.service.capture.posed_validation import read_validated_dataset
 from fastsplat.service.capture.sandbox import Listener, run_sandboxed
 from fastsplat.service.capture.scale_tags import in_meters
 from fastsplat.service.capture.settings import CaptureSettings
@@ -39,7 +40,6 @@ from fastsplat.service.capture.sfm_images import (
 from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
-from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.view_sources import ViewSources
 from fastsplat.service.capture.view_writer import (
     IMAGES,
@@ -189,10 +189,7 @@ class _Build:
 
     def posed(self) -> Capture:
         """The capture of a COLMAP model or a transforms.json."""
-        used = {photo.path for photo in self.manifest.photos}
-        sizes = ImageSizes(self.files, (*used, *self.manifest.left_out), self.settings)
-        dataset = read_posed_dataset(self.files, self.manifest, sizes, self.settings)
-        dataset = replace(dataset, images=tuple(image for image in dataset.images if image.path in used))
+        dataset = read_validated_dataset(self.files, self.manifest, self.settings)
         if self.manifest.splat_frame:
             dataset = in_splat_frame(dataset, self.files, self.manifest, self.settings)
         table = self._label_table() or dataset.labels

@@ -6,8 +6,9 @@ every read here is bounded by what the file really holds, and every number is ch
 
 from __future__ import annotations
 
+import posixpath
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
@@ -15,7 +16,8 @@ import numpy as np
 import pycolmap
 
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model, model_names, parameter_count
-from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
+from fastsplat.service.capture.left_out import LeftOut
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, check_position, resolve_file
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
@@ -36,17 +38,18 @@ def model_suffix(folder: Path) -> str | None:
     return None
 
 
-def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) -> PosedDataset:
+def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, left_out: LeftOut) -> PosedDataset:
     """Cameras, poses and points of a COLMAP model; points3D may be missing.
 
     Args:
         root: the upload's folder.
         model: the model's folder, relative to `root`.
         images: the images' folder, relative to `root`; the model's image names are relative to it.
+        settings: limits.
+        left_out: receives images with an invalid camera or pose, and those that are missing or outside the upload.
 
     Raises:
-        InvalidInputError: cut short, an invalid camera, pose or point, an image that is missing or outside the upload.
-            The message names the file.
+        InvalidInputError: cut short, an invalid point, or no image is left. The message names the file.
         LimitExceededError: more images or points than the settings allow.
     """
     folder = root / model
@@ -56,16 +59,15 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
     binary = suffix == ".bin"
     cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
     camera_models = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
-    for camera_id, camera_model in camera_models.items():
-        check_camera_model(camera_model, field=f"{name['cameras']}: camera {camera_id}")
-    posed_images = [
-        _posed_image(root, images, pose, camera_models, name["images"])
-        for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings)
-    ]
-    names = {image.name for image in posed_images}
-    if not posed_images or len(names) != len(posed_images):
-        problem = "two images share a name" if posed_images else "no image has a pose"
-        raise InvalidInputError(f"{name['images']}: {problem}", field=name["images"], hint=_HINT)
+    posed_images = []
+    for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings):
+        with left_out.costs(posixpath.normpath(posixpath.join(images, pose[0])), f"{name['images']}: {pose[0]}"):
+            posed_images.append(_posed_image(root, images, pose, camera_models, name))
+    if not posed_images:
+        problem = InvalidInputError(f"{name['images']}: no image has a pose", field=name["images"], hint=_HINT)
+        raise left_out.refusal(problem)
+    if len({image.name for image in posed_images}) != len(posed_images):
+        raise InvalidInputError(f"{name['images']}: two images share a name", field=name["images"], hint=_HINT)
     positions: list[tuple[float, ...]] = []
     colors: list[tuple[int, ...]] = []
     errors: list[float] = []
@@ -88,11 +90,15 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings) 
     )
 
 
-def _posed_image(root: Path, images: str, pose: _Pose, camera_models: dict[int, CameraModel], field: str) -> PosedImage:
+def _posed_image(
+    root: Path, images: str, pose: _Pose, camera_models: dict[int, CameraModel], names: Mapping[str, str]
+) -> PosedImage:
     image_name, camera_id, numbers = pose
+    field = names["images"]
     where = f"{field}: {image_name}"
     if camera_id not in camera_models:
         raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field, hint=_HINT)
+    check_camera_model(camera_models[camera_id], field=f"{names['cameras']}: camera {camera_id}")
     if not np.isfinite(numbers).all():
         raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field, hint=_HINT)
     length = float(np.linalg.norm(numbers[:4]))
@@ -103,6 +109,7 @@ def _posed_image(root: Path, images: str, pose: _Pose, camera_models: dict[int, 
     world_from_camera[:3, :3] = pycolmap.Rotation3d(np.array([x, y, z, w])).inverse().matrix()
     world_from_camera[:3, 3] = -world_from_camera[:3, :3] @ numbers[4:]
     check_rigid(world_from_camera, field=where)
+    check_position(world_from_camera, where)
     path = resolve_file(root, images, image_name, field)
     return PosedImage(image_name, path, camera_models[camera_id], world_from_camera)
 

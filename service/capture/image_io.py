@@ -82,14 +82,17 @@ def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
     """The header of an image, once every row was decoded (coarsely where the format can: it still reads all bytes).
 
     Raises:
-        CorruptImageError: not an image of a supported format, or cut short.
+        CorruptImageError: not an image of a supported format, cut short, or of colors that cannot be read.
         LimitExceededError: more pixels than `max_image_pixels`; read from the header, before decoding.
     """
     with _open(root / name, name, settings) as image:
-        info = _info(image, name)
+        # The EXIF of a PNG may stand behind its pixels: to ask for it decodes them, and hides what is wrong with them.
+        info = None if image.format == "PNG" else _info(image, name)
         image.draft("RGB", (max(1, image.width // 8), max(1, image.height // 8)))
         _decode(image, name)
-    return info
+        # Whether its colors can be read says one pixel; of gray values beyond 8 bits, whose range counts, all.
+        _rgb(image if image.mode.startswith("I") else image.crop((0, 0, 1, 1)), name)
+        return info or _info(image, name)
 
 
 def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,10 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Scale
+
+_FARTHEST = 1e7
+"""World units; in meters, farther than any place on Earth is from its center."""
+_RIGID = 1e-3
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,41 @@ def missing_warning(
             hint="Send the images under the names that file_path gives them.",
         )
     return (f"{len(missing)} of {frames} frames of {field} are skipped, as their images are missing: {listed}.",)
+
+
+def check_position(pose: NDArray[np.float64], field: str) -> None:
+    """Raise `InvalidInputError` unless a camera's position (the pose's last column, world units) is within reach."""
+    distance = float(np.abs(pose[:3, 3]).max())
+    if distance > _FARTHEST:
+        raise InvalidInputError(
+            f"{field}: the camera is {distance:.3g} units from the origin",
+            field=field,
+            limit=f"{_FARTHEST:g} units",
+            hint="Move the origin to the scene, or remove the frame.",
+        )
+
+
+def stated_similarity(
+    document: Mapping[str, Any], names: tuple[str, str], field: str, hint: str
+) -> tuple[NDArray[np.float64], float]:
+    """The rigid part float64 [4, 4] and the scale that a document states under these names.
+
+    Raises:
+        InvalidInputError: they are no rigid 3×4 matrix and no positive number.
+    """
+    result = np.eye(4)
+    try:
+        result[:3] = np.array(document[names[0]], dtype=np.float64)[:3]
+        scale = float(document[names[1]])
+    except (TypeError, ValueError, KeyError, IndexError, OverflowError):
+        scale = 0.0
+    rotation = result[:3, :3]
+    is_rigid = np.isfinite(result).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID
+    if not is_rigid or not np.isfinite(scale) or scale <= 0:
+        raise InvalidInputError(
+            f"{field} has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}", field=field, hint=hint
+        )
+    return result, scale
 
 
 def no_points() -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

@@ -79,7 +79,7 @@ class _Limits:
         return f"{self.seconds} s ({self.seconds_setting})"
 
 
-def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> ValidatedUpload:
+def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
     """`validate_upload` in a child process, which ends early when the caller is cancelled.
 
     Raises:
@@ -87,7 +87,7 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> Validate
         CancelledError: the caller was cancelled.
         FastSplatError: as `validate_upload`.
     """
-    request = {"upload": str(upload_dir), "settings": settings.model_dump(mode="json")}
+    request = {"upload": str(upload_dir), "settings": settings.model_dump(mode="json"), "strict": strict}
     # Beside the upload: should this process be killed, it is removed with it.
     with tempfile.TemporaryDirectory(prefix=".validation-", dir=upload_dir.parent) as folder:
         result = run_sandboxed("validate", request, Path(folder), settings, lambda fraction, message: check_cancelled())
@@ -98,6 +98,7 @@ def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings) -> Validate
         result["has_labels"],
         tuple(result["warnings"]),
         result["gaussians"],
+        result["left_out"],
     )
 
 

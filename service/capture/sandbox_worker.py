@@ -83,7 +83,8 @@ def _run(task: str, request: dict[str, Any], folder: Path) -> dict[str, Any]:
         os.nice(_NICENESS)  # its parent answers questions meanwhile
         settings = importlib.import_module("fastsplat.service.capture.settings")
         validation = importlib.import_module("fastsplat.service.capture.upload_validation")
-        validated = validation.validate_upload(Path(request["upload"]), settings.CaptureSettings(**request["settings"]))
+        limits = settings.CaptureSettings(**request["settings"])
+        validated = validation.validate_upload(Path(request["upload"]), limits, request.get("strict", False))
         return {**asdict(validated), "folder": str(validated.folder)}
     if task in ("probe", "frames"):
         video = importlib.import_module("fastsplat.service.capture.video")

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load_file
 
 from fastsplat.service.capture.bounded_json import read_json
-from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, stated_similarity
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.rows import SplatRows
@@ -24,7 +23,7 @@ from fastsplat.service.common.atomic import link_or_copy
 from fastsplat_contract.errors import InvalidInputError
 
 _SPLAT = "splat.safetensors"
-_RIGID = 1e-3
+_HINT = "Send dataparser_transforms.json as nerfstudio wrote it, beside the config of the run."
 
 
 def check_splats(splats: Sequence[str]) -> None:
@@ -105,7 +104,7 @@ def _splat_from_poses(
     files: Path, frame: str, poses: str, settings: CaptureSettings
 ) -> tuple[NDArray[np.float64], float]:
     """Rigid [4, 4] and a scale that is applied after it."""
-    matrix, scale = _similarity(read_json(files / frame, frame, settings), ("transform", "scale"), frame)
+    matrix, scale = stated_similarity(read_json(files / frame, frame, settings), ("transform", "scale"), frame, _HINT)
     if not poses.endswith(".json"):
         return matrix, scale
     document = {
@@ -113,28 +112,5 @@ def _splat_from_poses(
         "applied_scale": 1.0,
         **read_json(files / poses, poses, settings),
     }
-    applied, applied_scale = _similarity(document, ("applied_transform", "applied_scale"), poses)
+    applied, applied_scale = stated_similarity(document, ("applied_transform", "applied_scale"), poses, _HINT)
     return matrix @ np.linalg.inv(applied), scale / applied_scale
-
-
-def _similarity(document: Any, names: tuple[str, str], field: str) -> tuple[NDArray[np.float64], float]:
-    """The rigid part [4, 4] and the scale that a document states under these names."""
-    result = np.eye(4)
-    try:
-        result[:3] = np.array(document[names[0]], dtype=np.float64)[:3]
-        scale = float(document[names[1]])
-    except (TypeError, ValueError, KeyError, IndexError) as error:
-        raise _bad_frame(field, names) from error
-    rotation = result[:3, :3]
-    is_rigid = np.isfinite(result).all() and np.abs(rotation @ rotation.T - np.eye(3)).max() < _RIGID
-    if not is_rigid or not np.isfinite(scale) or scale <= 0:
-        raise _bad_frame(field, names)
-    return result, scale
-
-
-def _bad_frame(field: str, names: tuple[str, str]) -> InvalidInputError:
-    return InvalidInputError(
-        f"{field} has no rigid {names[0]} of 3×4 numbers with a positive {names[1]}",
-        field=field,
-        hint="Send dataparser_transforms.json as nerfstudio wrote it, beside the config of the run.",
-    )

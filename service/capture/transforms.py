@@ -6,7 +6,7 @@ import math
 import os
 import posixpath
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -20,15 +20,18 @@ from fastsplat.service.capture.depth_files import ARRAY_SUFFIX, DepthFile, check
 from fastsplat.service.capture.depth_files import IMAGE_SUFFIXES as DEPTH_IMAGE_SUFFIXES
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES
 from fastsplat.service.capture.label_maps import LabelTable, parse_label_table
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.ply_points import read_points
 from fastsplat.service.capture.posed_input import (
     MissingImage,
     PosedDataset,
     PosedImage,
+    check_position,
     missing_warning,
     no_points,
     resolve_file,
     resolve_path,
+    stated_similarity,
 )
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.similarity import nearest_rotation
@@ -47,6 +50,7 @@ _CIRCLE_KEY = "fisheye_crop_radius"
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
 _MILLIMETRE = 0.001
+_MAX_PATH_LETTERS = 1_024
 _IMPLIED_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
 
@@ -57,10 +61,11 @@ class _Document:
     top: Mapping[str, Any]
     opengl: bool
     labels: LabelTable | None
+    depth_unit: float
 
 
 def read_transforms(
-    root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
+    root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
     """Cameras, poses, points and label maps of a transforms.json.
 
@@ -73,10 +78,12 @@ def read_transforms(
         name: path of the document relative to `root`.
         sizes: (width, height) of the images as stored, by path, for documents that do not say "w" and "h".
         settings: limits of the document, its points and the share of frames without an image.
+        left_out: receives frames that cannot be used: by a pose that is missing, singular, scaled, not finite or too
+            far away, a missing focal length or mask, an unknown camera model, a name that none can be.
 
     Raises:
-        InvalidInputError: a pose that is missing, singular, scaled or not finite, a missing file or focal length, an
-            unknown camera model or convention, fewer images than `min_frames_present`. The message names the frame.
+        InvalidInputError: no frame is left, an unknown convention, an `applied_transform` that is not rigid, fewer
+            images than `min_frames_present`.
         LimitExceededError: the document or its points are larger than the settings allow.
     """
     top = read_json(root / name, name, settings)
@@ -92,22 +99,27 @@ def read_transforms(
         )
     labels = parse_label_table(top["labels"], field=f"{name}: labels") if "labels" in top else None
     opengl = _is_opengl(top.get("convention", "opengl"), name)
-    document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels)
-    results = [_posed_image(root, document, index, frame, sizes) for index, frame in enumerate(frames)]
-    images = sorted((result for result in results if isinstance(result, PosedImage)), key=lambda image: image.name)
-    missing = tuple(result for result in results if isinstance(result, MissingImage))
-    if len({image.path for image in images}) < len(images):
-        raise InvalidInputError(f"{name}: two frames show the same file", field=name, hint="Give each image one frame.")
+    if top.get("applied_transform") is not None:  # what it says is in the poses already, so that it is only checked
+        stated = {"applied_scale": 1.0, **top}
+        stated_similarity(stated, ("applied_transform", "applied_scale"), name, "Write it as nerfstudio does, or not.")
+    unit = _MILLIMETRE
+    if any(isinstance(frame, dict) and frame.get("depth_file_path") is not None for frame in frames):
+        unit = check_depth_unit(top.get("depth_unit_scale_factor", unit), field=f"{name}: depth_unit_scale_factor")
+    document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels, unit)
+    images, missing, gone = _frames(root, document, frames, sizes, left_out)
+    warnings = missing_warning(name, missing, len(frames), settings)
+    if not images:
+        raise left_out.refusal(InvalidInputError(f"{name} has no frame", field=name, hint="Give each image one frame."))
     points, colors = _points(root, document, settings)
     return PosedDataset(
-        images=tuple(images),
+        images=images,
         points=points,
         point_colors=colors,
         scale=_scale(top),
         labels=labels,
-        test_names=_test_names(document, [image.name for image in images], missing),
+        test_names=_test_names(document, [image.name for image in images], gone),
         missing=missing,
-        warnings=missing_warning(name, missing, len(frames), settings),
+        warnings=warnings,
     )
 
 
@@ -116,14 +128,51 @@ def name_keys(name: str) -> tuple[str, str, str]:
     return name, PurePosixPath(name).name, PurePosixPath(name).stem
 
 
+def _frames(
+    root: Path,
+    document: _Document,
+    frames: Sequence[Any],
+    sizes: Mapping[str, tuple[int, int]],
+    left_out: LeftOut,
+) -> tuple[tuple[PosedImage, ...], tuple[MissingImage, ...], list[str]]:
+    """The frames with an image, sorted by name; those without; and the names of all that are not among the first."""
+    images: dict[str, PosedImage] = {}
+    missing, gone = [], []
+    for index, frame in enumerate(frames):
+        where, key = f"{document.name}: frame {index}", f"frame {index} of {document.name}"
+        file_path = frame.get("file_path") if isinstance(frame, dict) else None
+        if isinstance(file_path, str) and 0 < len(file_path) <= _MAX_PATH_LETTERS:
+            where = f"{where} ({file_path[:120]})"
+            path = posixpath.normpath(posixpath.join(document.folder, file_path))
+            key = key if path in images else path
+            gone.append(file_path.removeprefix("./"))
+        with left_out.costs(key, where):
+            result = _posed_image(root, document, frame, sizes, where)
+            if isinstance(result, MissingImage):
+                missing.append(result)
+                continue
+            if result.path in images:
+                raise InvalidInputError(
+                    f"{where} shows the same file as another frame", field=where, hint="Give each image one frame."
+                )
+            images[result.path] = result
+    ordered = tuple(sorted(images.values(), key=lambda image: image.name))
+    return ordered, tuple(missing), gone
+
+
 def _posed_image(
-    root: Path, document: _Document, index: int, frame: Any, sizes: Mapping[str, tuple[int, int]]
+    root: Path, document: _Document, frame: Any, sizes: Mapping[str, tuple[int, int]], where: str
 ) -> PosedImage | MissingImage:
-    where = f"{document.name}: frame {index}"
-    if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
+    file_path = frame.get("file_path") if isinstance(frame, dict) else None
+    if not isinstance(file_path, str) or not file_path:
         raise InvalidInputError(f"{where} has no file_path", field=where, hint="Name the frame's image.")
-    file_path = frame["file_path"]
-    where = f"{where} ({file_path[:120]})"
+    if len(file_path) > _MAX_PATH_LETTERS:
+        raise InvalidInputError(
+            f"{where} has a file_path of {len(file_path)} characters",
+            field=where,
+            limit=f"{_MAX_PATH_LETTERS} characters",
+            hint="Name the frame's image.",
+        )
     path = _image_path(root, document.folder, file_path, where)
     name = posixpath.relpath(path, document.folder)
     if not os.path.isfile(root / path):  # unlike Path.is_file, false for names that are too long as well
@@ -166,8 +215,6 @@ def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where
             field=where,
             hint="Send 16-bit PNG files, millimetres, or float arrays as .npy.",
         )
-    unit = document.top.get("depth_unit_scale_factor", _MILLIMETRE)
-    unit = check_depth_unit(unit, field=f"{document.name}: depth_unit_scale_factor")
     path = resolve_path(root, document.folder, name, where)
     if not os.path.isfile(root / path):
         raise InvalidInputError(
@@ -175,7 +222,7 @@ def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where
             field=where,
             hint="Send the depth maps under the names that depth_file_path gives them, or leave that key away.",
         )
-    return DepthFile(path, unit)
+    return DepthFile(path, document.depth_unit)
 
 
 def _image_path(root: Path, folder: str, file_path: str, where: str) -> str:
@@ -204,6 +251,7 @@ def _pose(matrix: Any, opengl: bool, where: str) -> NDArray[np.float64]:
     pose[: len(matrix)] = matrix
     try:
         check_rigid(pose, field=where)
+        check_position(pose, where)
     except InvalidInputError as error:
         raise InvalidInputError(error.message, field=where, hint=error.hint or _POSE_HINT) from error
     if opengl:
@@ -313,8 +361,8 @@ def _points(
     return read_points(root / path, path, settings)
 
 
-def _test_names(document: _Document, names: list[str], missing: tuple[MissingImage, ...]) -> tuple[str, ...]:
-    """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; images that are missing are left out."""
+def _test_names(document: _Document, names: list[str], gone: list[str]) -> tuple[str, ...]:
+    """From "split": {"test": [...]}, or nerfstudio's "test_filenames"; frames that are not used are left out."""
     split = document.top.get("split")
     entries = split.get("test") if isinstance(split, dict) else document.top.get("test_filenames")
     if entries is None:
@@ -326,13 +374,13 @@ def _test_names(document: _Document, names: list[str], missing: tuple[MissingIma
             hint="Give a list of file names.",
         )
     name_by_key = {key: name for name in names for key in name_keys(name)}
-    missing_keys = {key for image in missing for key in name_keys(image.name)}
+    gone_keys = {key for name in gone for key in name_keys(name)}
     test_names = set()
     for entry in entries:
         key = entry.removeprefix("./")
         if key in name_by_key:
             test_names.add(name_by_key[key])
-        elif key not in missing_keys:
+        elif key not in gone_keys:
             raise InvalidInputError(
                 f"{document.name}: the test split names {entry[:80]!r}, which no frame shows",
                 field=document.name,

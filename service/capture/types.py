@@ -31,6 +31,7 @@ class ValidatedUpload:
         has_labels: whether label maps came with it, so that no detector will run.
         warnings: what will not be used, as sentences for people.
         gaussians: of the splat that it brings; 0 for none.
+        left_out: why files and frames are not used that were meant to be, by their names in the upload.
     """
 
     folder: Path
@@ -39,6 +40,7 @@ class ValidatedUpload:
     has_labels: bool = False
     warnings: tuple[str, ...] = ()
     gaussians: int = 0
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.colmap_model import model_suffix
 from fastsplat.service.capture.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.phones.polycam import find_polycam
 from fastsplat.service.capture.phones.record3d import find_record3d
 from fastsplat.service.capture.phones.scanner_app import find_scanner_app
@@ -52,14 +53,18 @@ class UploadContents:
     warnings: tuple[str, ...] = ()
 
 
-def detect_kind(root: Path) -> UploadContents:
+def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
     """The kind and the parts of an upload.
 
     Poses take precedence over images, a transforms.json over a COLMAP model, that over a phone's recording, a shallower
     file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
 
+    Args:
+        root: with the files.
+        left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.
+
     Raises:
-        InvalidInputError: images of an unsupported kind, several videos, or nothing usable.
+        InvalidInputError: several videos, or nothing usable.
     """
     files = _files(root)
     splats = tuple(path for path in files if is_splat_file(root / path))
@@ -108,18 +113,20 @@ def detect_kind(root: Path) -> UploadContents:
         return UploadContents("splat", (), splats=splats, warnings=(warning,) if warning else ())
     photos = _photos(images)
     videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
-    _refuse_unsupported(files)
+    _leave_unsupported_out(files, left_out)
     if not photos and len(videos) == 1:
         return UploadContents("video", (), video=videos[0])
     if len(videos) > 1 and not photos:
         raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
     if not photos:
         _refuse_other_plys(files)
-        raise InvalidInputError(
-            "the upload has no images",
-            field="files",
-            hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
-            "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
+        raise left_out.refusal(
+            InvalidInputError(
+                "the upload has no images",
+                field="files",
+                hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
+                "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
+            )
         )
     used = {*photos, *maps, labels}
     unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
@@ -170,14 +177,15 @@ def _image_folder(root: Path, model: str) -> str:
     return "."
 
 
-def _refuse_unsupported(files: list[str]) -> None:
+def _leave_unsupported_out(files: list[str], left_out: LeftOut) -> None:
     for path in files:
         if _suffix(path) in UNSUPPORTED_SUFFIXES:
-            raise InvalidInputError(
-                f"{path}: {_suffix(path)[1:].upper()} images are not supported",
-                field=path,
-                hint="Export the photos as JPEG (phones: 'most compatible').",
-            )
+            with left_out.costs(path):
+                raise InvalidInputError(
+                    f"{path} is of the kind {_suffix(path)[1:].upper()}, which is not supported",
+                    field=path,
+                    hint="Export the photos as JPEG (phones: 'most compatible').",
+                )
 
 
 def _shallowest(paths: Iterable[str]) -> str:

@@ -34,6 +34,7 @@ def train(
     seconds: float | None = None,
     preset: PresetName | None = None,
     max_gaussians: int | None = None,
+    strict: bool = False,
     progress: Callable[[Operation], None] | None = None,
 ) -> LocalScene:
     """Train a scene, and open it.
@@ -48,6 +49,7 @@ def train(
         seconds: time budget of all that comes after structure from motion; by default the preset's.
         preset: draft, balanced or best.
         max_gaussians: hard budget.
+        strict: refuse the capture where a photo cannot be used; else it is left out, and the operation names it.
         progress: called with the operation whenever it has changed; by default a line a stage is printed.
 
     Raises:
@@ -61,7 +63,7 @@ def train(
     if not source.exists():
         raise NotFoundError(f"there is no {source}", field="capture", hint="Name a folder of photos, a zip or a video.")
     folder = Path(f"{source.resolve().stem}-scene") if out is None else Path(out)
-    options = SceneOptions(labels=tuple(labels), time_budget_s=seconds, max_gaussians=max_gaussians, preset=preset)
+    options = SceneOptions(tuple(labels), seconds, max_gaussians, preset, strict=strict)
     service = open_service(folder_settings(folder))
     try:
         _make_room(service, folder)
@@ -151,12 +153,17 @@ def _followed(
 
 
 class _ByStage:
-    """Prints each tenth of a stage."""
+    """Prints what was left out, and each tenth of a stage."""
 
     def __init__(self) -> None:
         self._last = ""
+        self._said = False
 
     def __call__(self, operation: Operation) -> None:
+        if not self._said:
+            for name, reason in operation.left_out.items():
+                print(f"left out: {name}: {reason}", flush=True)
+            self._said = True
         if not operation.stages:
             return
         stage = operation.stages[-1]

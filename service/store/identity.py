@@ -62,7 +62,7 @@ def check_new_database(blobs: Blobs) -> None:
         ConflictError: there are scenes, which a new database would not know.
     """
     if there := blobs.ids("scenes"):
-        raise _foreign(f"there is no database, and {len(there)} scenes that one knows of")
+        raise _foreign(f"there is no database, but scenes are stored ({len(there)})")
 
 
 def adopt(engine: Engine, blobs: Blobs) -> None:

@@ -20,7 +20,10 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import CorruptImageError
+from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import client_of
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal
 from tests.waiting import wait_for
@@ -190,6 +193,29 @@ def test_a_lens_is_posted_over_both(faces: Faces, service: SceneService) -> None
         record = service._store.scenes.operation(operation_id)
         assert {name: record.options[name] for name in chosen} == chosen
         service.delete_scene(record.scene_id)
+
+
+def test_a_photo_that_cannot_be_used_is_left_out_over_each_face_or_refused_if_asked(
+    faces: Faces, service: SceneService, tmp_path: Path
+) -> None:
+    files = [*_photos(3), ("Zz_bad.jpg", b"holiday notes"), ("cut.jpg", _photo(9, (640, 480))[:2_000])]
+    for name, content in files:
+        (tmp_path / name).write_bytes(content)
+    client = client_of(faces)
+    operations = [client.create_scene(tmp_path), faces.rpc.CreateScene(_messages(files))]
+    for operation in operations:
+        assert set(operation.left_out) == {"Zz_bad.jpg", "cut.jpg"}
+        assert operation.left_out["Zz_bad.jpg"] == "it is not an image this service can read"
+    assert dict(operations[1].left_out) == dict(service.get_operation(operations[0].id).left_out)
+    for operation in operations:
+        service.delete_scene(operation.scene_id)
+    with pytest.raises(CorruptImageError, match=r"^Zz_bad\.jpg is not an image"):
+        client.create_scene(tmp_path, options=SceneOptions(strict=True))
+    rest = rest_refusal(_post(faces, files, {"strict": "true"}))
+    with pytest.raises(grpc.RpcError) as caught:
+        faces.rpc.CreateScene(_messages(files, strict=True))
+    rpc = rpc_refusal(caught.value)
+    assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == "Zz_bad.jpg"
 
 
 @pytest.mark.usefixtures("untouched")

@@ -13,6 +13,7 @@ from datetime import timedelta
 from pathlib import Path
 
 import grpc
+import httpx
 import numpy as np
 import pytest
 from PIL import Image
@@ -26,6 +27,7 @@ from fastsplat_client import Client
 from fastsplat_contract.errors import (
     ConflictError,
     InvalidInputError,
+    LimitExceededError,
     NotFoundError,
     PermissionDeniedError,
     UnauthenticatedError,
@@ -210,6 +212,46 @@ def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -
     assert begun.status_code == 201, begun.text
     record = place.service._store.keys.find(link.key.id)
     assert record is not None and record.expires_at == pytest.approx(record.created_at + 86_400)
+
+
+def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
+    """Files of others are as if they were not there; it has one that is not whole, and no more than one upload has."""
+    one, other = place.link().secret, place.link().secret
+
+    def call(key: str, method: str, path: str = "/v1/uploads", content: bytes = b"", **headers: str) -> httpx.Response:
+        sent = {**_TUS, "Authorization": f"Bearer {key}", **{name.replace("_", "-"): headers[name] for name in headers}}
+        return place.faces.rest.request(method, path, headers=sent, content=content)
+
+    def create(key: str, length: int) -> httpx.Response:
+        name = base64.b64encode(b"a.jpg").decode()
+        return call(key, "POST", Upload_Length=str(length), Upload_Metadata=f"filename {name}")
+
+    def piece(key: str, path: str, content: bytes) -> int:
+        kind = "application/offset+octet-stream"
+        return call(key, "PATCH", path, content, Upload_Offset="0", Content_Type=kind).status_code
+
+    for owner in (place.editor, one):
+        path = create(owner, 4).headers["location"]
+        assert [call(other, method, path).status_code for method in ("HEAD", "DELETE")] == [404, 404]
+        assert piece(other, path, b"evil") == 404
+        form = place.faces.rest.post(
+            "/v1/scenes", headers={"Authorization": f"Bearer {other}"}, files={"uploads": (None, path.split("/")[-1])}
+        )
+        assert form.status_code == 404
+        assert call(place.editor, "HEAD", path).status_code == 200
+    refused = create(one, 4)
+    assert refused.status_code == 409 and path in refused.json()["hint"]
+    assert len(place.service._store.blobs.ids("uploads")) == 2
+    assert piece(one, path, b"good") == 204 and create(one, 4).status_code == 201
+    too_much = create(other, place.settings.capture.max_upload_bytes), create(other, 1)
+    assert [answer.status_code for answer in too_much] == [201, 413]
+    limited = place.settings.capture.model_copy(update={"max_entries": 1})
+    own = place.service.resumable.of_key("some key", limited.max_entries)
+    own.create("default", "empty.jpg", 0)
+    with pytest.raises(LimitExceededError):
+        own.create("default", "another.jpg", 0)
+    with place.client(other) as phone:
+        assert phone.server_status().quotas == ()
 
 
 def test_the_status_is_the_same_over_each_face(place: _Place) -> None:

@@ -75,8 +75,8 @@ def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: Resumab
 _APPEND = """
 import sys
 from pathlib import Path
-from fastsplat.service.application import resumable
-resumable._DURABLE_BYTES = 1 << 16
+from fastsplat.service.application import resumable, upload_piece
+upload_piece._DURABLE_BYTES = 1 << 16
 uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset
 def chunks():

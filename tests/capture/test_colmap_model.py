@@ -11,6 +11,7 @@ import pytest
 
 from fastsplat.service.capture import build_capture, validate_upload
 from fastsplat.service.capture.colmap_model import read_colmap
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
@@ -58,7 +59,7 @@ def _upload(upload, photo, *, text: bool, sparse: str = "sparse/0") -> Path:
 def test_round_trip(text: bool, sparse: str, upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=text, sparse=sparse)
     assert validate_upload(folder, settings).source == "colmap"
-    read = read_colmap(folder, sparse, "images", settings)
+    read = read_colmap(folder, sparse, "images", settings, LeftOut(strict=True))
     written = _model(folder.parent / "again", _NAMES, text=text)
     assert [image.name for image in read.images] == ["a.jpg", "b.jpg", "sub dir/c.jpg"]
     for posed_image in read.images:
@@ -78,7 +79,9 @@ def test_round_trip(text: bool, sparse: str, upload, photo, settings) -> None:
 def test_text_is_binary(tmp_path: Path, upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=False)
     _model(folder / "text", _NAMES, text=True)
-    binary, text = (read_colmap(folder, model, "images", settings) for model in ("sparse/0", "text"))
+    binary, text = (
+        read_colmap(folder, model, "images", settings, LeftOut(strict=True)) for model in ("sparse/0", "text")
+    )
     for one, other in zip(binary.images, text.images, strict=True):
         assert one.camera_model == other.camera_model
         np.testing.assert_allclose(one.world_from_camera, other.world_from_camera, atol=1e-12)
@@ -144,7 +147,26 @@ def test_nonsense_is_named(file: str, old: str, new: str, said: str, upload, pho
     folder = _upload(upload, photo, text=True)
     _edit(folder / "sparse/0" / file, old, new)
     with refused(InvalidInputError, file, said):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)
+
+
+def test_an_image_that_cannot_be_used_costs_itself(upload, photo, settings) -> None:
+    """By its pixels, its camera or its pose; the others are as without it."""
+    for file, old, new, names in (
+        ("cameras.txt", "50 32 24", "nan 32 24", ["images/b.jpg", "images/sub dir/c.jpg"]),
+        ("images.txt", "1 1 0 0 0 0 0 3 1 b.jpg", "1 1 0 0 0 1e300 0 3 1 b.jpg", ["images/b.jpg"]),
+        ("images.txt", "1 1 0 0 0 0 0 3 1 b.jpg", "1 1 0 0 0 0 0 3 1 lost.jpg", ["images/lost.jpg"]),
+        ("images.txt", "1 1 0 0 0 0 0 3 1 b.jpg", "1 1 0 0 0 0 0 3 1 b.jpg", ["images/b.jpg"]),
+    ):
+        folder = _upload(upload, photo, text=True)
+        if old == new:
+            (folder / "images/b.jpg").write_bytes(b"no photo")
+        _edit(folder / "sparse/0" / file, old, new)
+        validated = validate_upload(folder, settings)
+        assert sorted(validated.left_out) == names and validated.images == len(_NAMES) - len(names)
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    assert [view.posed.name for view in capture.views] == ["a.jpg", "sub dir/c.jpg"]
+    assert capture.report.left_out == validated.left_out
 
 
 def test_too_many_points(upload, photo, settings, refused) -> None:
@@ -156,10 +178,10 @@ def test_too_many_points(upload, photo, settings, refused) -> None:
 def test_intrinsics_for_another_resolution(upload, photo, settings, refused) -> None:
     folder = _upload(upload, photo, text=False)
     (folder / "images/a.jpg").write_bytes(photo(1, (128, 96)))
-    validate_upload(folder, settings)
+    validate_upload(folder, settings, strict=True)
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     camera = next(view.posed.camera for view in capture.views if view.posed.name == "a.jpg")
     assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx) == (128, 96, 110.0, 112.0, 64.0)
     (folder / "images/a.jpg").write_bytes(photo(1, (96, 96)))
     with refused(InvalidInputError, "a.jpg", "96×96", "64×48"):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)

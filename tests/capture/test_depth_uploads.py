@@ -243,7 +243,7 @@ class _Evil:
 def test_bad_maps_are_refused(send, settings, refused, content: bytes, suffix: str, kind: Any, text: str) -> None:
     folder = send([content], suffix)
     with refused(kind, text, "depth/0"):
-        validate_upload(folder, settings.model_copy(update={"max_image_pixels": 1_300_000}))
+        validate_upload(folder, settings.model_copy(update={"max_image_pixels": 1_300_000}), strict=True)
 
 
 def test_bad_documents_are_refused(send, settings, refused, tmp_path) -> None:
@@ -257,8 +257,8 @@ def test_bad_documents_are_refused(send, settings, refused, tmp_path) -> None:
     ):
         folder = send([_png(_ramp())], depth_names=names)
         with refused(InvalidInputError, text):
-            validate_upload(folder, settings)
+            validate_upload(folder, settings, strict=True)
     for unit in (0, -0.001, "m", True, None, [1], 1e9, float("nan"), float("inf")):
         folder = send([_png(_ramp())], depth_unit_scale_factor=unit)
         with refused(InvalidInputError, "depth unit", "depth_unit_scale_factor"):
-            validate_upload(folder, settings)
+            validate_upload(folder, settings, strict=True)

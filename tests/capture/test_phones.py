@@ -17,11 +17,11 @@ from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.depth_maps import load_depth
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.pose_refinement import refusal
+from fastsplat.service.capture.posed_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.scale_estimates import combined_estimate
 from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError
@@ -149,7 +149,7 @@ def test_bad_documents(source, name, changes, text, frames, upload, settings, re
     files = record3d_files(frames) if source == "record3d" else _FORMATS[source](frames)
     folder = upload(_changed(files, name, **changes))
     with refused(InvalidInputError, text):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)
 
 
 def test_bad_files(frames, upload, settings, refused, tmp_path: Path) -> None:
@@ -166,10 +166,10 @@ def test_bad_files(frames, upload, settings, refused, tmp_path: Path) -> None:
     ):
         folder = upload({**files, name: content})
         with refused(kind, text):
-            validate_upload(folder, settings)
+            validate_upload(folder, settings, strict=True)
     folder = upload(files)
     with refused(LimitExceededError, "metadata has", "MAX_JSON_BYTES"):
-        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}))
+        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}), strict=True)
 
 
 def test_estimates_of_a_scale_are_combined() -> None:

@@ -16,7 +16,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from fastsplat.service.capture import build_capture, load_capture, load_image, validate_upload
 from fastsplat.service.common.progress import silent
-from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ReconstructionError
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 
 _SIZE = (64, 48)
 _POINTS = b"""ply
@@ -325,7 +325,7 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
     document["frames"][1]["transform_matrix"] = pose
     folder = send(document)
     with refused(InvalidInputError, "transforms.json", "images/1.jpg"):
-        validate_upload(folder, settings)
+        validate_upload(folder, settings, strict=True)
 
 
 @pytest.mark.parametrize(
@@ -352,7 +352,7 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
         (_document(frames=[{"file_path": "images/9.jpg", "transform_matrix": _pose()}]), "images/9.jpg"),
         (_document(frames=[{"file_path": "../../../../etc/passwd", "transform_matrix": _pose()}]), "passwd"),
         (_document(frames=[{"file_path": "images/0.jpg", "transform_matrix": _pose()}] * 2), "same file"),
-        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "xxx"),
+        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "5000 characters"),
         (_document(frames=[{"file_path": "transforms.json", "transform_matrix": _pose()}]), "not an image"),
         (_document(split={"test": ["7"]}), "'7'"),
         (_document(ply_file_path="lost.ply"), "lost.ply"),
@@ -363,6 +363,48 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
 def test_invalid_documents_are_refused(document: Any, said: str, send, settings, refused) -> None:
     folder = send(document)
     with refused(InvalidInputError, said):
+        validate_upload(folder, settings, strict=True)
+
+
+def test_each_frame_that_cannot_be_used_costs_itself_alone(send, photo, settings) -> None:
+    """By its image, its name, its pose, its camera or its mask; a split may speak of it; the rest is as without it."""
+    frames = {
+        "images/far.jpg": {"transform_matrix": _pose(m03=1e308)},
+        "images/endless.jpg": {"transform_matrix": _pose(m13=float("inf"))},
+        "images/bent.jpg": {"transform_matrix": _pose(m00=2.0)},
+        "images/blind.jpg": {"fl_x": -4},
+        "images/masked.jpg": {"mask_path": "cut.png"},
+        "images/cut.jpg": {},
+        "images/text.jpg": {},
+        "": {},
+        "y" * 9_000: {},
+    }
+    images = {name: photo(7, _SIZE) for name in frames if 0 < len(name) < 100}
+    images |= {"images/cut.jpg": photo(8, (640, 480))[:2_000], "images/text.jpg": b"text", "cut.png": b"x"}
+    document = _document(split={"test": ["images/1.jpg", "images/far.jpg", "images/cut.jpg"]})
+    document["frames"] += [{"file_path": name, "transform_matrix": _pose()} | rest for name, rest in frames.items()]
+    document["frames"].append({"file_path": "images/2.jpg", "transform_matrix": _pose()})
+    folder = send(document, **images)
+    validated = validate_upload(folder, settings)
+    nameless = {f"frame {number} of transforms.json" for number in (10, 11, 12)}
+    assert set(validated.left_out) == {name for name in images if name.startswith("images/")} | nameless
+    assert "9000 characters" in validated.left_out["frame 11 of transforms.json"]
+    for name, reason in validated.left_out.items():
+        assert reason and name not in reason
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    assert [view.posed.name for view in capture.views] == [f"images/{i}.jpg" for i in range(3)]
+    assert capture.test_names == ("images/1.jpg",) and load_capture(folder.parent / "out").report == capture.report
+    assert capture.report.left_out == validated.left_out
+    for name, rest in frames.items():
+        document = _document(frames=[*_document()["frames"], {"file_path": name, "transform_matrix": _pose()} | rest])
+        with pytest.raises(FastSplatError):
+            validate_upload(send(document), settings, strict=True)
+
+
+@pytest.mark.parametrize("applied", [np.zeros((3, 4)).tolist(), [[1]], "none", [[10**400] * 4] * 3])
+def test_an_applied_transform_that_is_none_is_refused(applied: Any, send, settings, refused) -> None:
+    folder = send(_document(applied_transform=applied))
+    with refused(InvalidInputError, "transforms.json", "applied_transform"):
         validate_upload(folder, settings)
 
 

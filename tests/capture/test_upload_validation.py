@@ -13,9 +13,11 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.image_io import check_image, load_upright
 from fastsplat.service.capture.label_maps import parse_label_table
+from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.common.progress import silent
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:
@@ -53,10 +55,106 @@ def test_too_many_images(upload, photo, settings, refused) -> None:
         validate_upload(folder, settings.model_copy(update={"max_images": 4}))
 
 
-def test_phone_format(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(), "IMG_1.AVIF": b"\0\0\0\x18ftypavif"})
-    with refused(InvalidInputError, "IMG_1.AVIF", "AVIF"):
+def test_phone_format(upload, settings, refused) -> None:
+    folder = upload({"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"})
+    with refused(InvalidInputError, "IMG_1.AVIF", "AVIF", "1 other of the upload"):
         validate_upload(folder, settings)
+
+
+def _spoiled(photo) -> dict[str, bytes]:
+    """Photos of which each is spoiled in a way of its own; those of the last two are photos nevertheless."""
+    rng = np.random.default_rng(2)
+    noise = Image.fromarray(rng.integers(0, 256, (48, 64, 3), np.uint8))
+    absurd, places = Image.Exif(), Image.Exif()
+    absurd.update({0x0112: 77, 0x010F: "x" * 9_000})
+    absurd.get_ifd(0x8769).update({0x829A: float("nan"), 0xA405: 65_000, 0x9003: "99:99:99"})
+    places.get_ifd(0x8825).update({1: "Q", 2: (999.0, 1e9, 999.0), 6: 4e9})
+
+    def saved(image: Image.Image, form: str, **options: Any) -> bytes:
+        stream = io.BytesIO()
+        image.save(stream, form, **options)
+        return stream.getvalue()
+
+    flipped = bytearray(saved(noise, "PNG"))
+    flipped[len(flipped) // 2] ^= 0xFF
+    return {
+        "Zz_bad.jpg": rng.bytes(3_000),
+        "cut.JPG": photo(1, (256, 192))[:2_000],
+        "cut.png": saved(noise, "PNG")[:4_000],
+        "flipped.png": bytes(flipped),
+        "empty.jpg": b"",
+        "notes.jpg": b"these are my holiday notes",
+        "a paper.jpeg": b"%PDF-1.7 " + rng.bytes(500),
+        "waving.webp": saved(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
+        "waving.gif": saved(noise, "GIF"),
+        "raw.DNG": b"II*\0" + rng.bytes(500),
+        "IMG\u202f5.tif": saved(Image.fromarray(np.full((48, 64), -7, np.int32)), "TIFF"),
+        "huge.png": saved(Image.new("1", (30_000, 30_000)), "PNG"),
+        "lab.tif": saved(noise.convert("LAB"), "TIFF"),
+        "absurd.jpg": photo(30, exif=absurd),
+        "nowhere.jpg": photo(31, exif=places),
+    }
+
+
+def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settings, refused) -> None:
+    """And is named under its own spelling, once."""
+    good = {f"IMG_{number}.jpg": photo(number) for number in range(9)}
+    spoiled = _spoiled(photo)
+    usable = {*good, "absurd.jpg", "nowhere.jpg"}
+    if "lab.tif" not in (validated := validate_upload(upload({**good, **spoiled}), settings)).left_out:
+        usable.add("lab.tif")
+    assert set(validated.left_out) == {*spoiled} - usable
+    manifest, files = read_manifest(validated.folder)
+    assert {photo.path for photo in manifest.photos} == usable and manifest.left_out == validated.left_out
+    for name, reason in validated.left_out.items():
+        assert reason and name.casefold() not in reason.casefold()
+    for photo_info in manifest.photos:
+        load_upright(files, photo_info, settings)
+    for name in sorted(set(spoiled) - usable)[::4]:
+        folder = upload({})
+        for other in set(spoiled) - {name}:
+            (folder / other).unlink(missing_ok=True)
+        (folder / name).write_bytes(spoiled[name])
+        with pytest.raises(FastSplatError) as caught:
+            validate_upload(folder, settings, strict=True)
+        assert name in caught.value.message and caught.value.field == name
+
+
+def test_nothing_usable_is_left(upload, photo, settings, refused) -> None:
+    folder = upload({"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"})
+    with refused(CorruptImageError, "a.jpg", "2 others of the upload"):
+        validate_upload(folder, settings)
+
+
+def test_a_label_map_that_does_not_fit_costs_its_photo(upload, photo, settings) -> None:
+    maps = {"labels/0.png": _ids((32, 24)), "labels/1.png": b"text", "labels/2.png": _ids(), "labels/bad.png": _ids()}
+    photos = {f"{number}.jpg": photo(number) for number in range(4)}
+    validated = validate_upload(upload({**photos, "bad.jpg": b"x", **maps, "labels.json": b'["mug"]'}), settings)
+    assert set(validated.left_out) == {"0.jpg", "1.jpg", "bad.jpg"}
+    assert "labels/0.png has 32×24 pixels" in validated.left_out["0.jpg"]
+    assert read_manifest(validated.folder)[0].label_maps == {"2.jpg": "labels/2.png"}
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning:PIL")
+def test_what_is_admitted_can_be_decoded(tmp_path: Path, settings) -> None:
+    """Whatever bytes of an image were changed: what the check of uploads passes, no later stage refuses."""
+    rng = np.random.default_rng(6)
+    image = Image.fromarray(rng.integers(0, 256, (24, 32), np.uint8)).convert("P")
+    admitted = 0
+    for form in ("PNG", "TIFF", "BMP", "JPEG"):
+        stream = io.BytesIO()
+        image.convert("L").save(stream, form)
+        for _ in range(150):
+            content = np.frombuffer(stream.getvalue(), np.uint8).copy()
+            content[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
+            (tmp_path / "a.png").write_bytes(content.tobytes())
+            try:
+                info = check_image(tmp_path, "a.png", settings)
+            except FastSplatError:
+                continue
+            load_upright(tmp_path, info, settings)
+            admitted += 1
+    assert admitted > 30
 
 
 def test_link_in_the_upload(upload, photo, settings, refused) -> None:

@@ -92,13 +92,27 @@ def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
     with visiting(browser, place.url, "#/new") as visit:
         page = visit.page
         visit.check_accessible()
-        _choose(page, photos)
-        expect(page.get_by_text("3 files")).to_be_visible()
+        failed: list[str] = []
+        page.on("requestfailed", lambda request: failed.append(request.url))
+        bad = photos[0].with_name("zz_bad <b>.jpg")
+        bad.write_bytes(b"holiday notes")
+        unwanted = photos[0].with_name("unwanted.jpg")
+        unwanted.write_bytes(b"x")
+        _choose(page, [*photos, bad, unwanted])
+        expect(page.get_by_text("5 files")).to_be_visible()
+        expect(page.get_by_text("5 photos may be too few")).to_be_visible()
+        page.get_by_text("Show the files").click()
+        page.get_by_role("button", name="Remove unwanted.jpg").click()
+        expect(page.get_by_text("4 files")).to_be_visible()
+        visit.check_accessible()
         page.get_by_label("Name", exact=True).fill("from the page")
         page.get_by_label("Quality").select_option("draft")
         page.get_by_role("button", name="Upload").click()
         expect(page.get_by_role("heading", name="from the page")).to_be_visible()
         expect(page.get_by_text("Waiting for a worker.").last).to_be_visible()
+        expect(page.get_by_text("1 file could not be used and is left out")).to_be_visible()
+        expect(page.get_by_text("zz_bad <b>.jpg: it is not an image this service can read")).to_be_visible()
+        assert [url for url in failed if "/v1/uploads" in url] == []
         visit.check_accessible()
         page.get_by_role("button", name="Cancel the job").click()
         expect(page.get_by_text("The job was cancelled.")).to_be_visible()
@@ -109,7 +123,7 @@ def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
         folder = place.service._store.blobs.upload(
             place.service._store.scenes.operation(place.service.get_scene(scene_id).operation_id).upload_id
         )
-        assert {path.name for path in folder.rglob("*.jpg")} == {"0.jpg", "1.jpg", "2.jpg"}
+        assert {path.name for path in folder.rglob("*.jpg")} == {"0.jpg", "1.jpg", "2.jpg", bad.name}
         page.get_by_role("button", name="Delete scene").click()
         page.get_by_role("button", name="Delete for good").click()
         expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
@@ -156,7 +170,7 @@ def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser
         told = visit.page.get_by_role("alert")
         for name in ("a.gif", "notes <b>.docx", "empty.jpg"):
             expect(told).to_contain_text(name)
-        expect(visit.page.get_by_text("1 file")).to_be_visible()
+        expect(visit.page.get_by_text("1 file,")).to_be_visible()
         visit.check_accessible()
         assert not [url for url in visit.requests if "/v1/uploads/" in url]
 

@@ -1180,6 +1180,7 @@ class CreateSceneHeader(_message.Message):
     PRIVACY_FIELD_NUMBER: _builtins.int
     LENS_FIELD_NUMBER: _builtins.int
     NADIR_DEG_FIELD_NUMBER: _builtins.int
+    STRICT_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     """for people; need not be unique"""
     request_id: _builtins.str
@@ -1214,6 +1215,8 @@ class CreateSceneHeader(_message.Message):
     """of panoramas: pixels within so many degrees of straight down, where the photographer stands, are left out; absent:
     the server's default
     """
+    strict: _builtins.bool
+    """refuse the upload where one of its photos or frames cannot be used; else these are left out, and named in left_out"""
     @_builtins.property
     def labels(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """names to look for (in a form repeated, or separated by commas); empty: the server decides"""
@@ -1233,10 +1236,11 @@ class CreateSceneHeader(_message.Message):
         privacy: _builtins.str | None = ...,
         lens: _builtins.str | None = ...,
         nadir_deg: _builtins.float | None = ...,
+        strict: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "lens", b"lens", "max_gaussians", b"max_gaussians", "movers", b"movers", "nadir_deg", b"nadir_deg", "preset", b"preset", "privacy", b"privacy", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "lens", b"lens", "max_gaussians", b"max_gaussians", "movers", b"movers", "nadir_deg", b"nadir_deg", "name", b"name", "preset", b"preset", "priority", b"priority", "privacy", b"privacy", "request_id", b"request_id", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_lens", b"_lens", "_max_gaussians", b"_max_gaussians", "_movers", b"_movers", "_nadir_deg", b"_nadir_deg", "_preset", b"_preset", "_privacy", b"_privacy", "_time_budget_s", b"_time_budget_s", "_up", b"_up", "labels", b"labels", "lens", b"lens", "max_gaussians", b"max_gaussians", "movers", b"movers", "nadir_deg", b"nadir_deg", "name", b"name", "preset", b"preset", "priority", b"priority", "privacy", b"privacy", "request_id", b"request_id", "strict", b"strict", "time_budget_s", b"time_budget_s", "up", b"up"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__lens: _TypeAlias = _typing.Literal["lens"]  # noqa: Y015
     _WhichOneofArgType__lens: _TypeAlias = _typing.Literal["_lens", b"_lens"]  # noqa: Y015
@@ -3369,6 +3373,26 @@ class Operation(_message.Message):
 
     DESCRIPTOR: _descriptor.Descriptor
 
+    @_typing.final
+    class LeftOutEntry(_message.Message):
+        DESCRIPTOR: _descriptor.Descriptor
+
+        KEY_FIELD_NUMBER: _builtins.int
+        VALUE_FIELD_NUMBER: _builtins.int
+        key: _builtins.str
+        value: _builtins.str
+        def __init__(
+            self,
+            *,
+            key: _builtins.str = ...,
+            value: _builtins.str = ...,
+        ) -> None: ...
+        _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+        def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+        _ClearFieldArgType: _TypeAlias = _typing.Literal["key", b"key", "value", b"value"]  # noqa: Y015
+        def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+        def WhichOneof(self, oneof_group: _Never) -> None: ...
+
     ID_FIELD_NUMBER: _builtins.int
     SCENE_ID_FIELD_NUMBER: _builtins.int
     STATE_FIELD_NUMBER: _builtins.int
@@ -3386,6 +3410,7 @@ class Operation(_message.Message):
     PREVIEW_FIELD_NUMBER: _builtins.int
     PLACED_FIELD_NUMBER: _builtins.int
     TRAIN_MORE_FIELD_NUMBER: _builtins.int
+    LEFT_OUT_FIELD_NUMBER: _builtins.int
     AGAIN_AFTER_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
@@ -3437,6 +3462,10 @@ class Operation(_message.Message):
     def train_more(self) -> Global___TrainMoreResult:
         """what training further has made; absent unless it has succeeded"""
 
+    @_builtins.property
+    def left_out(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
+        """why files of the upload cannot be used, by their names in it; of very many the first, the scene's quality has all"""
+
     def __init__(
         self,
         *,
@@ -3457,11 +3486,12 @@ class Operation(_message.Message):
         preview: Global___PreviewInfo | None = ...,
         placed: Global___PlacedInfo | None = ...,
         train_more: Global___TrainMoreResult | None = ...,
+        left_out: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
         again_after: Global___AgainAfter.ValueType | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__again_after: _TypeAlias = _typing.Literal["again_after"]  # noqa: Y015
     _WhichOneofArgType__again_after: _TypeAlias = _typing.Literal["_again_after", b"_again_after"]  # noqa: Y015
@@ -6857,7 +6887,7 @@ class ServerStatus(_message.Message):
 
     @_builtins.property
     def quotas(self) -> _containers.RepeatedCompositeFieldContainer[Global___QuotaStatus]:
-        """of the project"""
+        """of the project; empty for a key for one upload"""
 
     @_builtins.property
     def addresses(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:

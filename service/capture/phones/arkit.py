@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
-from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, no_points
+from fastsplat.service.capture.left_out import LeftOut
+from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, check_position, no_points
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.similarity import nearest_rotation
 from fastsplat_contract.camera import check_rigid
@@ -36,6 +37,7 @@ def world_from_camera(matrix: F64, field: str) -> F64:
     """
     try:
         check_rigid(matrix, field=field)
+        check_position(matrix, field)
     except InvalidInputError as error:
         raise InvalidInputError(error.message, field=field, hint=_AGAIN) from error
     pose = _Z_UP @ matrix @ _OPENCV_FROM_OPENGL
@@ -101,15 +103,19 @@ def spread(items: Sequence[_Item], settings: CaptureSettings) -> tuple[list[_Ite
     return [items[row] for row in rows], (warning,)
 
 
-def recording(images: Sequence[PosedImage], field: str, warnings: tuple[str, ...]) -> PosedDataset:
+def recording(images: Sequence[PosedImage], field: str, warnings: tuple[str, ...], left_out: LeftOut) -> PosedDataset:
     """The dataset of a recording: metric, with poses that are a tracker's estimates.
 
     Raises:
-        InvalidInputError: it has no images.
+        InvalidInputError: it has no images, or none is left.
     """
     if not images:
-        raise InvalidInputError(
-            f"{field} has no frame whose photo is in the upload", field=field, hint="Send photos and metadata together."
+        raise left_out.refusal(
+            InvalidInputError(
+                f"{field} has no frame whose photo is in the upload",
+                field=field,
+                hint="Send photos and metadata together.",
+            )
         )
     points, colors = no_points()
     ordered = tuple(sorted(images, key=lambda image: image.name))

@@ -18,6 +18,7 @@ import numpy as np
 
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.depth_files import DepthFile
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.phones import arkit
 from fastsplat.service.capture.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
 from fastsplat.service.capture.settings import CaptureSettings
@@ -41,7 +42,7 @@ def find_polycam(root: Path, files: Iterable[str]) -> str:
 
 
 def read_polycam(
-    root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
+    root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
     """Cameras, poses and depth maps of a recording.
 
@@ -50,10 +51,10 @@ def read_polycam(
         folder: of the poses, as `find_polycam` says.
         sizes: (width, height) of the upload's images as stored, by path.
         settings: limits of each document, and how many frames are used.
+        left_out: receives frames with a pose or camera that cannot be, or whose document cannot be read.
 
     Raises:
-        InvalidInputError: a pose or camera that cannot be, or no frame with a photo. The message names the file.
-        LimitExceededError: a document is too large.
+        InvalidInputError: no frame with a photo is left.
     """
     place = PurePosixPath(folder)
     beside = place.parent
@@ -67,9 +68,10 @@ def read_polycam(
         if photo is None:
             missing.append(MissingImage(stem, names[0]))
             continue
-        images.append(_image(root, path, photo, beside, settings))
+        with left_out.costs(photo, path):
+            images.append(_image(root, path, photo, beside, settings))
     warnings += missing_warning(folder, missing, len(chosen), settings)
-    return arkit.recording(images, folder, warnings)
+    return arkit.recording(images, folder, warnings, left_out)
 
 
 def _image(root: Path, path: str, photo: str, beside: PurePosixPath, settings: CaptureSettings) -> PosedImage:

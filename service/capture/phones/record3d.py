@@ -19,6 +19,7 @@ import numpy as np
 
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.depth_files import DepthFile
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.phones import arkit
 from fastsplat.service.capture.posed_input import MissingImage, PosedDataset, PosedImage, missing_warning
 from fastsplat.service.capture.settings import CaptureSettings
@@ -36,7 +37,7 @@ def find_record3d(files: Iterable[str]) -> str:
 
 
 def read_record3d(
-    root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
+    root: Path, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
     """Cameras, poses and depth maps of a recording; arguments and errors as `read_polycam`."""
     document = read_json(root / name, name, settings)
@@ -56,17 +57,18 @@ def read_record3d(
             missing.append(MissingImage(f"{index}.jpg", photo))
             continue
         field = f"{name}: frame {index}"
-        images.append(
-            PosedImage(
-                name=f"{index:06d}.jpg",
-                path=photo,
-                camera_model=arkit.pinhole(_intrinsics(document, index, name), size, field),
-                world_from_camera=arkit.world_from_camera(_matrix(poses[index], field), field),
-                depth=_depth(root, folder, index, depth_size),
+        with left_out.costs(photo, field):
+            images.append(
+                PosedImage(
+                    name=f"{index:06d}.jpg",
+                    path=photo,
+                    camera_model=arkit.pinhole(_intrinsics(document, index, name), size, field),
+                    world_from_camera=arkit.world_from_camera(_matrix(poses[index], field), field),
+                    depth=_depth(root, folder, index, depth_size),
+                )
             )
-        )
     warnings += missing_warning(name, missing, len(chosen), settings)
-    return arkit.recording(images, name, warnings)
+    return arkit.recording(images, name, warnings, left_out)
 
 
 def _matrix(pose: Any, field: str) -> arkit.F64:

@@ -16,6 +16,7 @@ from pathlib import Path, PurePosixPath
 
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.depth_files import DepthFile
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.phones import arkit
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.settings import CaptureSettings
@@ -35,14 +36,18 @@ def find_scanner_app(files: Iterable[str]) -> str:
 
 
 def read_scanner_app(
-    root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
+    root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
 ) -> PosedDataset:
     """Cameras, poses and depth maps of a recording; arguments and errors as `read_polycam`."""
     place = PurePosixPath(folder)
     names = sorted(path.name for path in (root / folder).iterdir() if _FRAME.fullmatch(path.name))
     with_photo = [name for name in names if (place / name).with_suffix(".jpg").as_posix() in sizes]
     chosen, warnings = arkit.spread(with_photo, settings)
-    return arkit.recording([_image(root, place, name, sizes, settings) for name in chosen], folder, warnings)
+    images = []
+    for name in chosen:
+        with left_out.costs((place / name).with_suffix(".jpg").as_posix(), (place / name).as_posix()):
+            images.append(_image(root, place, name, sizes, settings))
+    return arkit.recording(images, folder, warnings, left_out)
 
 
 def _image(

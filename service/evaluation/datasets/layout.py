@@ -11,11 +11,12 @@ from typing import Any
 
 from fastsplat.service.capture.bounded_json import read_json
 from fastsplat.service.capture.label_maps import LabelTable, match_label_maps, read_label_table
+from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
+from fastsplat.service.capture.posed_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.transforms import name_keys
 from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
-from fastsplat.service.capture.upload_validation import ImageSizes, read_posed_dataset
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
@@ -59,7 +60,7 @@ def read_layout(root: Path, mask_label: str, settings: CaptureSettings) -> Layou
     """Raises as `read_dataset`."""
     if not root.is_dir():
         raise NotFoundError(f"there is no folder {root}", field="data set", hint="Name a data set's folder.")
-    contents = detect_kind(root)
+    contents = detect_kind(root, LeftOut(strict=True))
     if contents.source not in ("nerfstudio", "colmap"):
         raise InvalidInputError(
             f"{root.name} has no poses",

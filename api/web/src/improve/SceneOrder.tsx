@@ -7,7 +7,8 @@ import type { Operation } from "../api/types";
 import { FinishButton } from "../jobs/FinishButton";
 import { JobPreview } from "../jobs/JobPreview";
 import { texts } from "../texts";
-import { ErrorNote, sentence } from "../ui/parts";
+import { ErrorNote } from "../ui/parts";
+import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
 import "./improve.css";
 

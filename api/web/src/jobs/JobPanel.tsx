@@ -3,7 +3,9 @@ import { useState } from "preact/hooks";
 import { cancelOperation } from "../api/calls";
 import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
-import { ErrorNote, sentence } from "../ui/parts";
+import { ErrorNote } from "../ui/parts";
+import { sentence } from "../ui/sentence";
+import { LeftOutFiles } from "../upload/LeftOutFiles";
 import { FinishButton } from "./FinishButton";
 import { JobPreview } from "./JobPreview";
 import { PlacedView } from "./PlacedView";
@@ -41,11 +43,12 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       {operation.error && (
         <div class="note error" role="alert">
           <p>{texts.job.failed(texts.job.stages[operation.error.stage] ?? operation.error.stage)}</p>
-          <p>{sentence(operation.error.message)}</p>
+          <p>{sentence(operation.error.message, details?.["field"])}</p>
           {details?.["limit"] && <p>{texts.limit(details["limit"])}</p>}
           {details?.["hint"] && <p class="hint">{details["hint"]}</p>}
         </div>
       )}
+      <LeftOutFiles files={operation.left_out} />
       {(operation.preview || operation.placed) && (
         <div class="job-figures">
           {operation.preview && <JobPreview operationId={operation.id} info={operation.preview} />}

@@ -1,5 +1,6 @@
 import type { Scene } from "../api/types";
 import { texts } from "../texts";
+import { LeftOutFiles } from "../upload/LeftOutFiles";
 import { Withheld } from "../upload/WithholdPeople";
 
 /** How large and how good the scene is. */
@@ -13,6 +14,7 @@ export function SceneFacts({ scene }: { scene: Scene }) {
   return (
     <section class="facts">
       <p class="hint">{facts.filter(Boolean).join(" · ")}</p>
+      <LeftOutFiles files={scene.quality["left_out"]} />
       <Withheld quality={scene.quality} />
     </section>
   );

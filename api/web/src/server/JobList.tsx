@@ -5,7 +5,8 @@ import type { Operation } from "../api/types";
 import { sceneAddress } from "../app/router";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
-import { ErrorNote, sentence } from "../ui/parts";
+import { ErrorNote } from "../ui/parts";
+import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
 import { listOperations } from "./serverCalls";
 

@@ -12,6 +12,15 @@ export const uploadTexts = {
     camera: "Take photos",
     files: (count: number, size: string) => `${plural(count, "file", "files")}, ${size}`,
     clear: "Clear",
+    few: (count: number, enough: number) =>
+      `${plural(count, "photo", "photos")} may be too few: take ${enough} or more, each overlapping the next by two thirds.`,
+    showFiles: "Show the files",
+    file: (name: string, size: string) => `${name}, ${size}`,
+    remove: "Remove",
+    removeFile: (name: string) => `Remove ${name}`,
+    leftOut: (count: number) =>
+      count === 1 ? "1 file could not be used and is left out" : `${count} files could not be used and are left out`,
+    leftOutFile: (name: string, reason: string) => `${name}: ${reason}`,
     name: "Name",
     labels: "Names to look for, separated by commas (optional)",
     preset: "Quality",

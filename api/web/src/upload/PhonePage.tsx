@@ -4,8 +4,10 @@ import { duration, stageCountdown } from "../jobs/timing";
 import { useTimeLeft } from "../jobs/useTimeLeft";
 import { serverStatus } from "../server/serverCalls";
 import { texts } from "../texts";
-import { ErrorNote, Loading, sentence } from "../ui/parts";
+import { ErrorNote, Loading } from "../ui/parts";
+import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
+import { LeftOutFiles } from "./LeftOutFiles";
 import { UploadPage } from "./UploadPage";
 
 const PAUSE_MS = 2_000;
@@ -45,9 +47,10 @@ function PhoneJob({ operationId }: { operationId: string }) {
       <p>{texts.phone.arrivedHelp}</p>
       {error !== null && <ErrorNote error={error} />}
       {value && <p role="status">{texts.server.states[value.state]}</p>}
+      <LeftOutFiles files={value?.left_out} />
       {value?.error && (
         <div class="note error" role="alert">
-          <p>{sentence(value.error.message)}</p>
+          <p>{sentence(value.error.message, value.error.details["field"])}</p>
           {value.error.details["hint"] && <p class="hint">{value.error.details["hint"]}</p>}
         </div>
       )}

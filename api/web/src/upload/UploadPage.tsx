@@ -9,9 +9,10 @@ import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
 import { bytesText, chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
+import { ChosenFiles } from "./ChosenFiles";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
-import { forget, sendFile, wasBegun } from "./tus";
+import { discard, forget, sendFile, wasBegun } from "./tus";
 import { WithholdPeople } from "./WithholdPeople";
 
 type Preset = keyof typeof texts.upload.presets;
@@ -41,6 +42,12 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
     setRefused(refused);
     setError(null);
     setStopped(false);
+  };
+  const remove = (gone: readonly ChosenFile[]) => {
+    requestId.current = newRequestId();
+    setFiles((before) => before.filter((each) => !gone.includes(each)));
+    setError(null);
+    void discard(gone);
   };
   const problem = problemOf(files, status && limitsOf(status));
   const refusal = status ? refusalOf(status) : "";
@@ -112,14 +119,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
             </ul>
           </div>
         )}
-        {files.length > 0 && (
-          <div class="title-row">
-            <p role="status">{texts.upload.files(files.length, bytesText(total))}</p>
-            <button type="button" disabled={busy} onClick={() => setFiles([])}>
-              {texts.upload.clear}
-            </button>
-          </div>
-        )}
+        <ChosenFiles files={files} busy={busy} onRemove={remove} />
         {problem && (
           <p class="note error" role="alert">
             {problem}

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import type { ChosenFile } from "./choose";
-import { bytesText, problemOf, sorted } from "./choose";
+import { bytesText, problemOf, remarkOn, sorted } from "./choose";
 
 const file = (path: string, size = 10): ChosenFile => ({ file: { size } as File, path });
 const paths = (files: ChosenFile[]) => files.map(({ path }) => path);
@@ -48,3 +48,12 @@ test.each([
   [250e6, "250 MB"],
   [3e12, "3000 GB"],
 ])("%d bytes are %s", (bytes, text) => expect(bytesText(bytes)).toBe(text));
+
+test("few photos are remarked on, photos with poses and archives are not", () => {
+  const photos = Array.from({ length: 20 }, (_, number) => file(`${number}.jpg`));
+  expect(remarkOn(photos)).toBe("");
+  expect(remarkOn(photos.slice(0, 19))).toContain("19 photos");
+  expect(remarkOn(photos.slice(0, 1))).toContain("1 photo ");
+  expect(remarkOn([...photos.slice(0, 5), file("transforms.json")])).toBe("");
+  expect(remarkOn([file("a.zip")])).toBe("");
+});

@@ -8,6 +8,7 @@ export interface ChosenFile {
 }
 
 const PHOTOS = /\.(jpe?g|png|webp|bmp|tiff?|heic|heif)$/i;
+const FEW_PHOTOS = 20;
 const WHOLE = /\.(zip|r3d|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
 // Poses, depth maps, label maps and models in a capture's folder; Record3D's metadata has no suffix.
 const BESIDE = /(\.(json|txt|bin|ply|spz|npy|depth|conf)|(^|\/)metadata)$/i;
@@ -39,6 +40,12 @@ export function problemOf(files: readonly ChosenFile[], limits: Limits | null): 
   }
   const wholes = files.filter(({ path }) => WHOLE.test(path) && !/\.(ply|spz)$/i.test(path));
   return wholes.length > 0 && files.length > 1 ? texts.upload.oneArchive : "";
+}
+
+/** What to say of files that can be sent; empty for nothing. Poses beside photos make fewer of them enough. */
+export function remarkOn(files: readonly ChosenFile[]): string {
+  const few = files.length < FEW_PHOTOS && files.every(({ path }) => PHOTOS.test(path));
+  return few ? texts.upload.few(files.length, FEW_PHOTOS) : "";
 }
 
 export function totalBytes(files: readonly ChosenFile[]): number {

@@ -18,6 +18,7 @@ export async function sendFile(
   sent: (bytes: number) => void,
 ): Promise<string> {
   const { file } = chosen;
+  await discarding;
   const known = localStorage.getItem(storedName(chosen));
   let offset = known ? await offsetOf(known) : null;
   let id = known ?? "";
@@ -46,6 +47,23 @@ export function forget(files: readonly ChosenFile[]): void {
   for (const chosen of files) localStorage.removeItem(storedName(chosen));
 }
 
+let discarding: Promise<unknown> = Promise.resolve();
+
+/** Takes back what has been sent of files that are not wanted any more: a link for one upload has room for one. */
+export function discard(files: readonly ChosenFile[]): Promise<unknown> {
+  const ids = files.map((chosen) => localStorage.getItem(storedName(chosen)));
+  forget(files);
+  discarding = Promise.all([
+    discarding,
+    ...ids.map((id) => {
+      if (id === null) return null;
+      const path = `v1/uploads/${encodeURIComponent(id)}`;
+      return send(path, { method: "DELETE", headers: VERSION }).catch(() => undefined); // it expires by itself
+    }),
+  ]);
+  return discarding;
+}
+
 function storedName({ file, path }: ChosenFile): string {
   return `${STORED}${path} ${file.size} ${file.lastModified}`;
 }
@@ -56,6 +74,7 @@ async function create({ file, path }: ChosenFile): Promise<string> {
     method: "POST",
     headers: { ...VERSION, "Upload-Length": String(file.size), "Upload-Metadata": `filename ${name}` },
   });
+  await response.arrayBuffer(); // a body that nobody reads is shown as a request that failed
   // The id alone: the address may name another way through a proxy than ours.
   return response.headers.get("Location")?.split("/").pop() ?? "";
 }
