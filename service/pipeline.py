@@ -31,15 +31,8 @@ from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.planning.machine import machine_speed
 from fastsplat.service.planning.presets import PresetName
-from fastsplat.service.planning.time_budget import (
-    StagePlan,
-    clock_tradeoff,
-    plan_perception,
-    plan_training,
-    with_tradeoffs,
-)
+from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query import embed_labels
 from fastsplat.service.scene import Scene, Things
 from fastsplat.service.scene.types import TAKEN_AT
@@ -246,11 +239,7 @@ def build_scene(
     seconds["perception"] = time.monotonic() - begun
     begun = time.monotonic()
     count = len(labelled.labelling.dictionary)
-    plan = StagePlan(settings.training)
-    if time_budget_s is not None:
-        speed = machine_speed(settings.training.backend)
-        spent = seconds["perception"] + time.monotonic() - begun
-        plan = plan_training(capture, settings, count, time_budget_s, speed=speed, spent_s=spent)
+    plan = plan_training(capture, settings, count, time_budget_s, spent_s=seconds["perception"])
     tradeoffs = (*labelled.tradeoffs, *plan.tradeoffs)
     used = settings.model_copy(update={"training": plan.settings})
     trained = train_scene(capture, labelled.labelling, used, with_tradeoffs(progress, tradeoffs))
@@ -309,8 +298,7 @@ def assemble_scene(
 
 
 def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
-    """When the photos were taken, by name, of those that say it; of none where no photo is to stay, or people are
-    withheld."""
+    """When photos were taken, by name, if they say it; of none where no photo is to stay, or people are withheld."""
     report = capture.report
     private = report.withheld is not None and report.withheld.privacy is not None
     if settings.photos.keep == "off" or private:

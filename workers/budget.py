@@ -55,9 +55,11 @@ def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StageP
     """
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
-        speed = job_speed(job)
         spent = stage_seconds(job, "perception") + time.monotonic() - started
-        _store(job, plan_training(capture, job_settings(job), labels, budget, speed=speed, spent_s=spent))
+        plan = plan_training(
+            capture, job_settings(job), labels, budget, spent_s=spent, speed_of=lambda _: job_speed(job)
+        )
+        _store(job, plan)
     return stored_plan(job)
 
 

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from fastsplat.service.capture.photo_exclusion import ON_REQUEST
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
@@ -75,7 +76,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
-        left_out=record.options.get(_LEFT_OUT, {}),
+        left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
     )
 
 

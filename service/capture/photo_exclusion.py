@@ -9,7 +9,8 @@ from fastsplat.service.capture.upload_manifest import UploadManifest
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import InvalidInputError
 
-_REASON = "left out on request"
+ON_REQUEST = "left out on request"
+"""Why these photos are not used."""
 _FEWEST_WITHOUT_POSES = 2
 _FIELD = "exclude"
 
@@ -57,5 +58,5 @@ def without_photos(manifest: UploadManifest, paths: Collection[str]) -> UploadMa
         manifest,
         photos=tuple(photo for photo, _ in kept),
         names=tuple(name for _, name in kept),
-        left_out={**manifest.left_out, **dict.fromkeys(gone, _REASON)},
+        left_out={**manifest.left_out, **dict.fromkeys(gone, ON_REQUEST)},
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -23,8 +23,9 @@ from fastsplat.service.planning.cost_model import (
     things_seconds,
     views_within_budget,
 )
-from fastsplat.service.planning.machine import perception_cost
+from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.raster import Backend
 from fastsplat.service.splatting.settings import TrainingSettings
 
 S = TypeVar("S", PerceptionSettings, TrainingSettings)
@@ -83,26 +84,34 @@ def plan_perception(
 
 
 def plan_training(
-    capture: Capture, settings: Settings, labels: int, time_budget_s: float, *, speed: Speed, spent_s: float
+    capture: Capture,
+    settings: Settings,
+    labels: int,
+    time_budget_s: float | None,
+    *,
+    spent_s: float,
+    speed_of: Callable[[Backend], Speed] = machine_speed,
 ) -> StagePlan[TrainingSettings]:
-    """How training runs within a budget.
+    """How training runs.
 
     Args:
         capture: what is trained.
         settings: of all rooms, with the preset applied.
         labels: entries of its dictionary.
-        time_budget_s: seconds for everything after the capture stage.
-        speed: of this machine.
+        time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
         spent_s: seconds of the budget that are spent already.
+        speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.
     """
-    if capture.splat is not None:  # one of another tool is not trained
+    if time_budget_s is None or capture.splat is not None:  # a splat of another tool is not trained
         return StagePlan(settings.training)
+    begun = time.monotonic()
+    speed = speed_of(settings.training.backend)
     fitted = fit_training(
         settings.training,
         scene_size(capture, labels),
         time_budget_s,
         speed=speed,
-        spent_s=spent_s,
+        spent_s=spent_s + time.monotonic() - begun,
         tail_s=whole_export_seconds(capture, settings, labels, speed),
     )
     return StagePlan(fitted.settings, fitted.tradeoffs)

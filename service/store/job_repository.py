@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
 
-from fastsplat.service.store.damaged_rows import are_objects, each_readable
+from fastsplat.service.store.damaged_rows import each_readable
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import (
@@ -362,29 +362,6 @@ class JobRepository:
             _execute_fenced(connection, claim, _fenced(claim).values(values))
             ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(ended.values(state=state))
-
-
-class JobMetrics:
-    """Counts over all operations; every method is one reading transaction and raises `DatabaseError`."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
-
-    def jobs_by_state(self) -> Mapping[str, int]:
-        """How many operations are in each state; all states are there."""
-        query = select(operations.c.state, func.count()).group_by(operations.c.state)
-        with self._reading() as connection:
-            counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
-        return {**dict.fromkeys((*_UNFINISHED, *_ENDED), 0), **counts}
-
-    def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
-        """(id, time of the last change, stages) of the operations that ended after `moment`."""
-        query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(
-            operations.c.updated_at > moment, operations.c.state.in_(_ENDED)
-        )
-        with self._reading() as connection:
-            rows = connection.execute(query).all()
-        return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]
 
 
 def no_upload(operation_id: str) -> NotFoundError:

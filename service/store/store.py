@@ -12,7 +12,8 @@ from sqlalchemy import URL, Engine
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
 from fastsplat.service.store.identity import adopt, check_new_database, establish_identity
-from fastsplat.service.store.job_repository import JobMetrics, JobRepository
+from fastsplat.service.store.job_metrics import JobMetrics
+from fastsplat.service.store.job_repository import JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
 from fastsplat.service.store.name_repository import KnownNameRepository
 from fastsplat.service.store.object_store import open_blobs

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import grpc
+import httpx
 import pytest
 
 from fastsplat.service.application.service import SceneService
@@ -17,7 +18,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
-from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.scenes import DictionaryEntry
@@ -25,6 +26,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import LABELS
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+from tests.api.training_job import add_cancelled_job
 
 
 @pytest.fixture
@@ -141,6 +143,23 @@ def test_events_that_end_before_the_job_does_say_why(
         assert json.loads(last.data)["reason"] == "NOT_FOUND" and json.loads(last.data)["status"] == 404
         with pytest.raises(NotFoundError, match="no operation"):
             list(client_of(faces).watch(queued))
+
+
+def test_photos_are_left_out_of_a_retry_alike_on_all_faces(faces: Faces, client: Client, service: SceneService) -> None:
+    calls = (
+        lambda job, name: faces.rest.post(f"/v1/operations/{job}:retry", json={"exclude": [name]}).raise_for_status(),
+        lambda job, name: faces.rpc.RetryOperation(pb.RetryOperationRequest(operation_id=job, exclude=[name])),
+        lambda job, name: client.retry(job, [name]),
+    )
+    for retry in calls:
+        job = add_cancelled_job(service, "bad.jpg")
+        with pytest.raises((httpx.HTTPStatusError, grpc.RpcError, InvalidInputError)):
+            retry(job, "no such photo.jpg")
+        assert service.get_operation(job).state == "CANCELLED"
+        retry(job, "bad.jpg")
+        assert service.get_operation(job).left_out == {"bad.jpg": "left out on request"}
+        assert service.get_operation(job).state == "QUEUED"
+        service.delete_scene(service.get_operation(job).scene_id)
 
 
 def test_waiting_ends_with_the_job_or_with_the_time(

@@ -143,12 +143,6 @@ def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneServic
     assert (again["id"], again["state"], again["done"]) == (operation["id"], "QUEUED", False)
     assert faces.rpc.CancelOperation(pb.CancelOperationRequest(operation_id=operation["id"])).done
     assert not faces.rpc.RetryOperation(pb.RetryOperationRequest(operation_id=operation["id"])).done
-    faces.rpc.CancelOperation(pb.CancelOperationRequest(operation_id=operation["id"]))
-    exclude = {"exclude": ["no such photo.jpg"]}
-    refused = rest_refusal(faces.rest.post(f"/v1/operations/{operation['id']}:retry", json=exclude))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.RetryOperation(pb.RetryOperationRequest(operation_id=operation["id"], **exclude))
-    assert refused.details["field"] == rpc_refusal(caught.value).details["field"] == "exclude"
     assert faces.rest.delete(f"/v1/scenes/{operation['scene_id']}").status_code == 204
     assert faces.rest.get(f"/v1/scenes/{operation['scene_id']}").status_code == 404
 

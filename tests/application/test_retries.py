@@ -87,6 +87,7 @@ def test_an_error_of_one_photo_names_it_and_a_retry_leaves_it_out(
     again = service.retry_operation(failed.id, failed.error.photos)
 
     assert (again.state, again.again_after) == ("QUEUED", "failed")
+    assert again.left_out == {"holiday/IMG_2.png": "left out on request"}
     assert _claimed(service, again)[0].exclude == ("holiday/IMG_2.png",)
 
 

@@ -72,17 +72,6 @@ def test_axes(send, settings) -> None:
             np.testing.assert_allclose([x, y, z], [0.5, -0.5, 2.0], atol=1e-12)
 
 
-def test_frames_that_are_excluded_are_left_out_and_named(send, settings) -> None:
-    folder = send(_document())
-    validate_upload(folder, settings)
-    whole = build_capture(folder, folder.parent / "whole", settings, silent)
-    capture = build_capture(folder, folder.parent / "out", settings, silent, exclude=("images/1.jpg",))
-    assert len(whole.views) == 3 and not whole.report.left_out
-    assert [view.posed.name for view in capture.views] == [whole.views[0].posed.name, whole.views[2].posed.name]
-    assert load_capture(folder.parent / "out").report.left_out == {"images/1.jpg": "left out on request"}
-    assert capture.report.images == 2 and len(capture.report.photos) == 2
-
-
 def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_path: Path) -> None:
     """Its points were triangulated, its depth maps rendered: both agree only if every convention does."""
     document = json.loads((test_data / "tabletop" / "transforms.json").read_text())

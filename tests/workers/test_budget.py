@@ -73,7 +73,7 @@ def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_p
 def test_the_speed_of_the_machine_is_measured_once_a_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     measured: list[str] = []
     monkeypatch.setattr("fastsplat.workers.budget.machine_speed", lambda backend: measured.append(backend) or Speed())
-    monkeypatch.setattr("fastsplat.service.planning.machine.machine_speed", lambda backend: pytest.fail("once more"))
+    monkeypatch.setattr("fastsplat.service.planning.machine._mean", lambda work: pytest.fail("once more"))
     capture = _capture(40)
     for attempt in (1, 2):
         job = _job(tmp_path, SceneOptions(time_budget_s=20.0), attempt)

@@ -1,0 +1,37 @@
+"""Counts over the operations of all projects."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any, get_args
+
+from sqlalchemy import Engine, func, select
+
+from fastsplat.service.store.damaged_rows import are_objects
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import operations
+from fastsplat_contract.operations import FINAL_STATES, OperationState
+
+
+class JobMetrics:
+    """Counts over all operations; every method is one reading transaction and raises `DatabaseError`."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def jobs_by_state(self) -> Mapping[str, int]:
+        """How many operations are in each state; all states are there."""
+        query = select(operations.c.state, func.count()).group_by(operations.c.state)
+        with self._reading() as connection:
+            counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
+        return {**dict.fromkeys(get_args(OperationState), 0), **counts}
+
+    def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
+        """(id, time of the last change, stages) of the operations that ended after `moment`."""
+        query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(
+            operations.c.updated_at > moment, operations.c.state.in_(FINAL_STATES)
+        )
+        with self._reading() as connection:
+            rows = connection.execute(query).all()
+        return [(row.id, row.updated_at, row.stages) for row in rows if are_objects(row.stages)]

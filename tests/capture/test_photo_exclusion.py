@@ -1,0 +1,32 @@
+"""Photos that their owner wants left out of a validated upload."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fastsplat.service.capture import build_capture, load_capture, validate_upload
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.progress import silent
+
+
+def test_frames_that_are_excluded_are_left_out_and_named(
+    upload: Callable[[dict[str, bytes]], Path], photo: Callable[..., bytes], settings: CaptureSettings
+) -> None:
+    frames = [{"file_path": f"images/{i}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(3)]
+    lens = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 61.0, "cx": 31.0, "cy": 25.0}
+    point = b"ply\nformat ascii 1.0\nelement vertex 1\n" + b"".join(b"property float %c\n" % name for name in b"xyz")
+    files = {f"images/{i}.jpg": photo(i) for i in range(3)} | {"points3d.ply": point + b"end_header\n0 0 1\n"}
+    folder = upload({**files, "transforms.json": json.dumps({**lens, "frames": frames}).encode()})
+    validate_upload(folder, settings)
+
+    whole = build_capture(folder, folder.parent / "whole", settings, silent)
+    capture = build_capture(folder, folder.parent / "out", settings, silent, exclude=("images/1.jpg",))
+
+    assert len(whole.views) == 3 and not whole.report.left_out
+    assert [view.posed.name for view in capture.views] == [whole.views[0].posed.name, whole.views[2].posed.name]
+    assert load_capture(folder.parent / "out").report.left_out == {"images/1.jpg": "left out on request"}
+    assert capture.report.images == 2 and len(capture.report.photos) == 2
