@@ -94,6 +94,7 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     nothing = refusal is not None and refusal.reason == "not_named" and refusal.part == reading.head
     if nothing and head is not None and head.verdict == "absent":
         refusal = None  # where nothing is that, nothing is that anywhere
+    nothing_sure = not nothing or not plain.searched.unnamed_things  # else one without a name may be it
     phrase = PhraseAnswer(
         asks=question.asks,
         head=reading.head,
@@ -102,7 +103,7 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         things=solved.things,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
-        count=len(solved.things) if question.asks == "count" and refusal is None else None,
+        count=len(solved.things) if question.asks == "count" and refusal is None and nothing_sure else None,
         refusal=refusal,
     )
     if refusal is not None:

@@ -61,8 +61,8 @@ def surface_sentence(noun: str, count: int, *, sure: bool) -> str:
 
 
 def _asked(answer: PhraseAnswer) -> str:
-    head = _quoted(answer.head) if answer.head else "anything"
-    return ", ".join([head, *answer.conditions])
+    head = [_quoted(answer.head)] if answer.head else []
+    return ", ".join([*head, *answer.conditions]) or "anything"
 
 
 def _names(ids: Sequence[int], called: Mapping[int, str]) -> str:

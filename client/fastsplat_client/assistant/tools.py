@@ -160,11 +160,12 @@ def count(client: Client, text: str, scene: str) -> Count:
     """How many things a text means, by all that it says; None where that cannot be decided."""
     shown = resolve_scene(client, scene)
     answer = _ask(client, shown.id, text)
-    if answer.phrase is None:  # a plain name: what merely serves in its place is not counted
-        answer = _ask(client, shown.id, f"how many {text}")
     leading = _leading_objects(answer)
-    counted = [] if answer.phrase is None else list(answer.phrase.things)
-    refused = answer.phrase is None or answer.phrase.count is None
+    counted = [each.thing_id for each in leading]
+    # What may be here, or merely serves in its place, is no number of it.
+    refused = answer.verdict not in ("exact", "absent") and answer.relation_subject != "label"
+    if answer.phrase is not None:
+        counted, refused = list(answer.phrase.things), answer.phrase.refusal is not None
     return Count(
         scene=shown.id,
         question=text,

@@ -4631,8 +4631,8 @@ class PhraseAnswer(_message.Message):
 
     @_builtins.property
     def refusal(self) -> Global___Refusal:
-        """why it could not be decided; the rest of the answer is then of the text as if it were a name, and nothing of its
-        conditions was used
+        """why it could not be decided; the verdict is then undecided, and the answer's things are those of which it could not
+        be
         """
 
     def __init__(
