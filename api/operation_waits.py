@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import math
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from dataclasses import dataclass, replace
 
 from fastsplat.api.threads import Threads
@@ -73,7 +73,7 @@ class Operations:
         operation = await self.get(operation_id)
         return Change(_state_id(operation), operation)
 
-    async def changes(self, first: Change, last_id: str = "") -> AsyncIterator[Change]:
+    async def changes(self, first: Change, last_id: str = "") -> AsyncGenerator[Change]:
         """`first`, unless its id is `last_id`, then every change until the operation is done.
 
         Raises:

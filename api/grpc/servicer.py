@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing
 from pathlib import Path
 from typing import TypeVar
@@ -329,7 +329,7 @@ class SceneServicer(AdminServicer, JobServicer, ImprovingServicer):
                 ),
             )
 
-    async def _file(self, path: Path, offset: int) -> AsyncIterator[pb.Chunk]:
+    async def _file(self, path: Path, offset: int) -> AsyncGenerator[pb.Chunk]:
         size = path.stat().st_size
         if not 0 <= offset <= size:
             raise InvalidInputError(f"an offset of {offset} bytes", field="offset", limit=f"0 to {size} bytes")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import aclosing, suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -43,7 +43,7 @@ class _Pose:
 
 async def answer_stream(
     service: SceneService, threads: Threads, requests: AsyncIterator[pb.StreamQueryRequest]
-) -> AsyncIterator[pb.StreamQueryResponse]:
+) -> AsyncGenerator[pb.StreamQueryResponse]:
     """The stream's answers; see StreamQueryRequest in the contract.
 
     What waits is one pose, one question and one range of dropped numbers, however fast the poses come and however
@@ -206,7 +206,7 @@ def _seen_from(query: QueryRequest, camera: PosedCamera) -> QueryRequest:
     return replace(query, cameras=(camera,), asker=asker)
 
 
-async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> AsyncIterator[pb.StreamQueryResponse]:
+async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> AsyncGenerator[pb.StreamQueryResponse]:
     query = _seen_from(pose.question.query, pose.camera)
     started = time.perf_counter()
 
