@@ -48,7 +48,7 @@ def test_a_second_head_is_not_waited_for_either_and_whole_ones_are_answered(stri
 def test_a_validation_ends_when_its_client_leaves(api_settings: Settings, tmp_path: Path) -> None:
     begun, stopped = threading.Event(), threading.Event()
 
-    def endless(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+    def endless(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
         begun.set()
         try:
             while True:

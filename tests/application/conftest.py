@@ -26,7 +26,7 @@ LABELS = ("mug", "banana")
 ENCODER = "minilm_l6_int8"
 
 
-def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
     """Stands for the capture room: refuses what is called bad, unpacks what is called zip."""
     names = [path.name for path in folder.rglob("*") if path.is_file()]
     if "bad.jpg" in names:

@@ -19,7 +19,7 @@ from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
 
 
-def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
     return ValidatedUpload(folder, "images", 1)
 
 
@@ -112,7 +112,7 @@ def test_an_upload_that_the_release_before_began_goes_on_in_the_default_project(
     upload = opened.resumable.create("default", "a.zip", 3)
     info = tmp_path / "uploads" / upload.id / "resumable.json"
     before = {"owner": "0123456789ab", "name": "a.zip", "length": 3, "metadata": ""}
-    assert json.loads(info.read_text()).keys() - {"project"} == before.keys() - {"owner"}
+    assert json.loads(info.read_text()).keys() - {"project", "key"} == before.keys() - {"owner"}
     info.write_text(json.dumps(before))
     assert opened.resumable.get("default", upload.id).length == 3
     with pytest.raises(NotFoundError):

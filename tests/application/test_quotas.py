@@ -21,7 +21,7 @@ from fastsplat_contract.operations import SceneOptions
 def opened(tmp_path: Path, database_url: str) -> Iterator[Callable[..., SceneService]]:
     services: list[SceneService] = []
 
-    def admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+    def admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
         return ValidatedUpload(folder, "images", 2)
 
     def open_with(**quotas: Any) -> SceneService:

@@ -69,7 +69,7 @@ def test_an_archive_is_dropped_once_unpacked(service, settings):
 def test_whoever_leaves_while_files_are_checked_gets_no_scene(settings):
     leaving = Cancellation()
 
-    def admit(folder, _):
+    def admit(folder, _, strict):
         leaving.cancel()
         return ValidatedUpload(folder, "images", 1)
 

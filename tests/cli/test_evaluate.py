@@ -90,7 +90,7 @@ def test_a_scene_of_the_data_folder_is_found_by_its_id_once_it_is_ready(run, tmp
 def _posted(data_dir: Path) -> tuple[str, str]:
     """Scene and operation id of an upload that nobody has looked at."""
     settings = Settings(data_dir=data_dir)
-    with open_service(settings, lambda folder, limits: ValidatedUpload(folder, "images", 1)) as service:
+    with open_service(settings, lambda folder, limits, strict: ValidatedUpload(folder, "images", 1)) as service:
         with service.new_upload() as upload:
             upload.write("a.jpg", [b"picture"])
             operation = service.create_scene(upload, "a place", "", SceneOptions())

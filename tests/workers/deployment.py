@@ -261,7 +261,7 @@ def kill(*processes: subprocess.Popen[bytes]) -> None:
         process.wait()
 
 
-def _admit(folder: Path, settings: CaptureSettings) -> ValidatedUpload:
+def _admit(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
     count = sum(1 for path in folder.rglob("*") if path.is_file())
     return ValidatedUpload(folder, "images", count, has_labels=True)  # labels are orders here
 
