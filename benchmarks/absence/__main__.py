@@ -11,6 +11,7 @@ benchmarks/results/absence.json:
   leading_ece: calibration error of the leading entry's probability, over ten bins of equal count;
   label_sets: how often the 90 % label set holds an acceptable answer where there is one, and says "nothing here" where
     there is none, and its mean size;
+  undecided: share of all questions of which it is said that they cannot be answered; none of them counts as right;
   found_and_named_unlisted: found_and_named of the questions that the list of common things does not hold word by word.
 Intervals are 95 %, by 2,000 draws of whole dictionaries.
 """
@@ -44,6 +45,7 @@ class _Answered:
 
     case: Case
     absent: bool
+    undecided: bool
     first: str
     probability: float
     presence: float
@@ -52,6 +54,8 @@ class _Answered:
 
     @property
     def right(self) -> bool:
+        if self.undecided:
+            return False
         return self.absent if not self.case.answers else not self.absent and self.first in self.case.answers
 
     @property
@@ -91,6 +95,7 @@ def figures(answered: Sequence[_Answered]) -> dict[str, float]:
         "leading_ece": calibration_error(np.array([each.probability for each in answered]), right),
         "label_sets_covered_present": float(np.mean([each.covered for each in present])),
         "label_sets_covered_absent": float(np.mean([each.covered for each in absent])),
+        "undecided": float(np.mean([each.undecided for each in answered])),
         "label_sets_size": float(np.mean([len([name for name in each.label_set if name]) for each in answered])),
     } | {kind: float(np.mean([each.right for each in answered if each.case.list == kind])) for kind in PRESENT + ABSENT}
 
@@ -112,13 +117,25 @@ def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[f
 
 
 def _answered(case: Case, answer: Answer) -> _Answered:
-    if answer.presence is None:
+    if answer.presence is None and answer.verdict != "undecided":
         raise ValueError("this encoder is not calibrated: run benchmarks.calibration.calibrate first")
     best = answer.matches[0]
     names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)
     return _Answered(
-        case, answer.verdict == "absent", best.label, best.probability or 0.0, answer.presence, names, answer.method
+        case,
+        answer.verdict == "absent",
+        answer.verdict == "undecided",
+        best.label,
+        best.probability or 0.0,
+        _presence(answer),
+        names,
+        answer.method,
     )
+
+
+def _presence(answer: Answer) -> float:
+    """Of an answer that leaves it open, a half."""
+    return 0.5 if answer.presence is None else answer.presence
 
 
 def _scene_of(labels: Sequence[str], encoder: TextEncoder, settings: QuerySettings) -> Scene:
