@@ -106,6 +106,9 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         count=len(solved.things) if question.asks == "count" and refusal is None and nothing_sure else None,
         refusal=refusal,
     )
+    by_meaning = plain.verdict == "related" and plain.decided_by == "score" and not solved.named.by_name
+    if refusal is not None and by_meaning and _is_of_the_meaning(refusal, question):
+        return plain
     if refusal is not None:
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
         plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, may_be=may_be))
@@ -117,6 +120,11 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     likely = min((each.likely for each in spoken_of), default=1.0)
     taken = next((each.taken for each in spoken_of if each.taken), "")
     return _decided(replace(head or plain, text=plain.text, phrase=phrase), things, likely, taken)
+
+
+def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion) -> bool:
+    """Whether a text was no question of places, so that what it means as a whole answers it: "light with a match"."""
+    return question.asks != "count" and refusal.reason in ("not_understood", "not_named", "not_measured")
 
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
