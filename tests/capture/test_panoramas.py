@@ -248,7 +248,7 @@ def test_labels_are_cut_as_the_picture_is(upload, settings, tmp_path: Path) -> N
     manifest, sent = read_manifest(folder)
     with ImageDecoder(decoding, (sent, images), settings) as decoder:
         faces = list(
-            upright_photos(manifest, sent, images, settings, decoder, WithheldPixels(None, tmp_path / "masks"))
+            upright_photos(manifest, sent, images, settings, decoder, WithheldPixels(None, tmp_path / "masks"), {})
         )
         ids = [source_ids(face, sent, manifest.label_maps[face.photo.path], decoder) for face in faces]
     assert [image.file for image in faces[:2]] == ["front/00000.png", "right/00000.png"]

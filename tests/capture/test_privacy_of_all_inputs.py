@@ -130,7 +130,7 @@ def _faces(folder: Path, paint: Paint, settings: CaptureSettings) -> list[SfmIma
 
     held = WithheldPixels(_withholding(masks()), folder / "images/masks")
     with ImageDecoder(folder / "decoding", (files, folder / "images"), settings) as decoder:
-        return list(upright_photos(manifest, files, folder / "images", settings, decoder, held))
+        return list(upright_photos(manifest, files, folder / "images", settings, decoder, held, {}))
 
 
 def test_what_one_face_of_a_panorama_withholds_no_other_shows(tmp_path: Path) -> None:

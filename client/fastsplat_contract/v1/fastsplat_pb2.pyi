@@ -5989,7 +5989,9 @@ class Goal(_message.Message):
     version: _builtins.str
     """which version was read"""
     floor_source: Global___FloorSource.ValueType
-    """by what the floor was found"""
+    """by what the floor was found: surface, a thing that is a floor; lowest_level, the lowest level with many points that
+    face up; absent from servers of earlier releases
+    """
     @_builtins.property
     def pose(self) -> Global___Pose:
         """on the floor, x ahead: turned to the middle of the thing's box"""
@@ -6003,13 +6005,15 @@ class Goal(_message.Message):
         clearance: _builtins.float = ...,
         thing_id: _builtins.int = ...,
         version: _builtins.str = ...,
-        floor_source: Global___FloorSource.ValueType = ...,
+        floor_source: Global___FloorSource.ValueType | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["pose", b"pose"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_floor_source", b"_floor_source", "floor_source", b"floor_source", "pose", b"pose"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["clearance", b"clearance", "distance", b"distance", "floor_source", b"floor_source", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_floor_source", b"_floor_source", "clearance", b"clearance", "distance", b"distance", "floor_source", b"floor_source", "pose", b"pose", "thing_id", b"thing_id", "version", b"version", "yaw", b"yaw"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__floor_source: _TypeAlias = _typing.Literal["floor_source"]  # noqa: Y015
+    _WhichOneofArgType__floor_source: _TypeAlias = _typing.Literal["_floor_source", b"_floor_source"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__floor_source) -> _WhichOneofReturnType__floor_source | None: ...
 
 Global___Goal: _TypeAlias = Goal  # noqa: Y015
 
