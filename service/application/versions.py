@@ -38,7 +38,7 @@ from fastsplat_contract.errors import (
     NotReadyError,
     ObjectStoreError,
 )
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
 
@@ -86,6 +86,8 @@ class Versions:
         check_texts(looked_at, "version")
         self._prompted.check(edits)
         rows = [to_plain(edit) for edit in edits]
+        for row in rows:  # what no caller could be shown again, as of a length that is not 1, becomes no version
+            from_plain(Edit, row)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
         with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
