@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 
 from fastsplat.service.store import Store
@@ -14,7 +15,10 @@ from fastsplat.workers.periodic import RepeatFilter
 TRASH_S = 7 * 24 * 3600.0
 """So long a scene that lost its row stays in the trash."""
 _MOST_AT_ONCE = 3
-"""More scenes that lost their rows at a time are no remains of deletions: something is wrong with the database."""
+"""More scenes or versions that lost their rows at a time are no remains of deletions and crashes: something is wrong
+with the database."""
+_PUBLISHED_BEFORE_S = 24 * 3600.0
+"""A version that was published later may get its row yet."""
 _DELETION_S = 3600.0
 """A scene that lost its row so lately is being deleted by whoever removed the row."""
 
@@ -80,8 +84,33 @@ def trash_lost_scenes(store: Store, now: float) -> None:
             store.blobs.drop_trashed(name)
 
 
-def _listed(scene_ids: frozenset[str]) -> str:
-    return ", ".join(sorted(scene_ids))
+def trash_lost_versions(store: Store, now: float) -> None:
+    """Move versions without a row to the trash, those of scenes that have one, if they are a day old: a process ended,
+    or a database went away, between folder and row.
+
+    Args:
+        store: what to clean.
+        now: as for `trash_lost_scenes`.
+
+    Raises:
+        ConflictError: the database is not that of the store's files; nothing was moved.
+    """
+    check_identity(store.engine, store.blobs)
+    # Folders are listed before rows are read, and jobs before versions: what ended since then has its row and stays.
+    old = {key for key, published_at in store.blobs.versions().items() if now - published_at > _PUBLISHED_BEFORE_S}
+    runs_over = store.jobs.over([version for _, version in old])
+    lost = sorted(store.versions.without_row([key for key in old if key[1] in runs_over]))
+    names = _listed("/".join(key) for key in lost)
+    if len(lost) > _MOST_AT_ONCE:
+        logger.warning("%d versions of scenes have no row, and stay: %s", len(lost), names)
+        return
+    for scene_id, version in lost:
+        logger.warning("version %s of scene %s has no row; it goes to the trash", version, scene_id)
+        store.blobs.trash_version(scene_id, version, now)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(sorted(names))
 
 
 def _remove_old_logs(blobs: Blobs, retention_s: float) -> None:

@@ -31,9 +31,8 @@ from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
-from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes
+from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
-from fastsplat.workers.lost_versions import trash_lost_versions
 from fastsplat.workers.periodic import RepeatFilter, repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
 

@@ -185,10 +185,7 @@ class Blobs:
 
     def trash_version(self, scene_id: str, version: str, now: float) -> None:
         """Move one version to the trash, at `now`, in seconds since 1970."""
-        target = self._folder("trash", "scenes", f"{scene_id}.{version}.{int(now)}")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with suppress(FileNotFoundError):  # another worker moved it first
-            self.version(scene_id, version).rename(target)
+        self._trash(("scenes", scene_id, version), trash_name(f"{scene_id}.{version}", now))
 
     @contextmanager
     def exclusive(self, scene_id: str) -> Iterator[None]:
@@ -216,13 +213,16 @@ class Blobs:
 
     def trash_scene(self, scene_id: str, now: float) -> None:
         """Move all versions of a scene to the trash, at `now`, in seconds since 1970."""
-        trash = self.root / "trash" / "scenes"
-        trash.mkdir(parents=True, exist_ok=True)
+        self._trash(("scenes", scene_id), trash_name(scene_id, now))
+
+    def _trash(self, folder: tuple[str, ...], name: str) -> None:
+        target = self._folder("trash", "scenes", name)
+        target.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileNotFoundError):  # another worker moved it first
-            self._folder("scenes", scene_id).rename(trash / trash_name(scene_id, now))
+            self._folder(*folder).rename(target)
 
     def trashed_scenes(self) -> tuple[str, ...]:
-        """What `trash_scene` moved: "<scene id>.<second>"."""
+        """What `trash_scene` and `trash_version` moved: "<scene id>.<second>", "<scene id>.<version>.<second>"."""
         return self.ids("trash/scenes")
 
     def drop_trashed(self, name: str) -> None:
@@ -255,9 +255,9 @@ class Blobs:
         return self.root.joinpath(*names)
 
 
-def trash_name(scene_id: str, now: float) -> str:
-    """How a scene is called in the trash. It says when it came there, which copies of the folder keep."""
-    return f"{scene_id}.{int(now)}"
+def trash_name(name: str, now: float) -> str:
+    """How a scene or a version is called in the trash. It says when it came there, which copies of the folder keep."""
+    return f"{name}.{int(now)}"
 
 
 def lock_of(folder: Path) -> int | None:

@@ -168,13 +168,11 @@ class ObjectStoreBlobs(Blobs):
         return published
 
     def trash_version(self, scene_id: str, version: str, now: float) -> None:
-        """See `Blobs`. An object store cannot rename: its objects are copied, the manifest last, and then removed."""
-        source = self._key("scenes", scene_id, version)
-        target = self._key("trash", f"{scene_id}.{version}.{int(now)}", version)
-        with _store_errors():
-            for name in sorted(self.files.find(source), key=lambda name: name.endswith(f"/{_MANIFEST}")):
-                with suppress(FileNotFoundError):  # another worker moved it first
-                    self.files.cp_file(name, target + str(name).partition(source)[2])
+        """See `Blobs`."""
+        self._copy(
+            self._key("scenes", scene_id, version),
+            self._key("trash", trash_name(f"{scene_id}.{version}", now), version),
+        )
         self.drop_version(scene_id, version)
 
     def drop_scene(self, scene_id: str) -> None:
@@ -183,13 +181,16 @@ class ObjectStoreBlobs(Blobs):
         super().drop_scene(scene_id)
 
     def trash_scene(self, scene_id: str, now: float) -> None:
-        """See `Blobs`. An object store cannot rename: its objects are copied there, manifests last, then removed."""
-        source, target = self._key("scenes", scene_id), self._key("trash", trash_name(scene_id, now))
+        """See `Blobs`."""
+        self._copy(self._key("scenes", scene_id), self._key("trash", trash_name(scene_id, now)))
+        self.drop_scene(scene_id)
+
+    def _copy(self, source: str, target: str) -> None:
+        """Copy all objects below a key, as an object store cannot rename; manifests last."""
         with _store_errors():
             for name in sorted(self.files.find(source), key=lambda name: name.endswith(f"/{_MANIFEST}")):
                 with suppress(FileNotFoundError):  # another worker moved it first
                     self.files.cp_file(name, target + str(name).partition(source)[2])
-        self.drop_scene(scene_id)
 
     def trashed_scenes(self) -> tuple[str, ...]:
         """See `Blobs`."""

@@ -17,7 +17,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import TRAIN_MORE, NewJob
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import NewVersion, VersionRepository
-from fastsplat.workers.lost_versions import trash_lost_versions
+from fastsplat.workers.cleanup import trash_lost_versions
 from fastsplat_contract.errors import DatabaseError
 from fastsplat_contract.scenes import Color, Edit
 from tests.api.made_scene import ENCODER, add_scene, write_words
