@@ -43,8 +43,10 @@ class AskedScene:
 
 
 def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
-    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls."""
-    kind = surface_kind(noun_phrase(plain.text)) if plain.verdict in ("absent", "undecided") else ""
+    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
+    is merely related to it ("plate" to "wall")."""
+    unnamed = plain.verdict in ("absent", "undecided") or (plain.verdict == "related" and plain.relation == "related")
+    kind = surface_kind(noun_phrase(plain.text)) if unnamed else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
     if not ids:
         return plain

@@ -241,6 +241,22 @@ def ask(models_dir: Path, lexicon: Lexicon) -> Callable[[Sequence[str], str], An
 
 
 @pytest.mark.parametrize(
+    ("text", "label"),
+    [
+        ("light with a match", "candle"),
+        ("list of drinks", "chalkboard menu"),
+        ("something to cut paper with", "scissors"),
+    ],
+)
+def test_a_use_that_is_said_with_prepositions_is_no_question_of_places(
+    ask: Callable[..., Answer], text: str, label: str
+) -> None:
+    answer = ask(("candle", "chalkboard menu", "scissors", "broom", "wall"), text)
+    assert (answer.verdict, answer.matches[0].label) == ("related", label)
+    assert answer.probability is not None and answer.probability >= 0.5
+
+
+@pytest.mark.parametrize(
     ("text", "label", "relation", "subject", "sentence"),
     [
         ("sofa", "couch", "same", None, 'The scene has "couch", which is the same as "sofa" ('),

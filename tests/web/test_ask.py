@@ -66,8 +66,8 @@ def test_left_is_as_the_page_shows_it(place: Place, browser: Browser) -> None:
     for view in (_VIEW, _OTHER_SIDE):
         with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q={quote(question)}&view={view}") as visit:
             sentence = visit.page.locator(".verdict")
-            expect(sentence).to_contain_text("left of the ball: ")
-            said.append(re.findall(r"left of the ball: (.+)\.", sentence.inner_text())[0])
+            expect(sentence).to_contain_text("Left of the ball: ")
+            said.append(re.findall(r"Left of the ball: (.+)\.", sentence.inner_text())[0])
             _wait_for(visit, "answer$")
             visit.check_accessible()
     assert len(said) == len(set(said)) == 2

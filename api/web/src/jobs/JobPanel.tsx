@@ -82,7 +82,9 @@ function Stage({ stage, active }: { stage: StageProgress; active: boolean }) {
       <span class="stage-name">{name}</span>
       <span class="hint">{done ? texts.job.done : texts.job.percent(stage.fraction)}</span>
       <progress max={1} value={stage.fraction} aria-label={name} />
-      <span class="hint">{[done ? "" : stage.message, stageTime(stage, active, left)].filter(Boolean).join(" · ")}</span>
+      <span class="hint">
+        {[done ? "" : stage.message, stageTime(stage, active, left)].filter(Boolean).join(" · ")}
+      </span>
     </li>
   );
 }
