@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ResourceError
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import typer
 
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.checkup import (
     Problem,
     check_artefacts,
@@ -24,6 +23,7 @@ from fastsplat.service.store.checkup import (
     mend_folder,
 )
 from fastsplat.service.store.row_checkup import check_rows
+from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 
@@ -106,7 +106,8 @@ def _check_version(folder: Path) -> None:
     Raises:
         FastSplatError: it is damaged.
     """
-    from fastsplat.service.scene import read_ply, read_scene
+    from fastsplat.service.scene.ply import read_ply
+    from fastsplat.service.scene.scene_files import read_scene
 
     arrays = vars(read_scene(folder / "artefact").gaussians)
     exported = vars(read_ply(folder / "scene.ply"))

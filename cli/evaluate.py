@@ -23,10 +23,10 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReady
 from fastsplat_contract.operations import PresetName
 
 if TYPE_CHECKING:  # these load torch, which `--help` and a refusal can do without
-    from fastsplat.service.evaluation import Report, RunCost
-    from fastsplat.service.evaluation.datasets import Dataset
+    from fastsplat.service.evaluation.datasets.types import Dataset
+    from fastsplat.service.evaluation.evaluation_report import Report, RunCost
     from fastsplat.service.evaluation.types import ViewPrediction
-    from fastsplat.service.scene import Scene
+    from fastsplat.service.scene.types import Scene
 
 Listener = Callable[[ProgressEvent], None]
 
@@ -91,7 +91,7 @@ def evaluate(
         settings = settings.model_copy(update={"training": settings.training.ending_after(time_budget)})
     stored = _stored_artefact(scene, settings) if scene else None
 
-    from fastsplat.service.evaluation.datasets import read_dataset
+    from fastsplat.service.evaluation.datasets.reading import read_dataset
 
     console = Console()
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, _progress_bars(console) as listen:
@@ -150,7 +150,7 @@ def _stored_artefact(scene: str, settings: Settings) -> Path:
             field="--scene",
             hint="Name an artefact's folder, or point FASTSPLAT_DATA_DIR at the service's data.",
         )
-    from fastsplat.service.store import open_store
+    from fastsplat.service.store.store import open_store
 
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:
@@ -163,8 +163,8 @@ def _stored_artefact(scene: str, settings: Settings) -> Path:
 
 
 def _read(artefact: Path) -> _Subject:
-    from fastsplat.service.evaluation import RunCost
-    from fastsplat.service.scene import read_scene
+    from fastsplat.service.evaluation.evaluation_report import RunCost
+    from fastsplat.service.scene.scene_files import read_scene
 
     scene = read_scene(artefact)
     return _Subject(scene, RunCost(scene.quality.get("stage_seconds", {}), _folder_bytes(artefact)))
@@ -181,10 +181,12 @@ def _train(
     keep: Path | None,
 ) -> _Subject:
     from fastsplat.service.evaluation.train_eval import train_on_split
-    from fastsplat.service.scene import write_scene
+    from fastsplat.service.scene.scene_files import write_scene
 
     trained = train_on_split(dataset, settings, work, listen, labels=labels, preset=preset)
-    from fastsplat.service.evaluation import RunCost  # the libraries of metrics are not in the training's peak memory
+    from fastsplat.service.evaluation.evaluation_report import (
+        RunCost,  # the libraries of metrics are not in the training's peak memory
+    )
 
     artefact = keep or work / "artefact"
     write_scene(trained.scene, artefact)
@@ -198,10 +200,10 @@ def _folder_bytes(folder: Path) -> int:
 def _measure(
     subject: _Subject, dataset: Dataset, settings: Settings, listen: Listener, pictures: Path | None
 ) -> Report:
-    from fastsplat.service.evaluation import evaluate_scene
-    from fastsplat.service.perception.lexicon import find_lexicon
-    from fastsplat.service.perception.text import open_text_encoder
-    from fastsplat.service.query import SceneIndex
+    from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
+    from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
+    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+    from fastsplat.service.query.scene_index import SceneIndex
 
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     lexicon = find_lexicon(settings.perception.lexicon, settings.models)

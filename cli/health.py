@@ -37,7 +37,7 @@ def _api_problem(settings: Settings) -> str:
 
 
 def _worker_problem(settings: Settings) -> str:
-    from fastsplat.service.store import open_store
+    from fastsplat.service.store.store import open_store
 
     store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
     try:

@@ -11,8 +11,8 @@ import typer
 from fastsplat.service.application.projects import Projects
 from fastsplat.service.common.file_names import is_system_file
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import Operation, SceneOptions, UpAxis
 

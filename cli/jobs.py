@@ -15,8 +15,8 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import OperationState
 

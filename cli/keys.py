@@ -17,8 +17,8 @@ from fastsplat.service.application.keys import Keys
 from fastsplat.service.application.project_keys import ProjectKeys, as_key
 from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.keys import KeyIn, Role
 
 keys_app = typer.Typer(

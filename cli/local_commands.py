@@ -39,10 +39,10 @@ def train(
     ] = False,
 ) -> None:
     """Train a scene into a folder, without a server."""
-    from fastsplat.service import library
+    from fastsplat.service.library.training_run import train as train_folder
 
     names = tuple(part.strip() for part in labels.split(",") if part.strip())
-    with library.train(photos, out, labels=names, seconds=seconds, preset=preset, strict=strict) as scene:
+    with train_folder(photos, out, labels=names, seconds=seconds, preset=preset, strict=strict) as scene:
         typer.echo(repr(scene))
 
 
@@ -52,11 +52,12 @@ def ask(
     picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
 ) -> None:
     """Ask the scene of a folder, or the sample scene, where things are."""
-    from fastsplat.service import library
+    from fastsplat.service.library.local_scene import open_scene
+    from fastsplat.service.library.sample import open_sample
 
     if picture is not None and len(texts) != 1:
         raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
-    with library.open_sample() if _is_sample(folder) else library.open_scene(folder) as scene:
+    with open_sample() if _is_sample(folder) else open_scene(folder) as scene:
         for text in texts:
             answer = scene.ask(text)
             typer.echo(answer.explanation)
@@ -70,12 +71,13 @@ def ask(
 
 def view(folder: Folder) -> None:
     """Show the scene of a folder, or the sample, in the browser, on this machine alone, until SIGTERM or SIGINT."""
-    from fastsplat.service import library
+    from fastsplat.service.library.local_scene import open_scene
+    from fastsplat.service.library.sample import sample_folder
 
     if _is_sample(folder):
-        with library.sample_folder() as sample:
+        with sample_folder() as sample:
             _serve(sample)
-    library.open_scene(folder).close()  # says what is wrong before anything starts
+    open_scene(folder).close()  # says what is wrong before anything starts
     _serve(folder)
 
 

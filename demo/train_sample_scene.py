@@ -32,11 +32,11 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 def main() -> None:
     """Train the scene, and write it where the package has it."""
     os.environ |= _SETTINGS  # before they are read
-    from fastsplat.service import library
     from fastsplat.service.library.sample import SAMPLE_ARCHIVE
+    from fastsplat.service.library.training_run import train
     from fastsplat.service.settings import load_settings
-    from fastsplat.service.store import open_store
     from fastsplat.service.store.backup import back_up
+    from fastsplat.service.store.store import open_store
 
     parser = argparse.ArgumentParser(prog="python -m demo.train_sample_scene", description=__doc__)
     parser.add_argument("--out", type=Path, default=SAMPLE_ARCHIVE)
@@ -47,7 +47,7 @@ def main() -> None:
             shutil.copytree(_CAPTURE / part, capture / part)
         poses = {**json.loads((_CAPTURE / "transforms.json").read_text()), "units": "meters"}
         (capture / "transforms.json").write_text(json.dumps(poses))
-        with library.train(capture, data, name="sample") as scene:
+        with train(capture, data, name="sample") as scene:
             info, things = scene.info, scene.things()
             print(scene, {name: info.quality[name] for name in ("psnr",) if name in info.quality})
             print(dict(Counter(thing.name or "(no name)" for thing in things)))

@@ -10,18 +10,29 @@ give them the names under which they are installed, so that `service` and `api` 
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fastsplat.service.library import LocalScene, Picture, Viewer, open_sample, open_scene, train
+    from fastsplat.service.library.local_scene import LocalScene, Picture, open_scene
+    from fastsplat.service.library.sample import open_sample
+    from fastsplat.service.library.training_run import train
+    from fastsplat.service.library.viewer import Viewer
 
 __all__ = ["LocalScene", "Picture", "Viewer", "open_sample", "open_scene", "train"]
+
+_MODULES = {
+    "LocalScene": "local_scene",
+    "Picture": "local_scene",
+    "Viewer": "viewer",
+    "open_sample": "sample",
+    "open_scene": "local_scene",
+    "train": "training_run",
+}
 
 
 def __getattr__(name: str) -> Any:
     """What `__all__` names loads with its first use: a worker or a command is not to wait for all of it."""
-    if name not in __all__:
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from fastsplat.service import library
-
-    return getattr(library, name)
+    return getattr(importlib.import_module(f"fastsplat.service.library.{_MODULES[name]}"), name)

@@ -24,14 +24,14 @@ from fastsplat.service.instances.closer_look import (
 )
 from fastsplat.service.instances.scene_things import votes_of_views
 from fastsplat.service.instances.second_look import add_names, choose_views, shares_seen
-from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.capture_detection import spread
-from fastsplat.service.perception.detectors import check_open_set_detector, open_open_set_detector
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
+from fastsplat.service.perception.labelling import label_capture
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.types import OpenSetDetector
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.thing_edits import with_label
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures
 from fastsplat.service.splatting.blending import thing_map

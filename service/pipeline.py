@@ -15,27 +15,27 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.placed_cameras import PlacedViews
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.instances.thing_appearances import with_appearances
-from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
-from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
+from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.movers import open_withholding
-from fastsplat.service.perception.segmenters import open_segmenter
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
-from fastsplat.service.query import embed_labels
-from fastsplat.service.scene import Scene, Things
-from fastsplat.service.scene.types import TAKEN_AT
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.scene.types import TAKEN_AT, Scene, Things
 from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels

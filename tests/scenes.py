@@ -13,12 +13,14 @@ from PIL import Image
 
 from fastsplat.service.capture.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
-from fastsplat.service.perception.text import TextEncoder
-from fastsplat.service.query import embed_labels
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from fastsplat.service.store import Store
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
 
 EMBEDDING_SIZE = 16

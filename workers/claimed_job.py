@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
 
 from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, TRAIN_MORE_STAGES
-from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
 from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.scene_repository import no_scene
+from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.results import PHOTOS
 from fastsplat_contract.errors import DatabaseError, NotFoundError, ObjectStoreError

@@ -7,9 +7,9 @@ import time
 from collections.abc import Iterable
 from contextlib import suppress
 
-from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.identity import check_identity
+from fastsplat.service.store.store import Store
 from fastsplat.workers.periodic import RepeatFilter
 
 TRASH_S = 7 * 24 * 3600.0

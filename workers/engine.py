@@ -26,10 +26,10 @@ from dbos import DBOS, DBOSConfig, SetEnqueueOptions, SetWorkflowID, _workflow_c
 from sqlalchemy import Engine, ExceptionContext, event
 
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
 from fastsplat.service.store.job_repository import FencedError
+from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
 from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers

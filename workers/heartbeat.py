@@ -23,8 +23,8 @@ from collections.abc import Mapping
 
 from dbos import DBOS
 
-from fastsplat.service.store import Store
 from fastsplat.service.store.records import WorkerRecord
+from fastsplat.service.store.store import Store
 from fastsplat.workers.process_group import machine_id, process_state
 
 logger = logging.getLogger(__name__)

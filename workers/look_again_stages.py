@@ -13,10 +13,12 @@ import numpy as np
 from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.gaussian_labels import label_gaussians
-from fastsplat.service.scene import Scene, read_scene, write_ply, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.store.blobs import remove
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import intact

@@ -7,15 +7,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.capture_files import load_capture
 from fastsplat.service.capture.placed_cameras import placed_of
 from fastsplat.service.capture.scene_photos import write_photos
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
-from fastsplat.service.perception import load_labelling, save_labelling
+from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
 from fastsplat.service.planning.time_left import with_time_left
-from fastsplat.service.scene import Scene, write_ply, write_scene
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.budget import job_settings, make_plan, stored_plan

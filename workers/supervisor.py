@@ -11,8 +11,8 @@ from typing import Any
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
+from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json

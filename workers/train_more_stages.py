@@ -12,9 +12,11 @@ import numpy as np
 
 from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.scene import Scene, read_scene, write_ply, write_scene
 from fastsplat.service.scene.alignment import alignment_to_json
+from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scaling import scaling_to_json
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.continuation import Continued
 from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.train_more import capture_of, merged_scene

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.scene import Evidence, Gaussians, SemanticHead
+from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.workers.results import intact
 

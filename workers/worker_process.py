@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat.workers.engine import Worker, start, stop
 
 logger = logging.getLogger(__name__)

@@ -30,10 +30,14 @@ from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, listed_
 from benchmarks.calibration.separation import auroc, calibration_error
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from fastsplat.service.common.dictionary import dictionary_of, label_key
-from fastsplat.service.perception.lexicon import Lexicon, open_lexicon
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead
+from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat_contract.queries import Answer
 
 _DRAWS = 2_000

@@ -39,12 +39,12 @@ from benchmarks.relations.__main__ import share_right
 from benchmarks.relations.drawing import scene_of
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene
-from fastsplat.service.perception.lexicon import find_lexicon
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import embed_labels
-from fastsplat.service.scene import Scene
+from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 
 _TIMEOUT_S = 60.0
 

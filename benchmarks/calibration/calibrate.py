@@ -33,8 +33,9 @@ from benchmarks.calibration.folds import folds_of
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.perception.lexicon import open_lexicon
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.calibration import FILE, Score, calibration_key
 from fastsplat.service.query.embeddings import TextCache
 from fastsplat.service.query.meaning import FILE as MEANING_FILE

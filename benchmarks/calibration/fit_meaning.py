@@ -27,8 +27,8 @@ from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.perception.lexicon import Lexicon
-from fastsplat.service.perception.text import TextEncoder
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.embeddings import TextCache, TextCaches
 from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, expanded, summed_odds

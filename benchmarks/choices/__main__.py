@@ -26,7 +26,7 @@ from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.splits import add_split
 from benchmarks.trade.bench_captures import BenchData, load_data
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation import evaluate_views
+from fastsplat.service.evaluation.held_out_views import evaluate_views
 from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train

@@ -24,16 +24,17 @@ from benchmarks.choices.judging import judge
 from benchmarks.provenance import RESULTS, begin, provenance, write_json
 from benchmarks.splits import add_split
 from benchmarks.things.__main__ import discovery_data, trained_scene
-from fastsplat.service.evaluation.datasets import Dataset
+from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.instances.discovery import discover_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.capture_masks import propose_capture_masks
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.planning.presets import override_training
-from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings, load_settings
 
 CANDIDATES: Mapping[str, tuple[float, ...]] = {

@@ -30,7 +30,8 @@ from fastsplat.service.pipeline import assemble_scene
 from fastsplat.service.query import objects
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
-from fastsplat.service.scene import Scene, connectivity
+from fastsplat.service.scene import connectivity
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train

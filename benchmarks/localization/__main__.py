@@ -36,8 +36,8 @@ from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera
 

@@ -16,12 +16,13 @@ from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets import read_dataset, training_capture
-from fastsplat.service.evaluation.datasets.training import subset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.training import subset, training_capture
 from fastsplat.service.evaluation.validation_split import Split, validation_names
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera
 

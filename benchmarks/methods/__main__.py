@@ -42,15 +42,17 @@ from benchmarks.splits import add_split, add_training_bounds, bounded_settings, 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.predictions import truth_ids
-from fastsplat.service.perception import label_capture
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.perception.types import Labelling
+from fastsplat.service.perception.labelling import label_capture
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import Labelling, TextEncoder
 from fastsplat.service.pipeline import build_scene
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.embeddings import embed_names
-from fastsplat.service.scene import Scene, SemanticHead
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import TrainingView, load_views
 from fastsplat.service.splatting.view_evidence import views_evidence

@@ -14,7 +14,7 @@ from torch import Tensor
 from fastsplat.service.query.relevancy import LERF_TEMPERATURE, logistic
 from fastsplat.service.scene.types import F32, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import rasterize_bands
+from fastsplat.service.splatting.raster.rendering import rasterize_bands
 from fastsplat_contract.camera import PosedCamera
 
 _BAND_VALUES = 1 << 24

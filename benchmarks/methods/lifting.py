@@ -14,7 +14,7 @@ from torch import Tensor
 
 from fastsplat.service.scene.types import F32, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import accumulate_weights, label_sums, rasterize
+from fastsplat.service.splatting.raster.rendering import accumulate_weights, label_sums, rasterize
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
 _CHUNK = 64

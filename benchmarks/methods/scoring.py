@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.methods.fields import DrawnField, Field
-from fastsplat.service.evaluation.datasets import Dataset
+from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.image_quality import psnr
 from fastsplat.service.evaluation.localization import box_of, peak_in_box
 from fastsplat.service.evaluation.mask3d_iou import TrueSurface, gaussian_truth, mask3d_counts
@@ -21,7 +21,7 @@ from fastsplat.service.evaluation.published.mask_pairs import (
 from fastsplat.service.evaluation.published.relevancy_maps import localized, thresholded_mask
 from fastsplat.service.evaluation.segmentation import mask_counts, total
 from fastsplat.service.evaluation.types import Skipped, mean
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.camera import PosedCamera
 

@@ -22,7 +22,7 @@ from benchmarks.provenance import MADE_FAST_HERE, RESULTS, ROOT, begin, provenan
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_client import Client
 
 _OUT = RESULTS / "page.json"

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
 SAME = """couch/sofa, cup/mug, tv/television, cell phone/mobile phone, teddy bear/stuffed toy, teddy bear/plush doll,
 bicycle/bike, potted plant/houseplant, refrigerator/fridge, hair drier/hairdryer, trash can/garbage bin,

@@ -23,11 +23,12 @@ import numpy as np
 from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.query.labelled_garden import common_names, labelled_garden
 from benchmarks.raster.garden import garden_file
-from fastsplat.service.perception.lexicon import open_lexicon
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.query.objects import find_objects
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 
 _OUT = RESULTS / "query.json"
 _TEXT = "something to drink from"

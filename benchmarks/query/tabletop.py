@@ -25,8 +25,9 @@ from benchmarks.provenance import begin, chosen_on, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import find_objects
-from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.scene.boxes import oriented_box
+from fastsplat.service.scene.scene_files import read_scene
+from fastsplat.service.scene.types import Scene
 
 _PATCH = 0.003
 

@@ -17,8 +17,11 @@ from torch import Tensor
 from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
-from fastsplat.service.splatting.losses import image_loss
-from fastsplat.service.splatting.raster import Backend, Splats, cuda, device_of, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.losses.functional import image_loss
+from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.errors import ModelUnavailableError
 
 _OUT = RESULTS / "gpu.json"

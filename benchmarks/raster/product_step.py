@@ -14,8 +14,8 @@ from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.splatting.raster import Backend
 from fastsplat.service.splatting.raster.kernels import running_with
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.settings import LearningRates, TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat_contract.camera import PosedCamera

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import SH_C0, Thing, Things
+from fastsplat.service.scene.types import SH_C0, Gaussians, Scene, SemanticHead, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 
 F64 = NDArray[np.float64]

@@ -35,7 +35,7 @@ from fastsplat.service.evaluation.depth_error import depth_errors
 from fastsplat.service.evaluation.held_out_views import evaluate_views
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.photometric import channel_evs, from_light, to_light, zero_mean
-from fastsplat.service.splatting.raster import rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats

@@ -22,7 +22,9 @@ import numpy as np
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, read_ply, read_scene, write_ply, write_scene
+from fastsplat.service.scene.ply import read_ply, write_ply
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.store.records import NewJob, SceneSummary

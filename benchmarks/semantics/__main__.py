@@ -35,19 +35,20 @@ from benchmarks.provenance import Start, begin, chosen_on, provenance, write_jso
 from benchmarks.splits import add_split, results_file
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
-from fastsplat.service.evaluation.datasets.reading import TEST_EVERY
-from fastsplat.service.evaluation.datasets.types import TrueView
+from fastsplat.service.evaluation.datasets.reading import TEST_EVERY, read_dataset
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.datasets.types import Dataset, TrueView
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
-from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.pipeline import build_scene
 from fastsplat.service.planning.presets import override_training
-from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import CodeSemantics, Scene, read_scene, semantics_of, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import CodeSemantics, Scene, semantics_of
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat.service.splatting.view_evidence import views_evidence

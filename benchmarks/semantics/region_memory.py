@@ -16,7 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 
-from fastsplat.service.splatting.raster import LabelSums
+from fastsplat.service.splatting.raster.types import LabelSums
 from fastsplat.service.splatting.region_groups import group_regions
 
 _SLIPS = 0.1

@@ -26,7 +26,7 @@ from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc

@@ -13,7 +13,7 @@ from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room
 from benchmarks.serve.training_beside import training_beside
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import embed_labels
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.embeddings import embed_labels
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
-from fastsplat.service.store import Store
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import Camera, PosedCamera
 
 ENCODER = "minilm_l6_int8"

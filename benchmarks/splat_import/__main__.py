@@ -29,7 +29,9 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_views, train_scene
-from fastsplat.service.scene import Gaussians, Scene, write_ply, write_scene
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat.service.settings import Settings
 
 _OUT = RESULTS / "splat_import.json"

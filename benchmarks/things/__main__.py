@@ -28,23 +28,26 @@ from PIL import Image
 
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
-from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.capture_files import load_capture
 from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets import Dataset, read_dataset, training_capture
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.instances.discovery import discover_things
 from fastsplat.service.perception.capture_masks import propose_capture_masks
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
 from fastsplat.service.planning.presets import override_training
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.pictures import label_colors
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.blending import thing_map
 

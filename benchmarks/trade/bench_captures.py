@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
-from fastsplat.service.capture import load_capture
+from fastsplat.service.capture.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.validation_split import Split
-from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions
 from fastsplat.service.settings import Settings
@@ -87,7 +87,8 @@ def _built(name: str) -> Capture:
         SCRATCH.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=SCRATCH) as work:
             # these load what a row's process does without
-            from fastsplat.service.evaluation.datasets import read_dataset, training_capture
+            from fastsplat.service.evaluation.datasets.reading import read_dataset
+            from fastsplat.service.evaluation.datasets.training import training_capture
             from fastsplat.service.pipeline import capture_folder
 
             folder, settings = Path(work), CaptureSettings()

@@ -22,11 +22,13 @@ from benchmarks.trade.bench_captures import SCRATCH, BenchData, load_data, model
 from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.validation_split import Split
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import RasterSettings, label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.rendering import label_map, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import RasterSettings
 from fastsplat.service.splatting.train import train
 from fastsplat_contract.camera import PosedCamera
 

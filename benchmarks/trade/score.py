@@ -19,7 +19,7 @@ from fastsplat.service.evaluation.predictions import truth_ids
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 
 Map = Callable[[PosedCamera], NDArray[np.generic]]

@@ -22,12 +22,13 @@ from typing import Any
 from benchmarks.provenance import begin, chosen_on, provenance, write_json
 from benchmarks.splits import add_split, results_file
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation import evaluate_scene
-from fastsplat.service.evaluation.datasets import Dataset, read_dataset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.train_eval import train_on_split
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import apply_preset, override_training
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.settings import TrainingSettings
 

@@ -40,7 +40,7 @@ from fastsplat.service.capture.withholding import Withholding
 from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.capture_detection import detect_closed_set
-from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Labelling
 from fastsplat.service.scene.types import Gaussians

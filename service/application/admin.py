@@ -11,8 +11,8 @@ from fastsplat.service.application.figures import Figures
 from fastsplat.service.application.keys import Keys
 from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ModelUnavailableError, ResourceError
 
 

@@ -14,7 +14,7 @@ from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.query_text import TextQuery
 from fastsplat.service.settings import CallSettings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
     ArtefactError,
     InvalidInputError,

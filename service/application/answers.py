@@ -16,10 +16,10 @@ from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.validate import check_page_size, check_pick, check_texts
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import (
     InvalidInputError,

@@ -6,9 +6,9 @@ from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.validate import check_page_size, check_texts
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.detection_messages import DetectionList
 
 

@@ -27,8 +27,8 @@ from fastsplat.service.application.scene_recording import (
     thing_color,
     thing_facts,
 )
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.occupancy import FREE, OCCUPIED, OccupancyMap
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.alignment import frame_id
 from fastsplat.service.scene.point_ply import point_rows
 from fastsplat.service.scene.types import Scene

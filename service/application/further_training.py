@@ -13,8 +13,8 @@ from fastsplat.service.application.version_rows import version_of
 from fastsplat.service.capture.scene_photos import photo_folder
 from fastsplat.service.scene.changes import CHANGING, changed_views
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.records import SceneRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import NotReadyError
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.scenes import SceneVersion

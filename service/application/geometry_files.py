@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.application.camera_files import transforms
 from fastsplat.service.common.zips import zipped
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surface_mesh import surface_mesh
 from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views

@@ -19,7 +19,7 @@ from fastsplat.service.capture.scene_photos import photo_folder, photo_path
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import BYTES_PER_LANDMARK, Landmarks, Photo, find_landmarks
 from fastsplat.service.localization.settings import LocalizationSettings
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.blobs import Blobs
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotReadyError, SceneFileError

@@ -6,7 +6,7 @@ import threading
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.memory import MemoryBudget
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_views
 
 

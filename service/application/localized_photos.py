@@ -15,7 +15,7 @@ from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.localization.settings import LocalizationSettings
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.localize_messages import LocalizedPhoto, PhotoDifference, ThingInView
 from fastsplat_contract.thing_prompts import PixelBox

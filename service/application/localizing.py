@@ -16,13 +16,13 @@ from fastsplat.service.application.validate import check_texts
 from fastsplat.service.capture.sent_photos import DECODER_BYTES, SparePhotoDecoder
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 
 if TYPE_CHECKING:  # torch and pycolmap load when they are used
-    from fastsplat.service.query import SceneIndex
+    from fastsplat.service.query.scene_index import SceneIndex
 
 _PHOTO_COST = 2.0**23
 """Finding a photo's keypoints takes about as long as rendering so many pixels, and its pose as long again."""

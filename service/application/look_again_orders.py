@@ -77,10 +77,7 @@ def _checked(texts: Sequence[str], limits: StoreSettings) -> tuple[str, ...]:
 
 
 def _check_models(texts: Sequence[str], settings: Settings) -> None:
-    from fastsplat.service.perception.detectors import (  # onnxruntime loads with the first look
-        check_open_set_detector,
-        check_texts_known,
-    )
+    from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, check_texts_known
 
     check_open_set_detector(settings.perception)
     check_texts_known(texts, settings.perception, settings.models, field="texts")

@@ -6,7 +6,6 @@ import numpy as np
 
 from fastsplat.service.application.geometry_files import ViewsOf, surface_bytes
 from fastsplat.service.common.zips import zipped
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.floors import floor_ids, names_of_others
 from fastsplat.service.query.occupancy import (
     FREE,
@@ -16,6 +15,7 @@ from fastsplat.service.query.occupancy import (
     check_map_frame,
     occupancy_map,
 )
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surface_views import surface_views
 
 _PER_CELL, _PER_SAMPLE = 32, 160

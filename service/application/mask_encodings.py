@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.pictures import png_bytes
-from fastsplat.service.scene import Gaussians, write_ply
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, Segmentation, ViewMask, encode_rle, pack_mask3d
 from fastsplat_contract.queries import Answer

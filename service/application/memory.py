@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.call_scheduling import current_runner, wait_elsewhere
-from fastsplat.service.scene import Gaussians, Scene
+from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat.service.settings import CallSettings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import FastSplatError, LimitExceededError

@@ -10,21 +10,22 @@ from typing import TYPE_CHECKING, TypeVar
 
 from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.memory import MemoryBudget
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.embeddings import TextCaches, text_caches
 from fastsplat.service.query.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.query.ranked_scene import RankedScene
-from fastsplat.service.scene import Scene, read_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scene_files import read_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.poses import F64
 from fastsplat_contract.queries import QueryIn
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
-    from fastsplat.service.perception.lexicon import Lexicon
-    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.types import TextEncoder
 
 T = TypeVar("T")
 _TRIES = 3
@@ -164,7 +165,7 @@ class OpenScenes:
         return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
 
     def _encoder(self, name: str) -> TextEncoder:
-        from fastsplat.service.perception.text import open_text_encoder
+        from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
         with self._encoder_lock:
             if name not in self._encoders:
@@ -178,7 +179,7 @@ class OpenScenes:
             return self._caches[encoder.name].of(self._store.project)
 
     def _lexicon(self) -> Lexicon | None:
-        from fastsplat.service.perception.lexicon import find_lexicon
+        from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
 
         name = self._settings.perception.lexicon
         with self._encoder_lock:

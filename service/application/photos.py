@@ -13,11 +13,11 @@ from fastsplat.service.application.paging import page_of
 from fastsplat.service.application.validate import check_page_size, check_texts
 from fastsplat.service.capture.scene_photos import photo_path
 from fastsplat.service.common.call_scheduling import charge
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.thing_views import CANDIDATES, best_thing_views, small_view
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
 from fastsplat.service.application.open_scenes import view_of
-from fastsplat.service.query import SceneIndex, pictures
+from fastsplat.service.query import pictures
 from fastsplat.service.query.query_text import TextQuery
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest

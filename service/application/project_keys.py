@@ -9,8 +9,8 @@ from fastsplat.service.application.keys import Keys
 from fastsplat.service.application.paging import read_page_token, write_page_token
 from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.key_repository import ROLES, KeyRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDeniedError, QuotaError
 from fastsplat_contract.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
 

@@ -10,9 +10,9 @@ from fastsplat.service.application.paging import read_page_token, write_page_tok
 from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.scene import Things
+from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.thing_messages import NameSuggestion, SceneThing
 

@@ -14,7 +14,7 @@ from fastsplat.service.application.memory import MemoryBudget, masks_bytes
 from fastsplat.service.application.open_scenes import view_of
 from fastsplat.service.application.warm_segmenter import WarmSegmenter
 from fastsplat.service.common.call_scheduling import charge
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.application.scene_recording import SceneRecording, described, thing_color, thing_facts
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import SH_C0, Gaussians, Scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import MissingPackageError

@@ -8,9 +8,9 @@ from typing import Any
 
 from fastsplat.service.application.stored import operation_of
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.damaged_rows import each_readable
 from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_json

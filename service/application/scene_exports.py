@@ -30,12 +30,12 @@ from fastsplat.service.application.scene_page import scene_page
 from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.application.validate import check_texts
 from fastsplat.service.capture.scene_photos import photo_path
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.occupancy import OccupancyMap
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.sog_writing import sog_bytes
 from fastsplat.service.scene.spz_writing import spz_bytes
-from fastsplat.service.store import Store
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.exports import ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from fastsplat.service.application.quotas import Quotas
-from fastsplat.service.store import Store
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import NewJob, OperationRecord
+from fastsplat.service.store.store import Store
 from fastsplat_contract.operations import OperationKind, SceneOptions
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.json_codec import to_plain
 

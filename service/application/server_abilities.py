@@ -15,7 +15,7 @@ from fastsplat.service.application.project_keys import as_key
 from fastsplat.service.query.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.keys import Role
 from fastsplat_contract.server_status import ModelRole, ModelStatus, QuotaStatus, ServerStatus
@@ -157,6 +157,6 @@ def _digest(name: str, models: Path) -> str | None:
 
 @cache
 def _opened_digest(name: str, models: Path) -> str:
-    from fastsplat.service.perception.text import open_text_encoder
+    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
     return open_text_encoder(name, models).sha256

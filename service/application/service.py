@@ -51,11 +51,11 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_to_json
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.reserve import check_free_space
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection
 
-from fastsplat.service.store import Store
 from fastsplat.service.store.key_repository import use_key
 from fastsplat.service.store.scene_repository import no_operation
+from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, PermissionDeniedError
 from fastsplat_contract.operations import Operation, SceneOptions
 

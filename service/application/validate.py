@@ -266,7 +266,7 @@ def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Setti
     if not withholds and (not options.labels or upload.has_labels):
         return  # onnxruntime loads with the first upload that names something
     from fastsplat.service.perception.capture_detection import check_labels_known
-    from fastsplat.service.perception.detectors import check_texts_known
+    from fastsplat.service.perception.detectors.open_detectors import check_texts_known
     from fastsplat.service.perception.movers import mover_detectors
 
     if options.labels and not upload.has_labels:

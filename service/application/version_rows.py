@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.damaged_rows import decodes
 from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.json_codec import from_plain

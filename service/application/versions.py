@@ -19,15 +19,17 @@ from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.application.version_rows import PROMPTED, dictionary_rows, version_of
 from fastsplat.service.capture.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query import SceneIndex
-from fastsplat.service.scene import Scene, Things, write_ply, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.changes import changed_views
+from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scaling import scaling_to_json
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Scene, Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.store import Store
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.name_repository import NewName, VersionNames
+from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 from fastsplat_contract.errors import (
     ConflictError,

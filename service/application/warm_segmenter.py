@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.application.memory import MemoryBudget
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 
@@ -97,7 +97,7 @@ class WarmSegmenter:
         Raises:
             ModelUnavailableError: its files are not in the model directory, damaged, or break its contract.
         """
-        from fastsplat.service.perception.segmenters import open_segmenter
+        from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 
         with self._lock:
             if self._open is None:

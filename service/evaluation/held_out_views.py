@@ -17,7 +17,8 @@ from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError

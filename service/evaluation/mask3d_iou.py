@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from fastsplat.service.evaluation.datasets.types import TrueView
 from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 
 NO_TRUTH = -1

@@ -14,10 +14,12 @@ from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
 from fastsplat.service.evaluation.localization import box_of
 from fastsplat.service.evaluation.published.mask_pairs import silhouette_mask
 from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of, rasterize
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.queries import Answer
 

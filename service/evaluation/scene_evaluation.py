@@ -28,7 +28,7 @@ from fastsplat.service.evaluation.types import (
     ViewMetric,
     ViewPrediction,
 )
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Scene
 
 _Measure = Callable[[ViewPrediction], Any]

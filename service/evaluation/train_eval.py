@@ -13,12 +13,13 @@ from typing import Literal
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress
-from fastsplat.service.evaluation.datasets import Dataset, training_capture
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene
 from fastsplat.service.planning.presets import PresetName, override_training
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError
 

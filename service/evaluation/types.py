@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.queries import Answer
 
 C = TypeVar("C")

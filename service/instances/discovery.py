@@ -21,7 +21,8 @@ from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import evidence_of, no_evidence, posterior
 from fastsplat.service.scene.types import Evidence, Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, Splats, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
 from fastsplat.service.splatting.training_views import training_size
 

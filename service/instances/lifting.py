@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from torch import Tensor
 
-from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, label_sums
+from fastsplat.service.splatting.raster.rendering import label_sums
+from fastsplat.service.splatting.raster.types import Backend, LabelSums, Splats
 from fastsplat.service.splatting.region_groups import LiftedRegions, lift_regions, one_piece_each
 from fastsplat_contract.camera import Camera
 

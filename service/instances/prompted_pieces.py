@@ -18,7 +18,9 @@ from fastsplat.service.perception.types import Segmenter
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of, label_sums, rasterize
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import label_sums, rasterize
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import PosedCamera
 
 Mask = NDArray[np.bool_]

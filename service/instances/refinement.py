@@ -24,7 +24,8 @@ from fastsplat.service.scene.label_evidence import evidence_of, merged, posterio
 from fastsplat.service.scene.types import F32, Evidence, Gaussians
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.view_evidence import view_evidence
 from fastsplat_contract.camera import PosedCamera
 

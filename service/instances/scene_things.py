@@ -18,7 +18,8 @@ from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
 from fastsplat.service.scene.upright import up_of, vertical_figures, vertical_of
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.region_groups import LiftedRegions
 from fastsplat.service.splatting.training_views import training_size
 

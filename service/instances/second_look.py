@@ -16,7 +16,8 @@ from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.camera import PosedCamera
 

@@ -10,14 +10,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fastsplat.service.capture import load_image
+from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.appearance import AppearanceEncoder, descriptor_of, small_picture
 from fastsplat.service.perception.capture_detection import spread
 from fastsplat.service.scene.types import Gaussians, Things
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import training_size
 
 _MAX_VIEWS = 16

@@ -17,7 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fastsplat.service.library.local_scene import LocalScene, open_scene
-from fastsplat.service.scene import read_scene, write_ply
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.store.backup import restore
 from fastsplat_contract.errors import InvalidInputError, ResourceError, SceneFileError
 

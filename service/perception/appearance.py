@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.detectors import CLOSED_SET_DETECTORS
+from fastsplat.service.perception.detectors.open_detectors import CLOSED_SET_DETECTORS
 from fastsplat.service.perception.image_tensors import imagenet_tensor
 from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.models.model_manifest import find_model

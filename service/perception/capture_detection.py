@@ -10,7 +10,11 @@ import numpy as np
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.class_names import TAGS
 from fastsplat.service.perception.detection_voting import merge_spellings, resolve_detections
-from fastsplat.service.perception.detectors import closed_set_labels, open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.detectors.open_detectors import (
+    closed_set_labels,
+    open_closed_set_detector,
+    open_open_set_detector,
+)
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import propose_texts
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from fastsplat.service.capture import load_content, load_image
+from fastsplat.service.capture.build import load_image
+from fastsplat.service.capture.capture_files import load_content
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.capture_detection import detect_closed_set, spread
-from fastsplat.service.perception.detectors import open_closed_set_detector
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Segmenter, ViewMasks
 

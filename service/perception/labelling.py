@@ -10,16 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from fastsplat.service.capture import load_content, load_image
+from fastsplat.service.capture.build import load_image
+from fastsplat.service.capture.capture_files import load_content
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views, spread
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps, upsampled
 from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 from fastsplat_contract.errors import InvalidInputError

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fastsplat.service.capture.withholding import Withholding, dilated
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.capture_detection import detect_closed_set
-from fastsplat.service.perception.detectors import (
+from fastsplat.service.perception.detectors.open_detectors import (
     check_open_set_detector,
     check_texts_known,
     closed_set_labels,
@@ -21,7 +21,7 @@ from fastsplat.service.perception.detectors import (
 )
 from fastsplat.service.perception.mask_postprocessing import clean_mask, upsampled
 from fastsplat.service.perception.mask_proposals import answer_boxes
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, OpenSetDetector, Segmenter, joined
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError

@@ -14,11 +14,12 @@ from PIL import Image
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception import label_capture
+from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.planning.cost_model import Speed
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.losses import image_loss
-from fastsplat.service.splatting.raster import Backend, Splats, rasterize
+from fastsplat.service.splatting.losses.functional import image_loss
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
 _STEP_S, _IMAGE_S = 0.0077, 0.0030

@@ -25,7 +25,7 @@ from fastsplat.service.planning.cost_model import (
 )
 from fastsplat.service.planning.machine import machine_speed, perception_cost
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.settings import TrainingSettings
 
 S = TypeVar("S", PerceptionSettings, TrainingSettings)

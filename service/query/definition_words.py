@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fastsplat.service.query.relevancy import F64
 
 if TYPE_CHECKING:
-    from fastsplat.service.perception.lexicon import Lexicon, Verb
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon, Verb
 
 NO_ROWS: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 _Key = TypeVar("_Key", bound=Hashable)

@@ -19,7 +19,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import ModelUnavailableError
 
 if TYPE_CHECKING:  # a type only: onnxruntime stays out of processes that merely know the settings
-    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.perception.types import TextEncoder
 
 F32 = NDArray[np.float32]
 _DEFAULTS = QuerySettings()

@@ -31,7 +31,7 @@ from fastsplat.service.query.word_senses import (
 )
 
 if TYPE_CHECKING:
-    from fastsplat.service.perception.lexicon import Lexicon
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
 
 Rows = NDArray[np.intp]
 _Key = TypeVar("_Key", bound=Hashable)

@@ -20,7 +20,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
-    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.perception.types import TextEncoder
 
 _CACHED_CONTEXTS = 8
 

@@ -30,8 +30,8 @@ from fastsplat.service.query.thing_names import ThingNames
 from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched, Verdict
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
-    from fastsplat.service.perception.lexicon import Lexicon
-    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.types import TextEncoder
 
 Mask = NDArray[np.bool_]
 

@@ -27,8 +27,8 @@ from fastsplat_contract.queries import Answer
 from fastsplat_contract.scenes import SceneObject
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
-    from fastsplat.service.perception.lexicon import Lexicon
-    from fastsplat.service.perception.text import TextEncoder
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.types import TextEncoder
     from fastsplat.service.query.objects import Instance
     from fastsplat.service.query.scene_renderer import Renderer
     from fastsplat.service.query.thing_index import SceneThings

@@ -17,7 +17,8 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import LabelMap, Rendering, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import LabelMap, Rendering
 from fastsplat_contract.camera import PosedCamera
 
 _SURE_PX = 64

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.scene.types import F32
-from fastsplat.service.splatting.raster import Backend, Splats, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import PosedCamera
 
 RELATIVE_SPREAD = 0.05

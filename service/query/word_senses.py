@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from fastsplat.service.perception.lexicon import Lexicon, Sense
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon, Sense
 
 SOLID = frozenset({"artifact", "food", "animal", "plant", "body", "object", "substance", "person", "tops"})
 """Lexical classes of what can lie in a scene."""

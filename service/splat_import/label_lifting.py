@@ -27,7 +27,9 @@ from fastsplat.service.splatting.gaussians import activate_opacities, color_para
 from fastsplat.service.splatting.label_consensus import fuse_label_maps
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import psnr
-from fastsplat.service.splatting.raster import Backend, device_of, rasterize
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.semantics import (
     class_weights,
     code_size,

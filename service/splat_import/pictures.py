@@ -11,8 +11,7 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import load_capture
-from fastsplat.service.capture.capture_files import save_capture
+from fastsplat.service.capture.capture_files import load_capture, save_capture
 from fastsplat.service.capture.image_io import save_rgb
 from fastsplat.service.capture.splat_input import load_splat, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, View
@@ -25,7 +24,9 @@ from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.operations import UpAxis
 

@@ -13,7 +13,9 @@ from scipy.spatial import cKDTree
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splat_import.bulk import F64, Bulk, quantiles
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, accumulate_weights, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import accumulate_weights
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
 

@@ -13,15 +13,10 @@ from torch import Tensor
 from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, ThingSemantics, semantics_of
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import (
-    Backend,
-    LabelMap,
-    ShareMaps,
-    Splats,
-    device_of,
-    label_map,
-    rasterize,
-)
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import label_map, rasterize
+from fastsplat.service.splatting.raster.share_maps import ShareMaps
+from fastsplat.service.splatting.raster.types import Backend, LabelMap, Splats
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster import Rendering
+from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 

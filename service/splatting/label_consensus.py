@@ -21,7 +21,8 @@ from fastsplat.service.perception.types import Regions
 from fastsplat.service.scene.types import Evidence, Gaussians
 from fastsplat.service.splatting.blending import EvidenceBlend
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.region_groups import Region, group_regions
 from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, with_labels
 from fastsplat.service.splatting.view_evidence import region_sums, views_evidence

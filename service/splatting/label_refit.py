@@ -22,7 +22,8 @@ from torch import Tensor
 from fastsplat.service.scene.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import activate_opacities, current_gaussians, splats_of
 from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.raster import Backend, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import TrainingView

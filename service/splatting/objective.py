@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.depth_regularization import DepthAnchors, depth_terms, squared_depths
-from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.photometric import corrected_for
-from fastsplat.service.splatting.raster import Backend, Rendering, Splats, rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import Backend, Rendering, Splats
 from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.sensor_depth import sensor_depth_terms
 from fastsplat.service.splatting.settings import TrainingSettings

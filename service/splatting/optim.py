@@ -8,7 +8,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.errors import InvalidInputError
 
 

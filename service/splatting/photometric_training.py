@@ -20,7 +20,7 @@ from torch import Tensor
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.photometric import fitted_correction, zero_mean
-from fastsplat.service.splatting.raster import Rendering
+from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.scene_exposure import exposed, fits_to_photos
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState

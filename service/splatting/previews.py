@@ -14,7 +14,7 @@ from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.objective import render_frame
-from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView, training_size
 
 PREVIEW_SHARE = 0.03

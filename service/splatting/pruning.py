@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, accumulate_weights, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import accumulate_weights
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView
 
 MAX_EVAL_VIEWS = 8

@@ -11,9 +11,9 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.objective import render_frame
-from fastsplat.service.splatting.raster import Backend
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView
 
 _SATURATED = 254.5 / 255

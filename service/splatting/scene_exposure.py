@@ -19,7 +19,8 @@ from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, fitted_correction, to_light
-from fastsplat.service.splatting.raster import Backend, Rendering, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend, Rendering
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
 _COVERED = 0.5

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.splatting.initial import F32, project
-from fastsplat.service.splatting.losses import semantic_loss
+from fastsplat.service.splatting.losses.functional import semantic_loss
 from fastsplat.service.splatting.training_views import TrainingView
 
 _MAX_AUTO_SIZE = 13

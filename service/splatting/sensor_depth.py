@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster import Rendering
+from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame
 

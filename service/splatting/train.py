@@ -39,7 +39,8 @@ from fastsplat.service.splatting.photometric_training import (
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
 from fastsplat.service.splatting.quality import measure_views
-from fastsplat.service.splatting.raster import Backend, device_of
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.scene_exposure import scene_exposure
 from fastsplat.service.splatting.schedule import image_scales

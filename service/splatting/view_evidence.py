@@ -14,7 +14,9 @@ from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, merged, no_evidence
 from fastsplat.service.scene.types import Evidence, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Backend, LabelSums, Splats, device_of, label_sums
+from fastsplat.service.splatting.raster.checks import device_of
+from fastsplat.service.splatting.raster.rendering import label_sums
+from fastsplat.service.splatting.raster.types import Backend, LabelSums, Splats
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError

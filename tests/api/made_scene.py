@@ -11,10 +11,10 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import NewName, VersionNames, record_names

@@ -19,7 +19,7 @@ from fastsplat.service.application.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.splat_files.limits import SplatLimits
 from fastsplat.service.capture.splat_files.spz import read_spz
-from fastsplat.service.scene import read_ply
+from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError, SceneFileError
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest

@@ -23,7 +23,7 @@ from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.settings import LocalizationSettings
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client

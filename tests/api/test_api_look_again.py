@@ -6,7 +6,7 @@ import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.scene import read_scene
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_client import Client
 from fastsplat_contract.errors import FastSplatError

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.scene import Parts, Thing, Things
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Parts, Thing, Things
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError

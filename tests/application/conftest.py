@@ -11,11 +11,12 @@ import pytest
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import QuerySettings
-from fastsplat.service.scene import Scene
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings, StoreSettings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CorruptImageError
 from fastsplat_contract.operations import SceneOptions

@@ -14,10 +14,13 @@ import pytest
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
 from fastsplat.service.application import open_scenes
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
-from fastsplat.service.scene import Parts, Scene, SemanticHead, Thing
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, posterior
+from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Thing
 from fastsplat.service.settings import Settings
 from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.scenes import Edit

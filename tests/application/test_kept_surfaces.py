@@ -8,7 +8,7 @@ from fastsplat.service.application import kept_surfaces
 from fastsplat.service.application.geometry_files import cameras_file, mesh_file, points_file
 from fastsplat.service.application.kept_surfaces import KeptSurfaces
 from fastsplat.service.application.memory import MemoryBudget
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surface_views import SurfaceView, surface_views
 from fastsplat.service.settings import CallSettings
 from tests.query.wall import wall_index

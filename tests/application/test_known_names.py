@@ -12,11 +12,10 @@ from sqlalchemy import func, select
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings
-from fastsplat.service.scene import Things
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.scene.types import Thing, Things
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.schema import known_names
 from fastsplat_contract.camera import Camera, PosedCamera

@@ -13,8 +13,8 @@ import pytest
 from fastsplat.service.application.cache import LeastRecentlyUsed
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.text.label_table import LabelTable
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.queries import QueryRequest

@@ -9,9 +9,9 @@ import pytest
 
 from fastsplat.service.application.stored import operation_of, scene_of
 from fastsplat.service.scene.alignment import Alignment, alignment_to_json
-from fastsplat.service.store import open_store
 from fastsplat.service.store.codec import camera_to_json, options_from_json
 from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.store import open_store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.protocol import Job, read_job
 from fastsplat_client.assistant.tool_lengths import up_of

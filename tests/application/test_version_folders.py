@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import TRAIN_MORE, NewJob
 from fastsplat.service.store.settings import ArtefactSettings

@@ -9,8 +9,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.settings import ArtefactSettings
 from tests.api.made_scene import ENCODER, write_words

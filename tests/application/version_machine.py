@@ -24,12 +24,12 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
-from fastsplat.service.perception.text import TextEncoder
-from fastsplat.service.query import QuerySettings
-from fastsplat.service.scene import read_scene
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import SH_C0
-from fastsplat.service.store import Store
 from fastsplat.service.store.records import TRAIN_MORE, NewJob
+from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat_contract.errors import ConflictError, NotFoundError
 from fastsplat_contract.json_codec import to_plain

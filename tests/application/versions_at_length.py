@@ -19,9 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastsplat.service.common.process import die_with_parent
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.store import open_store
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.store.settings import ArtefactSettings
+from fastsplat.service.store.store import open_store
 from fastsplat_client import Client
 from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.scenes import Edit, SceneVersion

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from benchmarks.raster.garden import Scene, garden, made_garden
-from fastsplat.service.splatting.raster import rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
 
 
 def _work(scene: Scene) -> dict[str, float]:

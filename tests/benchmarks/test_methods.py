@@ -13,11 +13,11 @@ from benchmarks.methods.fields import FeatureField, HardField, Vocabulary
 from benchmarks.methods.lifting import distill_features, lift_features, majority_labels
 from benchmarks.methods.scoring import ProductField, score
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.evaluation.datasets import read_dataset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.query.embeddings import embed_names
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import label_sums
+from fastsplat.service.splatting.raster.rendering import label_sums
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 from fastsplat_contract.camera import PosedCamera
 from tests.evaluation import made_data

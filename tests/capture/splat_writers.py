@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastsplat.service.scene import Gaussians
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.types import SH_C0, Gaussians
 
 
 def columns_of(gaussians: Gaussians) -> dict[str, np.ndarray]:

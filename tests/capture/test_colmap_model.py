@@ -9,9 +9,10 @@ import numpy as np
 import pycolmap
 import pytest
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.colmap_model import read_colmap
 from fastsplat.service.capture.left_out import LeftOut
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 

@@ -10,10 +10,11 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.early_refusal import refuse_hopeless, shows_depth
 from fastsplat.service.capture.model_agreement import verified_matches
 from fastsplat.service.capture.pairs import telling_first
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat_contract.errors import ReconstructionError
 from tests.capture import made_room

@@ -14,7 +14,7 @@ import pillow_heif
 import pytest
 from PIL import ExifTags, Image
 
-from fastsplat.service.capture import build_capture, load_image
+from fastsplat.service.capture.build import build_capture, load_image
 from fastsplat.service.capture.image_io import check_image, load_upright, read_size
 from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.common.progress import silent

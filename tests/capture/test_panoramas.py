@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from fastsplat.service.capture import build_capture, load_image, validate_upload
+from fastsplat.service.capture.build import build_capture, load_image
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.lens_faces import FACES, face_camera, face_rays
 from fastsplat.service.capture.panorama import (
@@ -29,6 +29,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import frame_width, source_ids, upright_photos, video_frames
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.capture.withholding import WithheldPixels
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError

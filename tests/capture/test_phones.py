@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.depth_files import DepthFile
 from fastsplat.service.capture.depth_maps import load_depth
 from fastsplat.service.capture.image_decoder import ImageDecoder
@@ -22,6 +22,7 @@ from fastsplat.service.capture.sandbox import run_sandboxed
 from fastsplat.service.capture.scale_estimates import combined_estimate
 from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError

@@ -10,9 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, load_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.capture_files import load_capture
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality, judge_photos, measure_photo
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 

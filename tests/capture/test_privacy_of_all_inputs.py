@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import build, build_capture, validate_upload
+from fastsplat.service.capture import build
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.lens_faces import FACES
@@ -24,6 +25,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm_images import SfmImage, upright_photos
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.capture.video import middle_per_interval
 from fastsplat.service.capture.withholding import BLANK, WithheldPixels, Withholding
 from fastsplat.service.common.progress import silent

@@ -15,10 +15,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, load_image, validate_upload
+from fastsplat.service.capture.build import build_capture, load_image
 from fastsplat.service.capture.mapping_snapshots import take_placed
 from fastsplat.service.capture.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError

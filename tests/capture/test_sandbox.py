@@ -17,9 +17,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import sandbox, validate_upload
+from fastsplat.service.capture import sandbox
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
 

@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.spherical_video import is_spherical
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 

@@ -20,9 +20,9 @@ from fastsplat.service.capture.splat_files.splat_reading import (
     is_splat_file,
     read_splat_file,
 )
-from fastsplat.service.scene import Gaussians, write_ply
-from fastsplat.service.scene.types import SH_C0
-from fastsplat.service.splatting.raster import sh_to_rgb
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.types import SH_C0, Gaussians
+from fastsplat.service.splatting.raster.rendering import sh_to_rgb
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from tests.capture.splat_writers import columns_of, spz_content, write_compressed, write_spz, write_table
 

@@ -13,8 +13,9 @@ import pycolmap
 import pytest
 from PIL import ExifTags, Image
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.impossible_cameras import take_out_impossible
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
 

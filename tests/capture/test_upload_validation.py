@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, validate_upload
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.image_io import check_image, load_upright
 from fastsplat.service.capture.label_maps import parse_label_table
 from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
 

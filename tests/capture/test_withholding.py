@@ -13,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import build_capture, sfm, validate_upload
+from fastsplat.service.capture import sfm
+from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.scene_photos import photo_path, write_photos
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.capture.withholding import BLANK, Withholding
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent

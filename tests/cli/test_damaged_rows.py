@@ -17,7 +17,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.application.stored import operation_of, scene_of
 from fastsplat.service.application.version_rows import version_of
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.checkup import check_database
 from fastsplat.service.store.row_checkup import check_rows

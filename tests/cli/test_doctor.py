@@ -16,10 +16,12 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene import Gaussians, Scene, SemanticHead, write_ply, write_scene
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob, SceneSummary
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import OperationError
 

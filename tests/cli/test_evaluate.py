@@ -13,10 +13,10 @@ from typer.testing import CliRunner, Result
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.scene import read_scene, write_scene
+from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import SceneSummary
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data

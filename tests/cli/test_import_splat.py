@@ -13,9 +13,9 @@ from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.capture.splat_input import load_splat
-from fastsplat.service.scene import write_ply
+from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from tests.capture.test_splat_uploads import some_gaussians
 

@@ -12,8 +12,8 @@ from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 
 NEW, BAD = "0123456789abcdef" * 2, "fedcba9876543210" * 2

@@ -13,9 +13,9 @@ from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.scene import Parts, Thing, Things
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Parts, Thing, Things
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words

@@ -8,7 +8,8 @@ import pytest
 import torch
 
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled
-from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Splats
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError
 

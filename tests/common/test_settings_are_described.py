@@ -6,7 +6,7 @@ import pytest
 from pydantic import BaseModel
 
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.query import QuerySettings
+from fastsplat.service.query.settings import QuerySettings
 
 
 @pytest.mark.parametrize("settings", [QuerySettings, PerceptionSettings])

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 

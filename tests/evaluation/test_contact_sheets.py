@@ -8,9 +8,10 @@ import numpy as np
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation import evaluate_scene
 from fastsplat.service.evaluation.contact_sheets import label_sheet, query_sheet
-from fastsplat.service.evaluation.datasets import QueryTruth, TrueView, read_dataset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
 from fastsplat.service.query.pictures import label_colors
 from tests.evaluation import made_data

@@ -13,7 +13,9 @@ from PIL import Image
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets import Dataset, TrueView, read_dataset, training_capture
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.datasets.types import Dataset, TrueView
 from fastsplat_contract.errors import (
     CorruptImageError,
     FastSplatError,

@@ -10,7 +10,7 @@ from PIL import Image
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation import evaluate_views, render_view
+from fastsplat.service.evaluation.held_out_views import evaluate_views, render_view
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat_contract.camera import Camera, PosedCamera

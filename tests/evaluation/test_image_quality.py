@@ -10,7 +10,7 @@ import torch
 
 from fastsplat.service.evaluation.image_quality import psnr, ssim, ssim_zero_padded
 from fastsplat.service.evaluation.types import Skipped
-from fastsplat.service.splatting.losses import image_loss
+from fastsplat.service.splatting.losses.functional import image_loss
 
 
 @pytest.fixture

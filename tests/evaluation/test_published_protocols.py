@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation import METRICS, evaluate_scene
-from fastsplat.service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
 from fastsplat.service.evaluation.published.class_lists import (
     MIPNERF360,
     SCANNET_CLASSES,
@@ -34,6 +34,8 @@ from fastsplat.service.evaluation.published.relevancy_maps import (
     mean_filtered,
     thresholded_mask,
 )
+from fastsplat.service.evaluation.registry import METRICS
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import made_data, naive

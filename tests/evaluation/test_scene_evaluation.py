@@ -11,9 +11,12 @@ import pytest
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation import METRICS, Report, RunCost, evaluate_scene
-from fastsplat.service.evaluation.datasets import Dataset, QueryTruth, TrueView, read_dataset
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from fastsplat.service.evaluation.evaluation_report import Report, RunCost
+from fastsplat.service.evaluation.registry import METRICS
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import made_data

@@ -20,8 +20,8 @@ from fastsplat.service.evaluation.thing_discovery import (
     recall_at,
     simulate_clicks,
 )
-from fastsplat.service.scene import Scene, Thing, Things
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat.service.splatting.blending import thing_map
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError

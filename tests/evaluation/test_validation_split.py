@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation import evaluate_scene
-from fastsplat.service.evaluation.datasets import read_dataset, training_capture
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat.service.evaluation.datasets.training import training_capture
+from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.validation_split import validation_names
 from fastsplat_contract.errors import InvalidInputError
 from tests.evaluation import made_data

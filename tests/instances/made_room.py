@@ -13,7 +13,7 @@ from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.perception.types import Detections, Image, MaskLogits, Prompts
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.instances.made import gaussians_at, grid
 

@@ -9,10 +9,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fastsplat.service.perception.text import TextEncoder
-from fastsplat.service.scene import Scene, Thing, Things
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.types import SH_C0, Scene, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.capture import load_image
+from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery import Discovery, discover_things
 from fastsplat.service.instances.naming import NameVotes, name_things, thing_extents

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.instances.lifting import image_pieces, lift_masks
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import accumulate_weights
+from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.camera import Camera
 from tests.instances.made import gaussians_at
 

@@ -16,7 +16,7 @@ from fastsplat.service.instances.prompted_pieces import PromptedScene, find_piec
 from fastsplat.service.perception.types import MaskLogits, Prompts
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.instances.made import gaussians_at, grid
 from tests.query.box_scenes import look

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.application.geometry_files import mesh_file
-from fastsplat.service.scene import Gaussians, write_ply
 from fastsplat.service.scene.glb import GlbBuilder, linear, upright
+from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.splat_glb import EXTENSION, GlbScene, NamedRows, splat_glb
+from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 

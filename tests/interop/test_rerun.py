@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.application.rerun_file import rerun_file
 from fastsplat.service.application.scene_exports import _rows, thing_rows
 from fastsplat.service.application.scene_recording import SceneRecording
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import SH_C0
 from fastsplat_contract.errors import MissingPackageError
 from tests.interop.rrd import Components, components_of, recording_of

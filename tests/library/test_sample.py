@@ -13,7 +13,7 @@ import fastsplat
 from fastsplat.service.library import sample
 from fastsplat.service.library.sample import SAMPLE_ARCHIVE, sample_folder, unpack_sample
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
 
 _MOST_BYTES = 3_000_000

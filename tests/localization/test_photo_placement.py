@@ -16,7 +16,7 @@ from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_renderer import Renderer
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.photometric import correct
 from fastsplat_contract.camera import PosedCamera
 from tests.localization.textured_room import CAMERA, looking, renderer, textured_room, through_lens

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 

@@ -11,15 +11,17 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.perception import detectors, segmenters, text
 from fastsplat.service.perception.box_ops import box_iou
 from fastsplat.service.perception.class_names import COCO_80
-from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.detectors import open_detectors
 from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.models import model_manifest
 from fastsplat.service.perception.models.model_manifest import ROLES, load_manifest
+from fastsplat.service.perception.segmenters import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.perception.types import Detections
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
@@ -157,7 +159,7 @@ def test_another_closed_set_adapter_is_used(tmp_path: Path, monkeypatch: pytest.
 
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "model.onnx").touch()
-    monkeypatch.setattr(detectors, "CLOSED_SET_DETECTORS", {"picodet": Other})
+    monkeypatch.setattr(open_detectors, "CLOSED_SET_DETECTORS", {"picodet": Other})
     opened = open_closed_set_detector(PerceptionSettings(closed_set_detector="picodet:mine"), tmp_path)
     assert isinstance(opened, Other) and opened.model == tmp_path / "mine" / "model.onnx"
 
@@ -173,10 +175,10 @@ def test_a_manifest_cannot_give_a_model_an_adapter_of_another_role(tmp_path: Pat
 
 
 def test_every_adapter_of_a_role_is_driven_by_something() -> None:
-    assert tuple(detectors.CLOSED_SET_DETECTORS) == ROLES["closed_set_detector"]
-    assert tuple(detectors.OPEN_SET_DETECTORS) == ROLES["open_set_detector"]
-    assert tuple(segmenters.SEGMENTERS) == ROLES["segmenter"]
-    assert {*text.TEXT_TOWERS, "label_table"} == set(ROLES["text_encoder"])
+    assert tuple(open_detectors.CLOSED_SET_DETECTORS) == ROLES["closed_set_detector"]
+    assert tuple(open_detectors.OPEN_SET_DETECTORS) == ROLES["open_set_detector"]
+    assert tuple(open_segmenter.SEGMENTERS) == ROLES["segmenter"]
+    assert {*open_text_encoder.TEXT_TOWERS, "label_table"} == set(ROLES["text_encoder"])
 
 
 @pytest.mark.parametrize("name", ["unknown", "picodet:../secrets", "picodet:", "mobile_sam", "sam1:picodet_416"])

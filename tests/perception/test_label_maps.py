@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Detections, Labelling, Regions, ViewMasks
 from fastsplat.service.perception.vocabulary import (
     build_labelling,

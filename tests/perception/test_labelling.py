@@ -14,9 +14,9 @@ import pytest
 from fastsplat.service.capture.types import GivenLabels
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.perception import label_capture
 from fastsplat.service.perception.capture_detection import detect_views
 from fastsplat.service.perception.class_names import TAGS
+from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import labelled_scene
 

@@ -9,8 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from fastsplat.service.query import QuerySettings, calibration
-from fastsplat.service.scene import Scene
+from fastsplat.service.query import calibration
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import EMBEDDING_SIZE, labelled_scene
 

@@ -14,9 +14,10 @@ from fastsplat.service.query.edits import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.scene.alignment import frame_of
 from fastsplat.service.scene.scaling import combined, scaled
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.places import Alignment, PointPair

@@ -7,10 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.perception.lexicon import Lexicon, open_lexicon
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Answer
 
 _KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 
 
 @pytest.mark.parametrize(

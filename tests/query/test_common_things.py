@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query import QuerySettings
 from fastsplat.service.query.common_things import COLUMNS, FILE, KnownLabels, common_things
 from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import DrawnEncoder
 
 _LINES = FILE.read_text("ascii").splitlines()

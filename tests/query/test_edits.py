@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import masses
-from fastsplat.service.scene import Gaussians, Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_from_dense
+from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 

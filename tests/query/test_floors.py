@@ -14,9 +14,8 @@ from fastsplat.service.query.goals import goal_near
 from fastsplat.service.query.occupancy import OccupancyMap, occupancy_map
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene, Thing, Things
 from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import NameSource, SurfaceKind
+from fastsplat.service.scene.types import NameSource, Scene, SurfaceKind, Thing, Things
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Box, Scale

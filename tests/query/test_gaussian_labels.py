@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.gaussian_labels import label_gaussians
-from fastsplat.service.scene import Evidence, Scene, SemanticHead
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
+from fastsplat.service.scene.types import Evidence, Scene, SemanticHead
 from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.camera import PosedCamera
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_from_dense
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.scenes import InsertSource
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of

@@ -14,15 +14,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.perception.lexicon import Lexicon, find_lexicon
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.compounds import Compounds
 from fastsplat.service.query.embeddings import TextCache, text_caches
 from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import FILE, MeaningModel, expanded, model_for
 from fastsplat.service.query.name_matching import NameIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import ModelUnavailableError
 from fastsplat_contract.queries import Answer
 from tests.query.conftest import DrawnEncoder

@@ -14,12 +14,14 @@ from scipy.stats import binom
 from benchmarks.calibration.calibrate import acceptable, ask_scenes, measure, nonconformities
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation.negative_queries import measure_negative_queries, negative_nouns
-from fastsplat.service.perception.text import TextEncoder, open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex, embed_labels
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.calibration import calibration_for
-from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.embeddings import TextCache, embed_labels
 from fastsplat.service.query.probability import label_set
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Answer
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.name_matching import NameIndex, NameMatch
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 
 LABELS = (
     *("mug", "red scissors", "wall", "orange", "table", "lamp", "glass", "picture", "kettle", "lid", "man", "hat"),

@@ -8,7 +8,7 @@ import pytest
 from fastsplat.service.query.next_viewpoints import next_photos
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.next_photo_messages import NextPhoto
 from tests.query.conftest import DrawnEncoder

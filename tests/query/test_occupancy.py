@@ -13,7 +13,6 @@ import yaml
 from PIL import Image
 
 from fastsplat.service.application.map_files import map_file
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.occupancy import (
     FREE,
     OCCUPIED,
@@ -22,10 +21,11 @@ from fastsplat.service.query.occupancy import (
     check_map_frame,
     occupancy_map,
 )
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surface_views import SurfaceView
-from fastsplat.service.scene import Scene
 from fastsplat.service.scene.alignment import Alignment
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.query.conftest import DrawnEncoder

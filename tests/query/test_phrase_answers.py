@@ -13,8 +13,8 @@ from benchmarks.relations.drawing import Room, box, crate, drawn_frame, pose_at,
 from fastsplat.service.query.query_text import check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Parts, Scene, Thing
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Parts, Scene, Thing
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.queries import Answer

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.query.prompt_views import further_views
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.things import thing_rows
 from fastsplat_contract.errors import InvalidInputError

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.query import QuerySettings
 from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 
 

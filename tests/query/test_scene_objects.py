@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.boxes import oriented_box
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import SceneObject
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved

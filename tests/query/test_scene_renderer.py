@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.scene import Scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import LimitExceededError
 

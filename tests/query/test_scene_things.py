@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query import QuerySettings, SceneIndex
 from fastsplat.service.query.edits import Edit, apply_edit
-from fastsplat.service.scene import Scene, Thing, Things, read_scene, write_scene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from fastsplat.service.application.geometry_files import mesh_file
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surface_mesh import fused, surface_mesh, surface_net
 from fastsplat.service.query.surface_points import cell_keys

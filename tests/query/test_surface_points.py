@@ -9,7 +9,7 @@ import pytest
 from plyfile import PlyData
 
 from fastsplat.service.application.geometry_files import points_file
-from fastsplat.service.query import SceneIndex
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surface_points import surface_points
 from fastsplat.service.query.surface_views import SurfaceView, back_projected, observed, projected, surface_views

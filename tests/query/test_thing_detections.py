@@ -15,9 +15,8 @@ from fastsplat.service.query.edits import Edit, apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.thing_detections import detections_of
-from fastsplat.service.scene import Scene
 from fastsplat.service.scene.label_evidence import evidence_of
-from fastsplat.service.scene.types import TAKEN_AT, Thing, Things
+from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair

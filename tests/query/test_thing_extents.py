@@ -13,7 +13,7 @@ from fastsplat.service.query.measuring import measure
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.thing_extents import thing_extents, without_strays
-from fastsplat.service.scene import Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.places import Place
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 

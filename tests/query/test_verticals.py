@@ -21,8 +21,8 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.thing_detections import detections_of
 from fastsplat.service.query.thing_extents import thing_extents
-from fastsplat.service.scene import Scene
 from fastsplat.service.scene.things import thing_boxes
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError

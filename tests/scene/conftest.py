@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.scene import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat_contract.camera import Camera, PosedCamera
 
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.scene import Gaussians
 from fastsplat.service.scene.connectivity import components
+from fastsplat.service.scene.types import Gaussians
 
 
 def scattered(count: int, seed: int) -> Gaussians:

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import (
     UNIT,
     evidence_from_dense,
@@ -21,6 +20,7 @@ from fastsplat.service.scene.label_evidence import (
     seen_pixels,
     without,
 )
+from fastsplat.service.scene.types import Evidence
 from fastsplat_contract.errors import InvalidInputError
 
 G, CLASSES = 7, 5

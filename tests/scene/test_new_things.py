@@ -9,11 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.scene import Scene
 from fastsplat.service.scene.label_evidence import evidence_of, posterior
 from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.things import MAX_THING_ID, thing_rows
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.errors import LimitExceededError
 from tests.scenes import labelled_scene
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.scene import Gaussians, read_ply, write_ply
+from fastsplat.service.scene.ply import read_ply, write_ply
+from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 

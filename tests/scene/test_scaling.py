@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
-from fastsplat.service.scene import read_scene, write_scene
 from fastsplat.service.scene.scaling import (
     ScaledLength,
     capture_scale_source,
@@ -19,6 +18,7 @@ from fastsplat.service.scene.scaling import (
     scaling_from_json,
     scaling_to_json,
 )
+from fastsplat.service.scene.scene_files import read_scene, write_scene
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 
 _LENGTH = ScaledLength(2.0, 0.01, 0.5, 0.001)

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.scene import Evidence, Gaussians, Scene, read_scene, write_scene
+from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.scene_manifest import SCHEMA
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,

@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.scene import Scene, Thing, Things, read_scene, write_scene
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.things import (
     MAX_NAME_CHARS,
     discard_thing,
@@ -26,6 +26,7 @@ from fastsplat.service.scene.things import (
     things_named,
     things_of_rows,
 )
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 
 IDS = (2, 5, 9)
@@ -227,7 +228,7 @@ def test_boxes_are_those_of_the_gaussians_as_they_are(scene: Scene) -> None:
 def _bare(things: Things) -> Scene:
     """A scene of as many Gaussians, without labels."""
     from fastsplat.service.common.dictionary import Dictionary
-    from fastsplat.service.scene import Gaussians, SemanticHead
+    from fastsplat.service.scene.types import Gaussians, SemanticHead
 
     count = len(things.membership)
     zeros = {name: np.zeros((count, width), np.float32) for name, width in (("means", 3), ("quats", 4))}

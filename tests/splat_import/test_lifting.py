@@ -13,7 +13,7 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene import CodeSemantics
+from fastsplat.service.scene.types import CodeSemantics
 from fastsplat.service.splat_import.label_lifting import lift_labels, splat_gaussians
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splatting.settings import TrainingSettings

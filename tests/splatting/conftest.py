@@ -9,8 +9,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.raster import RasterSettings, Splats, cuda, rasterize
+from fastsplat.service.splatting.raster import cuda
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import RasterSettings, Splats
 from fastsplat_contract.camera import Camera
 
 

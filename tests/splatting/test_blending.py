@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import torch
 
-from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import evidence_of, posterior
+from fastsplat.service.scene.types import Evidence
 from fastsplat.service.splatting.blending import EvidenceBlend
-from fastsplat.service.splatting.raster import LabelMap, Splats, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import LabelMap, Splats
 from fastsplat_contract.camera import Camera
 
 CPU = torch.device("cpu")

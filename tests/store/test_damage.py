@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from sqlalchemy import event, text
 
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ArtefactError, DatabaseError, FastSplatError
 
 

@@ -18,11 +18,11 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, create_engine, inspect, text
 
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.migrations import migrate
 from fastsplat.service.store.schema import metadata
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
 _HERE = Path(__file__).parent

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.job_repository import FencedError
+from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.results import PHOTOS
 from tests.scenes import queued_job

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.database import resolve_url
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.schema import metadata
+from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
 
 SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store import open_store
 from fastsplat.service.store.reserve import Reserve, check_free_space
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import DatabaseError, ResourceError
 
 _FULL_DISK = """

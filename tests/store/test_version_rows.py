@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from sqlalchemy import update
 
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.schema import scene_versions
+from fastsplat.service.store.store import Store, open_store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import ConflictError, NotFoundError
 

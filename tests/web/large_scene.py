@@ -20,9 +20,8 @@ import numpy as np
 from playwright.sync_api import expect
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.scene import Scene
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.exports import ExportRequest

@@ -10,10 +10,9 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene import Scene
-from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.queries import PictureRequest

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.scene.types import Gaussians
 from tests.web.browser import Visit, visiting
 from tests.web.conftest import Place
 

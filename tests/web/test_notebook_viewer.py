@@ -6,7 +6,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.library import LocalScene
+from fastsplat.service.library.local_scene import LocalScene
 from tests.web.browser import PATIENCE_MS
 from tests.web.conftest import Place
 

@@ -159,7 +159,7 @@ def _looking(job: Job, folder: Path, progress: Progress) -> None:
 
 def _naming(job: Job, folder: Path, progress: Progress) -> None:
     """Another scene of the same Gaussians, whose first label is what was looked for."""
-    from fastsplat.service.scene import read_scene
+    from fastsplat.service.scene.scene_files import read_scene
     from tests.scenes import write_version
 
     _obey(job, "naming", progress)
@@ -178,7 +178,7 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
 def _merging(job: Job, folder: Path, progress: Progress) -> None:
     """The current version once more, of the same Gaussians."""
-    from fastsplat.service.scene import read_scene
+    from fastsplat.service.scene.scene_files import read_scene
     from tests.scenes import write_version
 
     _obey(job, "merging", progress)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import fsspec
 
-from fastsplat.service.scene import read_scene
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.store.settings import ArtefactSettings
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment, kill

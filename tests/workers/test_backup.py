@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store import open_store
 from fastsplat.service.store.backup import back_up, restore
+from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment

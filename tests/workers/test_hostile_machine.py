@@ -13,8 +13,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from fastsplat.service.store import open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.store import open_store
 from tests.workers.deployment import _PICTURES, Deployment
 
 _READ_ONLY = """

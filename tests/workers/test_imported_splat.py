@@ -16,7 +16,8 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.scene import Gaussians, read_ply, write_ply
+from fastsplat.service.scene.ply import read_ply, write_ply
+from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.queries import PictureRequest, QueryRequest

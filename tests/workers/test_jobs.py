@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.progress import STAGES
-from fastsplat.service.scene import read_scene
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
 

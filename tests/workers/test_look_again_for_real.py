@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import load_settings
 from tests.instances.made_table import made_table
 from tests.scenes import store_scene

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.scene import read_ply
+from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.capture import validate_upload
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
+from fastsplat.service.capture.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import STAGES, silent
-from fastsplat.service.evaluation.datasets import read_dataset
+from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.train_eval import train_on_split
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import Provenance, build_scene, capture_folder, scene_quality
 from fastsplat.service.planning.presets import PresetName
-from fastsplat.service.scene import Scene, read_scene, write_scene
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.types import TrainedSplats

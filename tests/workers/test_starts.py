@@ -10,8 +10,8 @@ import pytest
 
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store import Store, open_store
 from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers import supervisor as supervising
 from fastsplat.workers.supervisor import Supervisor
 

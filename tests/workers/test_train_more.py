@@ -131,7 +131,7 @@ def test_orders_that_make_no_sense_are_refused(tmp_path: Path) -> None:
 
 def test_a_version_in_which_things_were_moved_is_not_trained_further(tmp_path: Path, models_dir: Path) -> None:
     with open_service(Settings(data_dir=tmp_path / "data", models=models_dir)) as service:
-        from fastsplat.service.perception.text import open_text_encoder
+        from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
         encoder = open_text_encoder("minilm_l6_int8", models_dir)
         means = np.random.default_rng(0).normal(0, 0.05, size=(60, 3))

@@ -21,10 +21,10 @@ from fastsplat.service.capture.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.progress import silent
 from fastsplat.service.pipeline import Provenance, scene_quality
-from fastsplat.service.scene import Scene, read_scene
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.checkpoint import read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.settings import TrainingSettings

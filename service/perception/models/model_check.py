@@ -8,13 +8,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.perception.detectors import open_closed_set_detector, open_open_set_detector
-from fastsplat.service.perception.lexicon import open_lexicon
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Image
 from fastsplat_contract.errors import ModelUnavailableError
 

@@ -8,7 +8,8 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.losses import chunked, functional, image_loss, semantic_loss, torch_losses
+from fastsplat.service.splatting.losses import chunked, functional, torch_losses
+from fastsplat.service.splatting.losses.functional import image_loss, semantic_loss
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 from fastsplat_contract.errors import InvalidInputError
 

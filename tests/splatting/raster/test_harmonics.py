@@ -8,8 +8,9 @@ import pytest
 import torch
 
 from fastsplat.service.scene.types import MAX_SH_DEGREE, SH_C0, SH_COUNTS
-from fastsplat.service.splatting.raster import harmonics, sh_to_rgb
+from fastsplat.service.splatting.raster import harmonics
 from fastsplat.service.splatting.raster.kernels import kernels
+from fastsplat.service.splatting.raster.rendering import sh_to_rgb
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 

@@ -8,18 +8,9 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render
 
-from fastsplat.service.splatting.raster import (
-    LabelMap,
-    LabelSums,
-    RasterSettings,
-    Splats,
-    accumulate_weights,
-    label_map,
-    label_sums,
-    rasterize,
-)
 from fastsplat.service.splatting.raster.kernels import running_with
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.rendering import accumulate_weights, label_map, label_sums, rasterize
+from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Splats
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 

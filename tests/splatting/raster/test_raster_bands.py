@@ -6,7 +6,9 @@ import pytest
 import torch
 from raster_scenes import View, crowded, relative
 
-from fastsplat.service.splatting.raster import Backend, RasterSettings, cpu, label_map, rasterize, rasterize_bands
+from fastsplat.service.splatting.raster import cpu
+from fastsplat.service.splatting.raster.rendering import label_map, rasterize, rasterize_bands
+from fastsplat.service.splatting.raster.types import Backend, RasterSettings
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 

@@ -9,7 +9,8 @@ import pytest
 import torch
 from raster_scenes import NAMES, View, crowded, relative, render, render_with_gradients
 
-from fastsplat.service.splatting.raster import RasterSettings, Splats, accumulate_weights, rasterize
+from fastsplat.service.splatting.raster.rendering import accumulate_weights, rasterize
+from fastsplat.service.splatting.raster.types import RasterSettings, Splats
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 needs_gpu = pytest.mark.skipif(

@@ -13,8 +13,9 @@ import torch
 
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.common.process import lower_priority
-from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
 from fastsplat.service.splatting.raster.kernels import running_with
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CancelledError
 

@@ -14,7 +14,8 @@ from PIL import Image
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.splatting.raster import Splats, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.camera import Camera, PosedCamera
 

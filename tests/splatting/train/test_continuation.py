@@ -18,10 +18,9 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.pipeline import Provenance, scene_quality
-from fastsplat.service.scene import Scene
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.things import rename_thing, thing_rows
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.continuation import Continued, continuation_settings, continue_training
 from fastsplat.service.splatting.settings import TrainingSettings

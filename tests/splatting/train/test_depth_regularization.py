@@ -21,7 +21,8 @@ from fastsplat.service.splatting.depth_regularization import (
     squared_depths,
 )
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import Rendering, Splats, rasterize
+from fastsplat.service.splatting.raster.rendering import rasterize
+from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat.service.splatting.schedule import depth_regularized
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train

@@ -13,9 +13,10 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene import Evidence
 from fastsplat.service.scene.label_evidence import merged, posterior, seen_pixels, without
-from fastsplat.service.splatting.raster import Splats, accumulate_weights
+from fastsplat.service.scene.types import Evidence
+from fastsplat.service.splatting.raster.rendering import accumulate_weights
+from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import drop_empty_label_maps, load_views, split_views

@@ -13,9 +13,9 @@ import torch
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.types import Labelling, Regions
-from fastsplat.service.scene import Gaussians
+from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.label_consensus import assign_labels, fuse_label_maps
-from fastsplat.service.splatting.raster import LabelSums
+from fastsplat.service.splatting.raster.types import LabelSums
 from fastsplat.service.splatting.region_groups import group_regions
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train

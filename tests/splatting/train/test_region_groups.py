@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.splatting import region_groups
-from fastsplat.service.splatting.raster import LabelSums
+from fastsplat.service.splatting.raster.types import LabelSums
 from fastsplat.service.splatting.region_groups import Region, group_regions
 
 

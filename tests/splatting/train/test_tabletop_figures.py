@@ -21,7 +21,7 @@ from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.depth_regularization import depth_spread, squared_depths
 from fastsplat.service.splatting.gaussians import splats_of
-from fastsplat.service.splatting.raster import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats

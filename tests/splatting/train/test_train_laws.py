@@ -12,10 +12,11 @@ from PIL import Image
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.evaluation import evaluate_views
+from fastsplat.service.evaluation.held_out_views import evaluate_views
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.scene.morton import morton_order
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.settings import LearningRates
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train

@@ -1,0 +1,125 @@
+"""Opening of detectors by the names that settings give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from fastsplat.service.perception.detectors.grounding_dino import GroundingDino
+from fastsplat.service.perception.detectors.picodet import PicoDet
+from fastsplat.service.perception.detectors.yolo_world import YoloWorld
+from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, load_manifest, select_adapter
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.text.label_table import LabelTable
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import ClosedSetDetector, OpenSetDetector
+from fastsplat_contract.errors import ModelUnavailableError
+
+
+def open_closed_set_detector(settings: PerceptionSettings, models: Path) -> ClosedSetDetector:
+    """The detector that `settings.closed_set_detector` names.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract.
+    """
+    name = settings.closed_set_detector
+    adapter, inside = find_model(name, "closed_set_detector")
+    detector = select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector")
+    return detector(only_network(models / inside, name=name), name=name, threads=settings.threads)
+
+
+def closed_set_labels(settings: PerceptionSettings) -> tuple[str, ...]:
+    """The classes that the detector of `settings.closed_set_detector` knows; it is not opened.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter.
+    """
+    name = settings.closed_set_detector
+    adapter, _ = find_model(name, "closed_set_detector")
+    return tuple(select_adapter(CLOSED_SET_DETECTORS, adapter, name, "closed_set_detector").labels)
+
+
+def open_open_set_detector(settings: PerceptionSettings, models: Path) -> OpenSetDetector:
+    """The detector that `settings.open_set_detector` names.
+
+    Raises:
+        ModelUnavailableError: unknown name or adapter, missing or damaged file, broken contract, no prompt encoder
+            where one is needed.
+    """
+    name = settings.open_set_detector
+    adapter, inside = find_model(name, "open_set_detector")
+    open_detector = select_adapter(OPEN_SET_DETECTORS, adapter, name, "open_set_detector")
+    return open_detector(models, models / inside, settings)
+
+
+def check_open_set_detector(settings: PerceptionSettings) -> None:
+    """Raise unless the settings name an open-set detector, and a text encoder if it needs one; none is opened.
+
+    Raises:
+        ModelUnavailableError: they do not; says how.
+    """
+    if not settings.open_set_detector:
+        known = ", ".join(entry.name for entry in load_manifest() if entry.role == "open_set_detector")
+        raise ModelUnavailableError(
+            "no open-set detector is configured, and a closed-set detector cannot look for words",
+            field="perception.open_set_detector",
+            hint=f"Set FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR to a model of the role open-set detector ({known}; "
+            '"fastsplat models list" shows them, "fastsplat models pull NAME" fetches one), or to adapter:folder for '
+            "your own, for the API and its workers.",
+        )
+    adapter, _ = find_model(settings.open_set_detector, "open_set_detector")
+    if adapter == "yolo_world" and not settings.prompt_encoder:
+        raise _no_prompt_encoder(settings.open_set_detector)
+
+
+def check_texts_known(texts: Sequence[str], settings: PerceptionSettings, models: Path, *, field: str) -> None:
+    """Raise if the configured open-set detector gets its words from a table that does not hold all of these texts.
+
+    Raises:
+        InvalidInputError: it does not; names the texts, as `field`.
+        ModelUnavailableError: the table is missing or damaged.
+    """
+    if not settings.open_set_detector or not settings.prompt_encoder:
+        return
+    adapter, inside = find_model(settings.prompt_encoder, "text_encoder")
+    if adapter == "label_table":
+        name = settings.prompt_encoder
+        LabelTable(only_table(models / inside, name=name), name=name).check_known(texts, field)
+
+
+def _no_prompt_encoder(name: str) -> ModelUnavailableError:
+    return ModelUnavailableError(
+        f"model {name} is prompted by embeddings, and no text encoder is set for it",
+        field="perception.prompt_encoder",
+        hint="Set the text encoder the detector was trained with, such as clip_vit_b32_text.",
+    )
+
+
+def _open_grounding_dino(models: Path, folder: Path, settings: PerceptionSettings) -> GroundingDino:
+    name = settings.open_set_detector
+    return GroundingDino(
+        only_network(folder, name=name),
+        tokenizer(folder, name=name),
+        name=name,
+        prompts_per_pass=settings.prompts_per_pass,
+        threads=settings.threads,
+    )
+
+
+def _open_yolo_world(models: Path, folder: Path, settings: PerceptionSettings) -> YoloWorld:
+    name = settings.open_set_detector
+    if not settings.prompt_encoder:
+        raise _no_prompt_encoder(name)
+    encoder = open_text_encoder(settings.prompt_encoder, models, threads=settings.threads)
+    return YoloWorld(only_network(folder, name=name), encoder, name=name, threads=settings.threads)
+
+
+CLOSED_SET_DETECTORS: Mapping[Adapter, type[PicoDet]] = {"picodet": PicoDet}
+"""The classes of closed-set detectors, by the manifest's adapter."""
+
+OPEN_SET_DETECTORS: Mapping[Adapter, Callable[[Path, Path, PerceptionSettings], OpenSetDetector]] = {
+    "grounding_dino": _open_grounding_dino,
+    "yolo_world": _open_yolo_world,
+}
+"""Functions that open open-set detectors, by the manifest's adapter: of model directory, model folder and settings."""

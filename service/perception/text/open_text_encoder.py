@@ -1,0 +1,39 @@
+"""Opening of text encoders by the names that settings give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from fastsplat.service.perception.models.model_files import only_network, only_table, tokenizer
+from fastsplat.service.perception.models.model_manifest import Adapter, find_model, select_adapter
+from fastsplat.service.perception.text.clip import ClipTextEncoder
+from fastsplat.service.perception.text.label_table import LabelTable
+from fastsplat.service.perception.text.sentence import SentenceEncoder
+from fastsplat.service.perception.types import TextEncoder
+
+
+def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncoder:
+    """The text encoder that a setting names ("minilm_l6_int8", or "adapter:folder").
+
+    Args:
+        name: an entry of the manifest, or "clip:my_folder".
+        models: the model directory.
+        threads: texts that are embedded at a time; 0: as many as there are cores.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+    """
+    adapter, inside = find_model(name, "text_encoder")
+    folder = models / inside
+    if adapter == "label_table":
+        return LabelTable(only_table(folder, name=name), name=name)
+    encoder = select_adapter(TEXT_TOWERS, adapter, name, "text_encoder")
+    return encoder(only_network(folder, name=name), tokenizer(folder, name=name), name=name, threads=threads)
+
+
+TEXT_TOWERS: Mapping[Adapter, type[SentenceEncoder] | type[ClipTextEncoder]] = {
+    "sentence": SentenceEncoder,
+    "clip": ClipTextEncoder,
+}
+"""The classes of text encoders that are networks, by the manifest's adapter."""
