@@ -1,8 +1,14 @@
-"""Deployments: one a test, or one with a worker for all tests of a file that do not end the worker."""
+"""Deployments: one a test, or one with a worker for all tests of a file that do not end the worker.
+
+Laws of jobs are tested on SQLite; on PostgreSQL as well those whose SQL or locking differs there, with
+`on_both_databases` of `deployment`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -21,27 +27,46 @@ def _end_standbys() -> Iterator[None]:
 
 
 @pytest.fixture
-def deployment(tmp_path: Path, database_url: str) -> Iterator[Deployment]:
+def deployment(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Deployment]:
     """A fresh data folder; its processes are gone when the test ends."""
-    deployment = Deployment(tmp_path, database_url)
-    yield deployment
-    deployment.close()
+    with ExitStack() as opened:
+        deployment = Deployment(tmp_path, _database_url(request, opened))
+        yield deployment
+        deployment.close()
 
 
-@pytest.fixture(scope="module", params=["sqlite", "postgresql"])
-def shared_deployment(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Deployment]:
+@pytest.fixture
+def shared_deployment(_with_workers: Callable[[str], Deployment], request: pytest.FixtureRequest) -> Deployment:
     """A data folder with one worker, which lives as long as the tests of this file."""
-    folder = tmp_path_factory.mktemp("deployment")
-    if request.param == "sqlite":
-        yield from _with_worker(Deployment(folder, ""))
-        return
+    return _with_workers(getattr(request, "param", "sqlite"))
+
+
+@pytest.fixture(scope="module")
+def _with_workers(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[str], Deployment]]:
+    """The shared deployment of each database, made when a test asks for it first."""
+    made: dict[str, Deployment] = {}
+    workers: list[subprocess.Popen[bytes]] = []
+    with ExitStack() as opened:
+
+        def with_worker(database: str) -> Deployment:
+            if database not in made:
+                url = _database_url(request, opened, database)
+                made[database] = Deployment(tmp_path_factory.mktemp("deployment"), url)
+                workers.append(made[database].start_worker())
+            return made[database]
+
+        yield with_worker
+        running = [worker.poll() is None for worker in workers]
+        for deployment in made.values():
+            deployment.close()
+    assert all(running)  # no test may cost the worker its life
+
+
+def _database_url(request: pytest.FixtureRequest, opened: ExitStack, database: str = "") -> str:
+    """Of a new database, which goes with `opened`; "" for SQLite in the data folder."""
+    if (database or getattr(request, "param", "sqlite")) == "sqlite":
+        return ""
     server: PostgresServer = request.getfixturevalue("postgres")
-    with server.database() as url:
-        yield from _with_worker(Deployment(folder, url))
-
-
-def _with_worker(deployment: Deployment) -> Iterator[Deployment]:
-    worker = deployment.start_worker()
-    yield deployment
-    assert worker.poll() is None  # no test may cost the worker its life
-    deployment.close()
+    return opened.enter_context(server.database())

@@ -17,6 +17,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import psycopg
+import pytest
 from PIL import Image
 from sqlalchemy import create_engine
 
@@ -51,6 +52,11 @@ from fastsplat.cli.main import main
 sys.argv = ["fastsplat", "api"]
 main()
 """
+
+
+def on_both_databases(fixture: str = "deployment") -> pytest.MarkDecorator:
+    """Runs a test on PostgreSQL as well: for laws whose SQL or locking differs there."""
+    return pytest.mark.parametrize(fixture, ["sqlite", "postgresql"], indirect=True)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fastsplat.service.store.backup import back_up, restore
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment
+from tests.workers.deployment import Deployment, on_both_databases
 
 
 @pytest.fixture
@@ -34,6 +34,7 @@ def _content(folder: Path) -> dict[str, bytes]:
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
+@on_both_databases()
 def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
     deployment: Deployment, postgres: PostgresServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -77,7 +78,7 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
             again.close()
 
 
-@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+@pytest.mark.parametrize("deployment", ["postgresql"], indirect=True)
 def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
     deployment: Deployment, postgres: PostgresServer, tmp_path: Path, programs: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -105,7 +106,7 @@ def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
             restore(tmp_path / "backup", tmp_path / "third", other)
 
 
-@pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)
+@pytest.mark.parametrize("deployment", ["postgresql"], indirect=True)
 def test_a_database_with_something_in_it_is_not_restored_over(deployment: Deployment, tmp_path: Path) -> None:
     waiting = deployment.post(request_id="waiting")
     _back_up(deployment, tmp_path / "backup")

@@ -12,13 +12,14 @@ from functools import partial
 import httpx
 
 from fastsplat.workers.cleanup import remove_unneeded
-from tests.workers.deployment import Deployment, children, kill
+from tests.workers.deployment import Deployment, children, kill, on_both_databases
 
 _KILLS = 9  # on each database
 _JOBS = 10
 _SHORTEST_S, _LONGEST_S = 0.05, 1.2
 
 
+@on_both_databases()
 def test_kills_at_random_lose_nothing_and_leave_nothing(deployment: Deployment) -> None:
     seed = int(os.environ.get("FASTSPLAT_TEST_SEED", "") or random.SystemRandom().randrange(2**32))
     print(f"FASTSPLAT_TEST_SEED={seed}")  # shown when the test fails

@@ -16,9 +16,10 @@ from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import NotFoundError
 from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment, kill
+from tests.workers.deployment import Deployment, kill, on_both_databases
 
 
+@on_both_databases()
 def test_worker_killed_in_mid_stage_another_that_lives_finishes_the_job_once(deployment: Deployment) -> None:
     operation = deployment.post("capture:child", "training:sleep_once 600")
     first = deployment.start_worker()
@@ -37,8 +38,9 @@ def test_worker_killed_in_mid_stage_another_that_lives_finishes_the_job_once(dep
     assert deployment.service.get_scene(operation.scene_id).quality["steps"] == 2
 
 
+@on_both_databases()
 def test_after_a_reboot_everything_acknowledged_runs_once(
-    deployment: Deployment, database_url: str, request: pytest.FixtureRequest
+    deployment: Deployment, request: pytest.FixtureRequest
 ) -> None:
     api, worker = deployment.start_api(), deployment.start_worker()
     ids = [deployment.post_over_http("training:sleep_once 600")]
@@ -49,7 +51,7 @@ def test_after_a_reboot_everything_acknowledged_runs_once(
 
     kill(api, worker)  # right after the acknowledgement
     deployment.wait_for(lambda: not deployment.is_alive(trainer))
-    if database_url:
+    if deployment.settings.database_url:
         server: PostgresServer = request.getfixturevalue("postgres")
         server.crash()
         server.start()
@@ -165,6 +167,7 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployme
     assert len(deployment.visits("capture")) == 1
 
 
+@on_both_databases()
 def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
     operation = deployment.post("training:sleep_once 600", "export:sleep 2")
     suspended = deployment.start_worker(elsewhere=True)
@@ -195,6 +198,7 @@ jobs.JobRepository.report = suspend
 """
 
 
+@on_both_databases()
 def test_a_worker_suspended_inside_a_transaction_is_killed_by_the_next_and_nobody_waits_for_its_locks(
     deployment: Deployment,
 ) -> None:
@@ -233,6 +237,7 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
         assert deployment.wait_over(operation).state == "SUCCEEDED"
 
 
+@on_both_databases()
 def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_scene(deployment: Deployment) -> None:
     kept, gone, failed = deployment.post(), deployment.post(), deployment.post("capture:fail")
     first = deployment.start_worker()
@@ -251,6 +256,7 @@ def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_s
     assert deployment.service.get_scene(kept.scene_id).state == "READY"
 
 
+@on_both_databases()
 def test_two_workers_never_run_one_job(deployment: Deployment) -> None:
     operations = [deployment.post("training:sleep 0.3") for _ in range(4)]
     for _ in range(2):

@@ -12,18 +12,19 @@ from sqlalchemy import event
 from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import DatabaseError
-from tests.workers.deployment import Deployment
+from tests.workers.deployment import Deployment, on_both_databases
 
 _WITHOUT_DATABASE_S = 2.0
 
 
-def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, database_url, request):
+@on_both_databases()
+def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, request):
     first, second = deployment.post("perception:until_told"), deployment.post()
     worker = deployment.start_worker()
     deployment.wait_in("perception", first)
     told = deployment.settings.data_dir / "told.txt"
 
-    if database_url:
+    if deployment.settings.database_url:
         server = request.getfixturevalue("postgres")
         server.crash()
         with pytest.raises(DatabaseError):

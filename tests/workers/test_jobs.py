@@ -12,8 +12,10 @@ import pytest
 from fastsplat.service.common.progress import STAGES
 from fastsplat.service.scene.scene_files import read_scene
 from fastsplat_contract.errors import ConflictError, NotFoundError
+from tests.workers.deployment import on_both_databases
 
 
+@on_both_databases("shared_deployment")
 def test_a_job_ends_ready_and_leaves_only_its_scene(shared_deployment):
     deployment = shared_deployment
     operation = deployment.post()
@@ -105,6 +107,7 @@ def test_cancelled_in_the_queue_never_runs_and_cancelled_while_running_the_train
     deployment.wait_for(lambda: deployment.left_over(running, queued) == [])
 
 
+@on_both_databases("shared_deployment")
 def test_deleted_while_running_nothing_remains(shared_deployment):
     deployment = shared_deployment
     operation = deployment.post("training:sleep 600", request_id="deleted")
@@ -150,6 +153,7 @@ def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(shared_dep
         deployment.service.get_scene(operation.scene_id)
 
 
+@on_both_databases("shared_deployment")
 def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(shared_deployment):
     deployment = shared_deployment
     before = deployment.left_over()
@@ -171,6 +175,7 @@ def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(s
     deployment.wait_for(lambda: deployment.left_over() == before)
 
 
+@on_both_databases("shared_deployment")
 def test_higher_priorities_run_first_and_equal_ones_in_the_order_of_arrival(shared_deployment):
     deployment = shared_deployment
     blocker = deployment.post("training:sleep 600")

@@ -18,10 +18,10 @@ from tests.workers.deployment import Deployment, kill
 
 
 @pytest.fixture
-def looking(tmp_path: Path, database_url: str) -> Iterator[Deployment]:
+def looking(tmp_path: Path) -> Iterator[Deployment]:
     """A deployment whose service lets itself be asked to look again."""
     perception = PerceptionSettings(open_set_detector="grounding_dino_tiny")  # never opened: the stages are fake
-    deployment = Deployment(tmp_path, database_url, perception=perception)
+    deployment = Deployment(tmp_path, "", perception=perception)
     yield deployment
     deployment.close()
 

@@ -19,8 +19,8 @@ _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
 
 
 @pytest.fixture
-def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
-    store = open_store(tmp_path / "data", database_url)
+def store(tmp_path: Path) -> Iterator[Store]:
+    store = open_store(tmp_path / "data")
     store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "admitted": ""}))
     yield store
     store.close()
