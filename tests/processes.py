@@ -1,0 +1,17 @@
+"""Processes by their environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+def processes_with(variable: str, folder: Path) -> list[str]:
+    """Ids of the processes in whose environment a variable names a folder."""
+    mark, found = f"{variable}={folder.resolve()}".encode(), []
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if mark in environment.read_bytes().split(b"\0"):
+                found.append(environment.parent.name)
+        except OSError:
+            continue
+    return found

@@ -1,0 +1,103 @@
+"""Trained scenes as artefacts: trained once, and read by all tests until something that makes them changes."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import inspect
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import fastsplat
+from fastsplat.service.settings import load_settings
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.operations import Operation
+from tests.processes import processes_with
+from tests.small_tabletop import small_tabletop
+
+_ROOT = Path(__file__).parent.parent
+_FOLDER = _ROOT / ".pytest_cache" / "trained"
+_SOURCES = (_ROOT / "service", _ROOT / "workers", _ROOT / "client" / "fastsplat_contract", _ROOT / "constraints.txt")
+_READERS = {"evaluation", "localization", "query"}
+"""Rooms of `service` that read scenes and make none."""
+_SUFFIXES = {".py", ".cpp", ".h", ".txt", ".json"}
+
+
+def trained(name: str, make: Callable[[Path], None], *inputs: Path, folder: Path = _FOLDER) -> Path:
+    """A folder with what `make` trains, made where it is not there yet. It is shared: whoever changes it copies it.
+
+    Args:
+        name: of the artefact.
+        make: trains into an empty folder; its own source file is an input.
+        *inputs: files and folders that it reads besides the product's sources and settings' defaults.
+        folder: where artefacts are kept between runs.
+    """
+    digest = hashlib.sha256(_digest_of_product().encode())
+    for path in (Path(inspect.getfile(make)), *inputs):
+        digest.update(_digest(_files(path)).encode())
+    kept = folder / f"{name}-{digest.hexdigest()[:20]}"
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # processes of a test run wait for the one that trains
+        if not kept.is_dir():
+            for old in folder.glob(f"{name}-*"):
+                shutil.rmtree(old)
+            with tempfile.TemporaryDirectory(dir=folder) as work:
+                made = Path(work) / "made"
+                made.mkdir()
+                make(made)
+                made.rename(kept)
+    return kept
+
+
+def trained_tabletop(test_data: Path, models: Path) -> Path:
+    """A small posed and labelled capture, and its scene by `fastsplat.train`.
+
+    Args:
+        test_data: the folder of benchmark data sets.
+        models: the model directory.
+
+    Returns:
+        a folder with `table top`, the capture of 8 views; `scene`, the data folder; and `progress.json`, the operation
+        as it was reported each time.
+    """
+
+    def make(folder: Path) -> None:
+        capture, told = small_tabletop(test_data, folder / "table top", 8), list[Operation]()
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("FASTSPLAT_TRAINING", '{"iterations": 150, "time_budget_s": null, "max_side": 120}')
+            patch.setenv("FASTSPLAT_JOBS", '{"niceness": 0}')
+            patch.setenv("FASTSPLAT_MODELS", str(models))
+            load_settings.cache_clear()
+            with fastsplat.train(capture, folder / "scene", max_gaussians=6000, progress=told.append) as scene:
+                assert scene.info.state == "READY"
+        load_settings.cache_clear()
+        assert processes_with("FASTSPLAT_DATA_DIR", folder / "scene") == []
+        (folder / "progress.json").write_text(json.dumps([to_plain(operation) for operation in told]))
+
+    return trained("tabletop", make, test_data / "tabletop")
+
+
+@cache
+def _digest_of_product() -> str:
+    files = (path for source in _SOURCES for path in _files(source))
+    return _digest(
+        path for path in files if path.suffix in _SUFFIXES and not _READERS & set(path.relative_to(_ROOT).parts[1:2])
+    )
+
+
+def _files(path: Path) -> Iterable[Path]:
+    return [path] if path.is_file() else sorted(one for one in path.rglob("*") if one.is_file())
+
+
+def _digest(files: Iterable[Path]) -> str:
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(f"{path} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+    return digest.hexdigest()
