@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.local_service import local_store
 from fastsplat.service.settings import load_settings
-from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ResourceError
 
 
@@ -17,11 +17,8 @@ def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on an
     from fastsplat.service.store.backup import back_up
 
     settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
-    try:
+    with local_store() as store:
         report = back_up(store, settings.data_dir, settings.database_url, target)
-    finally:
-        store.close()
     typer.echo(
         f"{target}: {report.scenes} scenes in {report.versions} versions, {report.uploads} uploads of unfinished jobs, "
         f"{report.bytes} bytes"

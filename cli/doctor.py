@@ -6,26 +6,20 @@ import json
 import os
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
+from fastsplat.cli.local_service import local_store
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.store.checkup import (
-    Problem,
-    check_artefacts,
-    check_database,
-    check_folder,
-    check_left_over,
-    mend_folder,
-)
-from fastsplat.service.store.row_checkup import check_rows
-from fastsplat.service.store.store import Store, open_store
-from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
+
+if TYPE_CHECKING:
+    from fastsplat.service.store.checkup import Problem
 
 
 def doctor(
@@ -42,7 +36,8 @@ def doctor(
             f"there is no data folder {settings.data_dir}", field="data_dir", hint="Set FASTSPLAT_DATA_DIR."
         )
     if adopt:
-        _open(settings, adopting=True).close()
+        with local_store(adopting=True):
+            pass
     problems = _examine(settings)
     if repair and any(problem.mendable for problem in problems):
         _mend(settings, problems)
@@ -62,42 +57,44 @@ def doctor(
 def _examine(settings: Settings) -> Sequence[Problem]:
     from fastsplat.service.application.stored import operation_of, scene_of  # loads what answers questions
     from fastsplat.service.application.version_rows import version_of
+    from fastsplat.service.store.checkup import (
+        Problem,
+        check_artefacts,
+        check_database,
+        check_folder,
+        check_left_over,
+    )
+    from fastsplat.service.store.row_checkup import check_rows
 
     problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
     of_database = check_database(settings.data_dir, settings.database_url)
     problems += of_database
     if any(problem.place != "jobs.sqlite" for problem in of_database) or not os.access(settings.data_dir, os.W_OK):
         return problems  # the rows cannot be read
-    try:
-        store = _open(settings)
-    except ConflictError as error:
-        return [*problems, Problem("database", error.message, error.hint)]
-    try:
+    with ExitStack() as opened:
+        try:
+            store = opened.enter_context(local_store())
+        except ConflictError as error:
+            return [*problems, Problem("database", error.message, error.hint)]
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
         problems += check_rows(store, scene_of, operation_of, version_of)
         problems += check_artefacts(store, _check_version)
         problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
-    finally:
-        store.close()
     return problems
 
 
 def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
+    from fastsplat.service.store.checkup import mend_folder
+    from fastsplat.workers.cleanup import remove_unneeded
+
     mend_folder(settings.data_dir)
     if any(problem.place in ("database", "fastsplat.sqlite") and not problem.mendable for problem in problems):
         return
-    store = _open(settings)  # brings an older schema to this release's
-    try:
+    with local_store() as store:  # brings an older schema to this release's
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
         store.blobs.remove_partial(settings.artefacts.partial_expiry_s)
-    finally:
-        store.close()
-
-
-def _open(settings: Settings, *, adopting: bool = False) -> Store:
-    return open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
 
 
 def _check_version(folder: Path) -> None:

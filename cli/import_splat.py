@@ -8,11 +8,10 @@ from typing import Annotated, cast
 
 import typer
 
-from fastsplat.service.application.projects import Projects
+from fastsplat.cli.local_service import local_store
 from fastsplat.service.common.file_names import is_system_file
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
-from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import Operation, SceneOptions, UpAxis
 
@@ -57,7 +56,7 @@ def import_splat(
     from fastsplat.service.application.service import open_service  # loads what answers questions
 
     settings = load_settings()
-    _check_project(project, settings)
+    _check_project(project)
     options = SceneOptions(
         labels=tuple(part.strip() for part in labels.split(",") if part.strip()),
         up=cast(UpAxis, up) if up else None,  # the service refuses what is none
@@ -82,15 +81,14 @@ def import_splat(
         raise typer.Exit(1)
 
 
-def _check_project(project: str, settings: Settings) -> None:
-    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
-    try:
+def _check_project(project: str) -> None:
+    from fastsplat.service.application.projects import Projects
+
+    with local_store() as store:
         if not Projects(store.projects).exists(project):
             raise NotFoundError(
                 f"there is no project {project[:80]!r}", field="--project", hint="See fastsplat projects list."
             )
-    finally:
-        store.close()
 
 
 def _files(file: Path, photos: Path | None) -> list[tuple[Path, str]]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Annotated, Any, get_args
 
@@ -14,9 +12,9 @@ from rich.console import Console
 from rich.table import Column, Table
 from rich.text import Text
 
+from fastsplat.cli.local_service import local_store
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord
-from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import OperationState
 
@@ -41,7 +39,7 @@ def list_jobs(
         raise InvalidInputError(
             f"{state[:20]!r} is no state of a job", field="state", hint="See --help for the states."
         )
-    with _store() as store:
+    with local_store() as store:
         records = store.scenes.list_operations(limit, None, only)
     if as_json:
         typer.echo(json.dumps([_to_json(record) for record in records], indent=2))
@@ -58,7 +56,7 @@ def list_jobs(
 @jobs_app.command()
 def log(job_id: Annotated[str, typer.Argument(help="The id from the list.")]) -> None:
     """Print the error of a job, and the end of what its trainers wrote."""
-    with _store() as store:
+    with local_store() as store:
         record = store.scenes.operation(job_id)
         path = store.blobs.log(record.id)
     if record.error is not None:
@@ -98,16 +96,6 @@ def finish(job_id: Annotated[str, typer.Argument(help="The id from the list.")])
     with open_service(load_settings()) as service:
         operation = service.jobs.finish(job_id)
     typer.echo(f"{operation.id} ends its training")
-
-
-@contextmanager
-def _store() -> Iterator[Store]:
-    settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
-    try:
-        yield store
-    finally:
-        store.close()
 
 
 def _progress(record: OperationRecord) -> str:

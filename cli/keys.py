@@ -6,20 +6,20 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
+from fastsplat.cli.local_service import local_store
 from fastsplat.cli.remote import Ca, KeyFile, Server, connect, link_to_share
-from fastsplat.service.application.keys import Keys
-from fastsplat.service.application.project_keys import ProjectKeys, as_key
-from fastsplat.service.application.projects import Projects
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import DEFAULT_PROJECT
-from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.keys import KeyIn, Role
+
+if TYPE_CHECKING:
+    from fastsplat.service.application.keys import Keys
 
 keys_app = typer.Typer(
     name="keys", help="Access keys: create, list, expire, revoke them, here or on a server.", no_args_is_help=True
@@ -83,8 +83,10 @@ def share(
         with connect(server, key_file, ca, project) as client:
             made = client.keys.share(scene, name, days * _DAY_S)
     else:
+        from fastsplat.service.application.project_keys import ProjectKeys
+
         own = project or DEFAULT_PROJECT
-        with _opened_store() as store:
+        with local_store() as store:
             made = ProjectKeys(store.in_project(own), load_settings(), own).create("operator", request)
     settings = load_settings()
     scheme = "http" if settings.tls_cert is None else "https"
@@ -99,6 +101,8 @@ def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = N
         with connect(server, key_file, ca, project) as client:
             records = sorted(client.keys.all(), key=lambda key: key.created_at)
     else:
+        from fastsplat.service.application.project_keys import as_key
+
         now = time.time()
         with _keys() as keys:
             records = [as_key(record, now) for record in keys.all() if project in ("", record.project)]
@@ -151,7 +155,9 @@ def create_project(
     name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")],
 ) -> None:
     """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
-    with _opened_store() as store:
+    from fastsplat.service.application.projects import Projects
+
+    with local_store() as store:
         Projects(store.projects).create(name)
     typer.echo(f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}", err=True)
 
@@ -159,7 +165,9 @@ def create_project(
 @projects_app.command("list")
 def list_projects() -> None:
     """Show every project."""
-    with _opened_store() as store:
+    from fastsplat.service.application.projects import Projects
+
+    with local_store() as store:
         records = Projects(store.projects).all()
     table = Table(title="Projects")
     for heading in ("name", "created", "scenes", "keys"):
@@ -173,18 +181,10 @@ def list_projects() -> None:
 
 @contextmanager
 def _keys() -> Iterator[Keys]:
-    with _opened_store() as store:
+    from fastsplat.service.application.keys import Keys
+
+    with local_store() as store:
         yield Keys(store.keys, store.projects)
-
-
-@contextmanager
-def _opened_store() -> Iterator[Store]:
-    settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
-    try:
-        yield store
-    finally:
-        store.close()
 
 
 def _minute(moment: datetime) -> str:

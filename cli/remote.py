@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import httpx
 import typer
 
-from fastsplat_client import Client, Retry, share_link
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.keys import NewKey
+
+if TYPE_CHECKING:
+    import httpx
+
+    from fastsplat_client import Client
 
 _KEY_VARIABLE = "FASTSPLAT_KEY"
 
@@ -35,6 +38,8 @@ def connect(server: str, key_file: Path | None, ca: Path | None, project: str) -
     Raises:
         InvalidInputError: the key's file cannot be read.
     """
+    from fastsplat_client import Client  # loads gRPC
+
     key = os.environ.get(_KEY_VARIABLE, "")
     if key_file is not None:
         try:
@@ -46,9 +51,13 @@ def connect(server: str, key_file: Path | None, ca: Path | None, project: str) -
 
 def connect_in_process(carrier: httpx.BaseTransport) -> Client:
     """A client of the server in this process to which `carrier` brings its requests."""
+    from fastsplat_client import Client, Retry
+
     return Client("http://localhost", retry=Retry(tries=1), transport=carrier)
 
 
 def link_to_share(page: str, made: NewKey) -> str:
     """The address of the page that shows the one scene of a key, see `share_link`."""
+    from fastsplat_client import share_link
+
     return share_link(page, made)

@@ -16,7 +16,6 @@ from pydantic_settings import (
     SettingsConfigDict,
     SettingsError,
 )
-from sqlalchemy import make_url
 
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.common.settings import (
@@ -310,6 +309,8 @@ class Settings(BaseSettings):
     def _join_password(cls, values: Any) -> Any:
         """Put the password into the URL, which is what all who open the database are given."""
         if isinstance(values, dict) and values.get("database_url") and values.get("database_password"):
+            from sqlalchemy import make_url  # nothing else here needs the database's library
+
             url = make_url(values["database_url"])
             if url.password is None:
                 url = url.set(password=values["database_password"])

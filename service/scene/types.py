@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.harmonics import MAX_SH_DEGREE
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
 from fastsplat.service.scene.upright import up_of, vertical_of
@@ -19,9 +20,6 @@ from fastsplat_contract.scenes import Scale, SceneVertical
 from fastsplat_contract.thing_messages import NameSource as NameSource
 
 F32 = NDArray[np.float32]
-
-MAX_SH_DEGREE = 3
-"""Of the spherical harmonics of a color; kernels and file formats know no higher one."""
 
 SH_COUNTS = tuple((degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1))
 """Coefficients of a color by degree: 1, 4, 9, 16."""

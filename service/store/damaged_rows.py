@@ -7,11 +7,12 @@ import logging
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import Any, Concatenate, ParamSpec, TypeVar
-
-from sqlalchemy import Connection, RowMapping, Select
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
 from fastsplat_contract.errors import ArtefactError, FastSplatError, InvalidInputError, SceneFileError
+
+if TYPE_CHECKING:
+    from sqlalchemy import Connection, RowMapping, Select
 
 P = ParamSpec("P")
 R = TypeVar("R")
