@@ -58,7 +58,7 @@ def _sent_files(settings: Settings) -> list[Path]:
 
 
 def _work(settings: Settings) -> subprocess.Popen[bytes]:
-    training = {"iterations": 250, "time_budget_s": None, "max_side": 120, "max_gaussians": 4000}
+    training = {"iterations": 60, "time_budget_s": None, "max_side": 120, "max_gaussians": 4000}
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(settings.data_dir),

@@ -25,7 +25,9 @@ from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.camera import Camera
+from tests.trained_scenes import trained
 
 _SIDE, _STEPS = 160, 300
 
@@ -69,9 +71,9 @@ def _true_depth(root: Path, view: View) -> NDArray[np.float32]:
     return raw.astype(np.float32) * 1e-4
 
 
-def _measure(trained: TrainedSplats, root: Path, capture: Capture, labelling: Labelling, rows: list[int]) -> _Figures:
+def _measure(result: TrainedSplats, root: Path, capture: Capture, labelling: Labelling, rows: list[int]) -> _Figures:
     """At the training size, against pixels of the truth that fall on it."""
-    gaussians, head = trained.gaussians, trained.head
+    gaussians, head = result.gaussians, result.head
     splats = splats_of(gaussians)
     classes = len(labelling.dictionary)
     color, depth, spread = [], [], []
@@ -125,17 +127,21 @@ def test_a_short_run_keeps_its_color_labels_and_depth(test_data: Path) -> None:
     """
     root = test_data / "tabletop"
     capture, labelling, rows = _without_test_views(root)
-    training = [row for row in range(len(capture.views)) if row not in rows]
-    settings = TrainingSettings(
-        time_budget_s=None, iterations=_STEPS, max_side=_SIDE, max_gaussians=8_000, held_out_every=0, evaluations=0
-    )
-    trained = train(
-        replace(capture, views=tuple(capture.views[row] for row in training)),
-        replace(labelling, label_maps=tuple(labelling.label_maps[row] for row in training)),
-        settings,
-        silent,
-    )
-    figures = _measure(trained, root, capture, labelling, rows)
+
+    def make(folder: Path) -> None:
+        training = [row for row in range(len(capture.views)) if row not in rows]
+        settings = TrainingSettings(
+            time_budget_s=None, iterations=_STEPS, max_side=_SIDE, max_gaussians=8_000, held_out_every=0, evaluations=0
+        )
+        result = train(
+            replace(capture, views=tuple(capture.views[row] for row in training)),
+            replace(labelling, label_maps=tuple(labelling.label_maps[row] for row in training)),
+            settings,
+            silent,
+        )
+        save_trained(result, folder)
+
+    figures = _measure(load_trained(trained("tabletop_figures", make, root)), root, capture, labelling, rows)
     print(figures)
     assert figures.psnr > 23.0
     assert figures.miou > 0.84

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,14 @@ import torch
 
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
 
+_SHORT: dict[str, Any] = {
+    "iterations": 24, "time_budget_s": None, "max_gaussians": 160, "evaluations": 0, "background": "random",
+}  # fmt: skip
 _GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
 
 
@@ -27,10 +33,13 @@ def backend(request: pytest.FixtureRequest) -> str:
     return "reference" if request.param == "reference" else "cuda"
 
 
-def test_every_backend_learns_what_cpu_learns(world, quick, backend: str) -> None:
-    changes = {"iterations": 24, "max_gaussians": 160, "background": "random"}
-    wanted = train(*world, quick(**changes), silent)
-    found = train(*world, quick(**changes, backend=backend), silent)
+@pytest.fixture(scope="module")
+def by_cpu(world) -> TrainedSplats:
+    return train(*world, TrainingSettings(**_SHORT, backend="cpu"), silent)
+
+
+def test_every_backend_learns_what_cpu_learns(world, by_cpu: TrainedSplats, backend: str) -> None:
+    wanted, found = by_cpu, train(*world, TrainingSettings(**_SHORT, backend=backend), silent)
     assert found.quality["psnr"] == pytest.approx(wanted.quality["psnr"], abs=0.2)
     assert found.quality["loss"] == pytest.approx(wanted.quality["loss"], rel=0.02)
     assert len(found.gaussians) == pytest.approx(len(wanted.gaussians), abs=2)

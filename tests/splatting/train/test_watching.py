@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.splatting import optimization
 from fastsplat.service.splatting.previews import PREVIEW_SHARE, PreviewBudget, TrainingPreview, TrainingWatch
 from fastsplat.service.splatting.train import train
 from fastsplat_contract.errors import CancelledError
@@ -48,22 +49,31 @@ def test_a_run_shows_itself_from_its_first_step_and_stays_the_same(world, quick)
         assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
 
 
-def test_a_run_that_is_ended_early_has_the_least_steps_and_says_so(world, quick) -> None:
+@pytest.fixture
+def fewest_steps(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Steps that a run takes before it may end early; few here."""
+    monkeypatch.setattr(optimization, "FEWEST_STEPS", 40)
+    return 40
+
+
+def test_a_run_that_is_ended_early_has_the_least_steps_and_says_so(world, quick, fewest_steps: int) -> None:
     iterations: list[float] = []
 
     def note(event: ProgressEvent) -> None:
         iterations.append(event.metrics.get("iteration", 0))
 
-    trained = train(*world, quick(iterations=400), note, watch=TrainingWatch(finish=lambda: True))
-    assert trained.quality["iterations"] == 250
-    assert trained.quality["stopped_at_share"] == pytest.approx(250 / 400)
+    trained = train(*world, quick(iterations=64), note, watch=TrainingWatch(finish=lambda: True))
+    assert trained.quality["iterations"] == fewest_steps
+    assert trained.quality["stopped_at_share"] == pytest.approx(fewest_steps / 64)
     assert len(trained.gaussians) > 0 and "psnr" in trained.quality
     whole = train(*world, quick(iterations=20), silent, watch=TrainingWatch(finish=lambda: True))
     assert whole.quality["iterations"] == 20 and "stopped_at_share" not in whole.quality
 
 
-def test_a_run_that_was_ended_early_is_not_trained_further_after_a_crash(world, quick, tmp_path) -> None:
-    settings = quick(iterations=400, checkpoint_every_s=1_000)
+def test_a_run_that_was_ended_early_is_not_trained_further_after_a_crash(
+    world, quick, tmp_path, fewest_steps: int
+) -> None:
+    settings = quick(iterations=64, checkpoint_every_s=1_000)
     watch = TrainingWatch(finish=lambda: True)
 
     def crash_at_the_end(event: ProgressEvent) -> None:
@@ -73,4 +83,4 @@ def test_a_run_that_was_ended_early_is_not_trained_further_after_a_crash(world, 
     with pytest.raises(CancelledError):
         train(*world, settings, crash_at_the_end, tmp_path, watch=watch)
     again = train(*world, settings, silent, tmp_path, watch=watch)
-    assert again.quality["iterations"] == 250 and again.quality["stopped_at_share"] < 1
+    assert again.quality["iterations"] == fewest_steps and again.quality["stopped_at_share"] < 1
