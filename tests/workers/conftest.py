@@ -13,8 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment
+from tests.workers.deployment import Deployment, new_database
 from tests.workers.standby import APIS, WORKERS
 
 
@@ -30,7 +29,7 @@ def _end_standbys() -> Iterator[None]:
 def deployment(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Deployment]:
     """A fresh data folder; its processes are gone when the test ends."""
     with ExitStack() as opened:
-        deployment = Deployment(tmp_path, _database_url(request, opened))
+        deployment = Deployment(tmp_path, new_database(request, opened))
         yield deployment
         deployment.close()
 
@@ -52,7 +51,7 @@ def _with_workers(
 
         def with_worker(database: str) -> Deployment:
             if database not in made:
-                url = _database_url(request, opened, database)
+                url = new_database(request, opened, database)
                 made[database] = Deployment(tmp_path_factory.mktemp("deployment"), url)
                 workers.append(made[database].start_worker())
             return made[database]
@@ -62,11 +61,3 @@ def _with_workers(
         for deployment in made.values():
             deployment.close()
     assert all(running)  # no test may cost the worker its life
-
-
-def _database_url(request: pytest.FixtureRequest, opened: ExitStack, database: str = "") -> str:
-    """Of a new database, which goes with `opened`; "" for SQLite in the data folder."""
-    if (database or getattr(request, "param", "sqlite")) == "sqlite":
-        return ""
-    server: PostgresServer = request.getfixturevalue("postgres")
-    return opened.enter_context(server.database())

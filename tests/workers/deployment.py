@@ -10,7 +10,7 @@ import sqlite3
 import subprocess
 import time
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from fastsplat.service.common.progress import STAGES
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.database import resolve_url
 from fastsplat_contract.operations import Operation, SceneOptions
+from tests.postgres import PostgresServer
 from tests.workers.standby import APIS, WORKERS
 
 _HERE = Path(__file__).parent
@@ -57,6 +58,20 @@ main()
 def on_both_databases(fixture: str = "deployment") -> pytest.MarkDecorator:
     """Runs a test on PostgreSQL as well: for laws whose SQL or locking differs there."""
     return pytest.mark.parametrize(fixture, ["sqlite", "postgresql"], indirect=True)
+
+
+def new_database(request: pytest.FixtureRequest, opened: ExitStack, database: str = "") -> str:
+    """URL of a new database, which goes with `opened`; "" for SQLite in the data folder.
+
+    Args:
+        request: of the fixture that wants it; its parameter, if it has one, says which database.
+        opened: closes what is opened.
+        database: "sqlite" or "postgresql"; "": as `request` says.
+    """
+    if (database or getattr(request, "param", "sqlite")) == "sqlite":
+        return ""
+    server: PostgresServer = request.getfixturevalue("postgres")
+    return opened.enter_context(server.database())
 
 
 @dataclass(frozen=True)
