@@ -30,8 +30,9 @@ import numpy as np
 from fastsplat.service.application.mask_encodings import view_mask
 from fastsplat.service.application.memory import masks_bytes, picture_bytes
 from fastsplat.service.application.pictures import picture
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.query_text import check_query
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.splatting.torch_runtime import release_free_memory
@@ -222,10 +223,12 @@ import gc, json, sys, tempfile
 from pathlib import Path
 import numpy as np
 from fastsplat.service.application.memory import edit_bytes
-from fastsplat.service.perception.text import open_text_encoder
-from fastsplat.service.query import QuerySettings, SceneIndex
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.edits import Edit, apply_edit
-from fastsplat.service.scene import read_scene, write_ply, write_scene
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from tests.scenes import labelled_scene
 

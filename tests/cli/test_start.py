@@ -15,7 +15,7 @@ from pathlib import Path
 import fastsplat.service.capture.confinement as confinement
 confinement.missing_protections = lambda: tuple(sys.argv[2:])
 from fastsplat.cli.main import _start
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 _start("api")
 store = open_store(Path(sys.argv[1]))
 store.blobs.upload("one").mkdir(parents=True)

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import fastsplat
+from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import LocalScene, folder_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
@@ -121,10 +123,10 @@ def test_the_package_has_no_other_names() -> None:
 
 @pytest.mark.parametrize("texts", [["mug"], ["mug", "elephant"]])
 def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, texts: list[str]) -> None:
-    command = [sys.executable, "-m", "fastsplat.cli.main", "ask", str(folder), *texts]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert all(scene.ask(text).explanation in said for text in texts)
-    assert "thing 1, mug, at (" in said and "m\n" in said
+    said = CliRunner().invoke(app, ["ask", str(folder), *texts])
+    assert said.exit_code == 0, said.output
+    assert all(scene.ask(text).explanation in said.stdout for text in texts)
+    assert "thing 1, mug, at (" in said.stdout and "m\n" in said.stdout
 
 
 def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path: Path) -> None:

@@ -83,7 +83,7 @@ def test_a_damaged_file_is_called_damaged_when_it_is_opened(offsets: range, tmp_
 _AS_ANOTHER_USER = """
 import os, sys
 from pathlib import Path
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 from fastsplat.service.store.checkup import check_database, check_folder
 from fastsplat_contract.errors import FastSplatError
 folder = Path(sys.argv[1])
