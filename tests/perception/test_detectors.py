@@ -19,9 +19,9 @@ from fastsplat.service.perception.detectors.open_detectors import open_closed_se
 from fastsplat.service.perception.detectors.picodet import PicoDet
 from fastsplat.service.perception.models import model_manifest
 from fastsplat.service.perception.models.model_manifest import ROLES, load_manifest
-from fastsplat.service.perception.segmenters import open_segmenter
+from fastsplat.service.perception.segmenters.open_segmenter import SEGMENTERS
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import TEXT_TOWERS
 from fastsplat.service.perception.types import Detections
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
@@ -177,8 +177,8 @@ def test_a_manifest_cannot_give_a_model_an_adapter_of_another_role(tmp_path: Pat
 def test_every_adapter_of_a_role_is_driven_by_something() -> None:
     assert tuple(open_detectors.CLOSED_SET_DETECTORS) == ROLES["closed_set_detector"]
     assert tuple(open_detectors.OPEN_SET_DETECTORS) == ROLES["open_set_detector"]
-    assert tuple(open_segmenter.SEGMENTERS) == ROLES["segmenter"]
-    assert {*open_text_encoder.TEXT_TOWERS, "label_table"} == set(ROLES["text_encoder"])
+    assert tuple(SEGMENTERS) == ROLES["segmenter"]
+    assert {*TEXT_TOWERS, "label_table"} == set(ROLES["text_encoder"])
 
 
 @pytest.mark.parametrize("name", ["unknown", "picodet:../secrets", "picodet:", "mobile_sam", "sam1:picodet_416"])

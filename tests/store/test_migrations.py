@@ -219,7 +219,7 @@ def test_opening_twice_and_by_many_at_once_changes_nothing_more(old: Engine, tmp
 _OPEN = """
 import sys
 from pathlib import Path
-from fastsplat.service.store import open_store
+from fastsplat.service.store.store import open_store
 print("ready", flush=True)
 sys.stdin.readline()
 store = open_store(Path(sys.argv[1]), sys.argv[2])
