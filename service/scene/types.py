@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.common.harmonics import MAX_SH_DEGREE
+from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
 from fastsplat.service.scene.upright import up_of, vertical_of
