@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import inspect
-import json
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable
@@ -16,7 +15,7 @@ import pytest
 
 import fastsplat
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.operations import Operation
 from tests.processes import processes_with
 from tests.small_tabletop import small_tabletop
@@ -64,8 +63,8 @@ def trained_tabletop(test_data: Path, models: Path) -> Path:
         models: the model directory.
 
     Returns:
-        a folder with `table top`, the capture of 8 views; `scene`, the data folder; and `progress.json`, the operation
-        as it was reported each time.
+        a folder with `table top`, the capture of 8 views; `scene`, the data folder; and `progress.jsonl`, a line for
+        each time that the operation was reported.
     """
 
     def make(folder: Path) -> None:
@@ -79,7 +78,7 @@ def trained_tabletop(test_data: Path, models: Path) -> Path:
                 assert scene.info.state == "READY"
         load_settings.cache_clear()
         assert processes_with("FASTSPLAT_DATA_DIR", folder / "scene") == []
-        (folder / "progress.json").write_text(json.dumps([to_plain(operation) for operation in told]))
+        (folder / "progress.jsonl").write_bytes(b"".join(to_json(operation) + b"\n" for operation in told))
 
     return trained("tabletop", make, test_data / "tabletop")
 

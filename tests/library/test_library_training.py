@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import subprocess
@@ -16,7 +15,7 @@ import fastsplat
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import folder_settings
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.json_codec import from_json
 from fastsplat_contract.operations import Operation
 from tests.processes import processes_with
 from tests.small_tabletop import small_tabletop
@@ -40,7 +39,7 @@ def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
     test_data: Path, models_dir: Path, tmp_path: Path
 ) -> None:
     made = trained_tabletop(test_data, models_dir)
-    shown = [from_plain(Operation, one) for one in json.loads((made / "progress.json").read_text())]
+    shown = [from_json(Operation, line) for line in (made / "progress.jsonl").read_bytes().splitlines()]
     assert [stage.stage for stage in shown[-1].stages] == ["capture", "perception", "training", "export"]
     assert shown[-1].state == "SUCCEEDED" and len(shown) > 4
     out = tmp_path / "out"
