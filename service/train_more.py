@@ -19,7 +19,7 @@ from fastsplat.service.common.progress import Progress
 from fastsplat.service.planning.presets import PresetName, apply_preset
 from fastsplat.service.query.aligning import placed_gaussians
 from fastsplat.service.scene import Gaussians, Scene
-from fastsplat.service.scene.alignment import frame_of
+from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.settings import Settings

@@ -26,7 +26,8 @@ from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon import open_lexicon
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.query.objects import find_objects
 
 _OUT = RESULTS / "query.json"

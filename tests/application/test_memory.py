@@ -224,7 +224,8 @@ import numpy as np
 from fastsplat.service.application.memory import edit_bytes
 from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.scene import read_scene, write_ply, write_scene
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from tests.scenes import labelled_scene

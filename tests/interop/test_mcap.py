@@ -21,11 +21,11 @@ from fastsplat.service.application.geometry_files import points_file
 from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.query import SceneIndex
 from fastsplat.service.query.aligning import align_scene
-from fastsplat.service.query.edits import Edit
+from fastsplat.service.query.edit import Edit
 from fastsplat.service.query.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene import Scene
-from fastsplat.service.scene.alignment import frame_of
-from fastsplat.service.scene.scaling import ScaledLength, combined, scaled
+from fastsplat.service.scene.frames import frame_of, scaled
+from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
 from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.scene import Scene
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat_contract.errors import InvalidInputError, NotFoundError

@@ -12,7 +12,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.scene import Scene, read_scene, write_scene
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat_contract.errors import InvalidInputError

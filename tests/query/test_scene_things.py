@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query import QuerySettings, SceneIndex
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.scene import Scene, Thing, Things, read_scene, write_scene
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat_contract.errors import (

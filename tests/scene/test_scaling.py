@@ -11,11 +11,11 @@ import pytest
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.scene import read_scene, write_scene
+from fastsplat.service.scene.frames import scaled
 from fastsplat.service.scene.scaling import (
     ScaledLength,
     capture_scale_source,
     combined,
-    scaled,
     scaling_from_json,
     scaling_to_json,
 )
