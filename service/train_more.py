@@ -18,7 +18,7 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.planning.presets import PresetName, apply_preset
 from fastsplat.service.query.aligning import placed_gaussians
-from fastsplat.service.scene.alignment import frame_of
+from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.scene.types import Gaussians, Scene

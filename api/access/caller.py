@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.upload_keys import OneUpload
 from fastsplat_contract.errors import UnauthenticatedError
 from fastsplat_contract.keys import Role
 
@@ -71,7 +72,7 @@ class _InCallersProject:
     def __getattr__(self, name: str) -> Any:
         caller = _caller()
         own = self._service.in_project(caller.project, caller.scene_id)
-        return getattr(own.for_upload(caller.key_id) if caller.role == "uploader" else own, name)
+        return getattr(OneUpload(own, caller.key_id) if caller.role == "uploader" else own, name)
 
 
 def _caller() -> Principal:

@@ -27,6 +27,7 @@ from benchmarks.calibration.folds import folds_of, twin_groups
 from benchmarks.calibration.lists import read_scenes
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
 from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.embeddings import TextCache, TextCaches
@@ -34,7 +35,6 @@ from fastsplat.service.query.label_meanings import BASE, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, expanded, summed_odds
 from fastsplat.service.query.name_matching import NameIndex
 from fastsplat.service.query.probability import Logistic, Nonconformities, candidates, label_set
-from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.text_similarity import text_similarity
 
 F64 = NDArray[np.float64]

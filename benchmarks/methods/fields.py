@@ -11,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.query.relevancy import LERF_TEMPERATURE, logistic
+from fastsplat.service.common.logistic import logistic
+from fastsplat.service.query.relevancy import LERF_TEMPERATURE
 from fastsplat.service.scene.types import F32, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize_bands

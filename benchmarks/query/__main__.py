@@ -25,7 +25,8 @@ from benchmarks.query.labelled_garden import common_names, labelled_garden
 from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.query.objects import find_objects
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings

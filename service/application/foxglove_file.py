@@ -29,7 +29,7 @@ from fastsplat.service.application.scene_recording import (
 )
 from fastsplat.service.query.occupancy import FREE, OCCUPIED, OccupancyMap
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.alignment import frame_id
+from fastsplat.service.scene.frames import frame_id
 from fastsplat.service.scene.point_ply import point_rows
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera

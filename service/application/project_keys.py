@@ -5,11 +5,14 @@ from __future__ import annotations
 import time
 from datetime import UTC, datetime
 
+from sqlalchemy import Connection
+
 from fastsplat.service.application.keys import Keys
 from fastsplat.service.application.paging import read_page_token, write_page_token
 from fastsplat.service.application.validate import check_page_size
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.key_repository import ROLES, KeyRecord
+from fastsplat.service.store.key_repository import ROLES, KeyRecord, use_key
+from fastsplat.service.store.scene_repository import no_operation
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, NotFoundError, PermissionDeniedError, QuotaError
 from fastsplat_contract.keys import UPLOAD_KEY_S, AccessKey, KeyIn, KeyList, KeyState, NewKey, Role, UploadKeyIn
@@ -111,11 +114,50 @@ class ProjectKeys:
         self._keys.expire(key_id, lifetime_s)
         return as_key(self._get(caller_role, key_id), time.time())
 
+    def begin_upload(self, key_id: str) -> None:
+        """Let a key for one upload be valid for a day from its making, as its upload begins.
+
+        Raises:
+            ConflictError: it has made a scene before.
+        """
+        record = self._store.keys.find(key_id)
+        if record is None or record.operation_id is not None:
+            raise _used()
+        self._store.keys.prolong(key_id, record.created_at + _DAY_S)
+
+    def check_made(self, key_id: str, operation_id: str) -> None:
+        """Check that a key for one upload has made this operation.
+
+        Raises:
+            NotFoundError: it has made none of that id.
+        """
+        record = self._store.keys.find(key_id)
+        if record is None or record.operation_id != operation_id:
+            raise no_operation(operation_id)
+
     def _get(self, caller_role: Role, key_id: str) -> KeyRecord:
         record = self._store.keys.find(key_id)
         if record is None or record.project != self._project or record.role not in _up_to(caller_role):
             raise NotFoundError(f"no key {key_id[:80]!r}", field="key_id", hint="List the keys to see which there are.")
         return record
+
+
+def check_unused(connection: Connection, key_id: str, operation_id: str) -> None:
+    """Note that a key for one upload makes an operation, in the transaction that makes it.
+
+    Raises:
+        ConflictError: it has made one before, or is not valid any more; the transaction must not be committed.
+    """
+    if not use_key(connection, key_id, operation_id, time.time()):
+        raise _used()
+
+
+def _used() -> ConflictError:
+    return ConflictError(
+        "this key was for one upload, and has made its scene",
+        field="authorization",
+        hint="Make another link, or key, for another scene.",
+    )
 
 
 def _up_to(role: Role) -> tuple[Role, ...]:

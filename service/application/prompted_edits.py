@@ -23,7 +23,7 @@ from fastsplat_contract.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPro
 
 if TYPE_CHECKING:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
-    from fastsplat.service.query.edits import Edit as SceneEdit
+    from fastsplat.service.query.edit import Edit as SceneEdit
 
 _PICTURE_COST = 2.0**23
 """Segmenting a picture takes about as long as rendering so many pixels."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from fastsplat.service.query.occupancy import OccupancyMap
-from fastsplat.service.scene.alignment import frame_id
+from fastsplat.service.scene.frames import frame_id
 from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.thing_messages import SceneThing

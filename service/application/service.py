@@ -24,7 +24,7 @@ from fastsplat.service.application.open_scenes import OpenScenes
 from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.photo_pages import photo_page
 from fastsplat.service.application.photos import Photos
-from fastsplat.service.application.project_keys import ProjectKeys
+from fastsplat.service.application.project_keys import ProjectKeys, check_unused
 from fastsplat.service.application.project_names import KnownNames
 from fastsplat.service.application.prompted_edits import PromptedEdits
 from fastsplat.service.application.quotas import Quotas
@@ -35,7 +35,6 @@ from fastsplat.service.application.scene_exports import Exports
 from fastsplat.service.application.scene_orders import place_order
 from fastsplat.service.application.server_abilities import server_status
 from fastsplat.service.application.stored import labels_of, left_out_to_json, scene_of, summaries_of
-from fastsplat.service.application.upload_keys import OneUpload, check_unused
 from fastsplat.service.application.uploads import UploadSession
 from fastsplat.service.application.validate import (
     admit_upload,
@@ -215,9 +214,10 @@ class SceneService:
                 self._store.blobs.drop_upload(upload.id)
             return self.jobs.operation(record)
 
-    def for_upload(self, key_id: str) -> OneUpload:
-        """This service as a key for one upload has it."""
-        return OneUpload(self, self._store, key_id, self._settings.capture.max_entries)
+    @property
+    def max_entries(self) -> int:
+        """Files of an upload at most."""
+        return self._settings.capture.max_entries
 
     def status(self, role: Role, key_id: str) -> ServerStatus:
         """What this server can do, and how much room the project has left, as a caller of this role may know it."""

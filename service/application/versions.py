@@ -272,7 +272,7 @@ class Versions:
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
     ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
         """The index of the edited scene, and what was made of prompts, by the number of the edit, as JSON."""
-        from fastsplat.service.query.edits import Edit as SceneEdit
+        from fastsplat.service.query.edit import Edit as SceneEdit
         from fastsplat.service.query.edits import apply_edit
 
         before = index.things.table

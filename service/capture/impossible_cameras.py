@@ -13,7 +13,7 @@ import pycolmap
 
 from fastsplat.service.capture import rigs
 from fastsplat.service.capture.camera_model import CameraModel, check_camera_model
-from fastsplat.service.capture.lens_views import lens_of
+from fastsplat.service.capture.lens_faces import lens_of
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photo_verdicts import NotPlaced
 

@@ -248,3 +248,15 @@ def _directions(angle: F64, around: F64) -> F64:
     """float64 [..., 3]: unit vectors at angles from the optical axis, radians."""
     across = np.sin(angle)
     return np.stack(np.broadcast_arrays(across * np.cos(around), across * np.sin(around), np.cos(angle)), axis=-1)
+
+
+def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens:
+    """The faces of any camera; one, without loss of content but at the rim, for all but fisheye lenses.
+
+    Raises:
+        InvalidInputError: the distortion cannot be undone.
+    """
+    if is_fisheye(camera_model):
+        return fisheye_faces(camera_model, max_side, field)
+    undistortion = compute_undistortion(camera_model, max_side, field=field)
+    return WideLens((LensFace("", np.eye(3), undistortion),), 0.0, 1.0)

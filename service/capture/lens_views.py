@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.camera_model import CameraModel, compute_undistortion, rotate90, rotate90_pose
+from fastsplat.service.capture.camera_model import rotate90, rotate90_pose
 from fastsplat.service.capture.image_io import PhotoInfo
-from fastsplat.service.capture.lens_faces import FACES, LensFace, WideLens, face_name, fisheye_faces, is_fisheye
+from fastsplat.service.capture.lens_faces import FACES, WideLens, face_name, lens_of
 from fastsplat.service.capture.photo_metadata import PhotoPlace
 from fastsplat.service.capture.photo_quality import PhotoMatches, PhotoQuality
 from fastsplat.service.capture.posed_input import PosedImage
@@ -80,18 +80,6 @@ class ViewLog:
             count, names = len(self.broken_maps), list_names(self.broken_maps)
             sentences.append(f"{count} label or depth maps cannot be read and are not used: {names}.")
         return tuple(sentences)
-
-
-def lens_of(camera_model: CameraModel, max_side: int, *, field: str) -> WideLens:
-    """The faces of any camera; one, without loss of content but at the rim, for all but fisheye lenses.
-
-    Raises:
-        InvalidInputError: the distortion cannot be undone.
-    """
-    if is_fisheye(camera_model):
-        return fisheye_faces(camera_model, max_side, field)
-    undistortion = compute_undistortion(camera_model, max_side, field=field)
-    return WideLens((LensFace("", np.eye(3), undistortion),), 0.0, 1.0)
 
 
 def posed_lens(image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> tuple[WideLens, list[ViewGeometry]]:

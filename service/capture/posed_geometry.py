@@ -7,14 +7,17 @@ what a depth sensor measured gives more points and metres.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from fastsplat.service.capture.depth_maps import F32, inner_pixels, load_depth
+from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.posed_input import PosedDataset
 from fastsplat.service.capture.scale_estimates import (
     MOST_DISAGREEMENT,
@@ -25,7 +28,6 @@ from fastsplat.service.capture.scale_estimates import (
 )
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ScaleEstimate, View
-from fastsplat.service.capture.view_depths import depth_points
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import ReconstructionError
 
@@ -158,3 +160,38 @@ def _request(views: tuple[View, ...], folder: Path, settings: CaptureSettings) -
         pose = view.posed.camera_from_world().tolist()
         images.append({"file": view.image_path.name, "camera": numbers, "camera_from_world": pose})
     return {"image_folder": str(folder), "images": images, "ordered": False, **settings.model_dump()}
+
+
+def depth_points(views: Sequence[View], count: int) -> tuple[F32, NDArray[np.uint8]]:
+    """At most `count` points float32 [P, 3] on what the depth maps of the views show, world, and their colors uint8
+    [P, 3] by the photos; none on edges, where sensors mix what is in front with what is behind.
+
+    The same views give the same points. A pixel of a farther surface stands for a larger one: the nearer ones are not
+    preferred.
+    """
+    measured = [view for view in views if view.depth is not None]
+    points, colors = [], []
+    for index, view in enumerate(measured):
+        assert view.depth is not None
+        depth, camera = load_depth(view.depth), view.depth.camera
+        rows, columns = np.nonzero(inner_pixels(depth))
+        share = count // len(measured) + (index < count % len(measured))
+        if len(rows) > share:
+            some = np.sort(np.random.default_rng((0, 7, index)).choice(len(rows), share, replace=False))
+            rows, columns = rows[some], columns[some]
+        rays = camera.rays(columns + 0.5, rows + 0.5)
+        x, y = rays[:, 0], rays[:, 1]
+        pose, photo_camera = view.posed.world_from_camera, view.posed.camera
+        world = (rays * depth[rows, columns, None].astype(np.float64)) @ pose[:3, :3].T + pose[:3, 3]
+        at_x = np.floor(x * photo_camera.fx + photo_camera.cx).astype(np.int64)
+        at_y = np.floor(y * photo_camera.fy + photo_camera.cy).astype(np.int64)
+        shown = (at_x >= 0) & (at_x < photo_camera.width) & (at_y >= 0) & (at_y < photo_camera.height)
+        if view.valid_path is not None:
+            with Image.open(view.valid_path) as image:
+                valid = np.asarray(image.convert("L")) == 255
+            shown[shown] = valid[at_y[shown], at_x[shown]]
+        points.append(world[shown].astype(np.float32))
+        colors.append(load_rgb(view.image_path)[at_y[shown], at_x[shown]])
+    if not points:
+        return np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
+    return np.concatenate(points), np.concatenate(colors)

@@ -15,8 +15,8 @@ from fastsplat.service.capture.depth_maps import F32
 from fastsplat.service.capture.image_decoder import ImageDecoder
 from fastsplat.service.capture.image_io import PhotoInfo
 from fastsplat.service.capture.label_maps import LabelTable
-from fastsplat.service.capture.lens_faces import face_name, is_fisheye
-from fastsplat.service.capture.lens_views import ViewLog, lens_of, posed_lens, views_of
+from fastsplat.service.capture.lens_faces import face_name, is_fisheye, lens_of
+from fastsplat.service.capture.lens_views import ViewLog, posed_lens, views_of
 from fastsplat.service.capture.photo_quality import PhotoMatches, measure_photo
 from fastsplat.service.capture.posed_input import PosedImage
 from fastsplat.service.capture.settings import CaptureSettings

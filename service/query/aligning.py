@@ -14,16 +14,16 @@ from scipy.stats import t as student
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.common.similarity import Similarity, fit_similarity
-from fastsplat.service.query.edits import moved_gaussians
+from fastsplat.service.query.gaussian_edits import moved_gaussians
 from fastsplat.service.scene.alignment import Alignment as SceneAlignment
-from fastsplat.service.scene.alignment import frame_of
+from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits import Edit
+    from fastsplat.service.query.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 F64 = NDArray[np.float64]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fastsplat.service.query.edits import Edit, edited_rows, gaussians_of_rows, moved_gaussians
+from fastsplat.service.query.edit import Edit, edited_rows
+from fastsplat.service.query.gaussian_edits import gaussians_of_rows, moved_gaussians
 from fastsplat.service.query.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part

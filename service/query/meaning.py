@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.label_meanings import BASE
 from fastsplat.service.query.probability import Logistic, Nonconformities
-from fastsplat.service.query.relevancy import F64, logistic
+from fastsplat.service.query.relevancy import F64
 from fastsplat.service.query.settings import QuerySettings
 
 FILE = Path(__file__).with_name("meaning.json")

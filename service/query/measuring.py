@@ -1,9 +1,8 @@
-"""Lengths in a scene: between two places, of a thing; and the scale that known lengths give it."""
+"""Lengths in a scene: between two places, and of a thing."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +12,13 @@ from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.locating import Located, axes_of, check_place, locate
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.thing_extents import ThingExtents, thing_extents
-from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combined, scaled
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
-from fastsplat_contract.places import KnownSize, Place
+from fastsplat_contract.places import Place
 from fastsplat_contract.poses import rigid, vector3
 
-if TYPE_CHECKING:
-    from fastsplat.service.query.edits import Edit
-
 F64 = NDArray[np.float64]
-
-_MAX_LENGTHS = 100
-_UNSURE_ENDS = 0.03
-"""Of a thing's length, what its ends are unsure of where it gives the scene its scale."""
 
 
 def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
@@ -55,7 +46,7 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
                 continue
             check_place(place, ("thing",))
             index.things.check_all((place.thing,))
-            extents[place.thing] = _extents(index, place.thing)
+            extents[place.thing] = extents_of(index, place.thing)
             located.append(_middle(place.thing, extents[place.thing]))
         except (InvalidInputError, NotFoundError) as error:
             raise error.within(f"places[{number}]") from error
@@ -64,7 +55,7 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
     if len(located) == 2:
         distance = _length(index, *_nearest(index, located[0], located[1], extents))
         if any(one.is_thing for one in located):
-            center_distance = _length(index, *_apart(*located))
+            center_distance = _length(index, *apart(*located))
     elif located[0].is_thing:
         measured = extents[located[0].thing_id]
         box = measured.box
@@ -80,72 +71,12 @@ def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measure
     )
 
 
-def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
-    """The scene in meters by known lengths, and by those that it was scaled by before; see `combined`.
+def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
+    """Where a thing ends.
 
     Raises:
-        NotFoundError: nothing is seen at a pixel; no such view.
-        InvalidInputError: no or too many known lengths, a label, an object or things, or two places that are one.
+        NotFoundError: it is too faint to have a box.
     """
-    if edit.label is not None or edit.object_id is not None or edit.things:
-        raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
-    earlier = index.scene.scaling or capture_scaling(index.scene.quality)
-    lengths = [] if earlier is None else [*earlier.lengths]
-    known_count = len(edit.known_lengths) + len(edit.known_sizes)
-    if not known_count or len(lengths) + known_count > _MAX_LENGTHS:
-        raise InvalidInputError(
-            f"{known_count} known lengths and sizes",
-            field="known_lengths",
-            limit=f"1 to {_MAX_LENGTHS} of a scene",
-            hint="Send the length between two places, or the size of a thing.",
-        )
-    unit = 1.0 if earlier is None else earlier.meters_per_unit
-    for number, known in enumerate(edit.known_lengths):
-        ends = []
-        for name in ("first", "second"):
-            try:
-                ends.append(locate(index, getattr(known, name)))
-            except (InvalidInputError, NotFoundError) as error:
-                raise error.within(f"known_lengths[{number}].{name}") from error
-        value, deviation = _apart(*ends)
-        if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
-            raise InvalidInputError(
-                "the two places cannot be told apart",
-                field=f"known_lengths[{number}].second",
-                hint="Pick places that are further from each other.",
-            )
-        lengths.append(ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95))
-    lengths += [_known_size(index, known, number, unit) for number, known in enumerate(edit.known_sizes)]
-    return scaled(index.things.scene, combined(lengths))
-
-
-def _known_size(index: SceneIndex, known: KnownSize, number: int, unit: float) -> ScaledLength:
-    """A thing's measured side as a known length. A scale lasts, and where a trained thing ends is nowhere surer than a
-    few per cent of its length: that much is added."""
-    try:
-        index.things.check_all((known.thing,))
-        thing = _extents(index, known.thing)
-    except (InvalidInputError, NotFoundError) as error:
-        raise error.within(f"known_sizes[{number}]") from error
-    if known.side == "height" and index.scene.up() is None:
-        raise InvalidInputError(
-            "the scene does not tell what is up",
-            field=f"known_sizes[{number}].side",
-            hint="Send the longest side, or a length between two places.",
-        )
-    side = 2 if known.side == "height" else int(np.argmax(thing.box.size))
-    value = thing.box.size[side]
-    deviation = float(np.hypot(thing.deviations[side], _UNSURE_ENDS * value))
-    if value <= 3 * deviation or value < np.finfo(np.float32).tiny:
-        raise InvalidInputError(
-            f"the size of thing {known.thing} is too unsure to scale by",
-            field=f"known_sizes[{number}].thing",
-            hint="Use a larger thing, or a length between two places.",
-        )
-    return ScaledLength(value / unit, deviation / unit, known.meters, known.plus_minus / NORMAL_95)
-
-
-def _extents(index: SceneIndex, thing_id: int) -> ThingExtents:
     extents = thing_extents(index, thing_id)
     if extents is None or index.things.get(thing_id).box is None:
         raise NotFoundError(
@@ -166,7 +97,7 @@ def _nearest(
 ) -> tuple[float, float]:
     """Distance and deviation between two places; of a thing from its surface, the Gaussian nearest to the other."""
     if not one.is_thing and not other.is_thing:
-        return _apart(one, other)
+        return apart(one, other)
     if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
         return 0.0, 0.0
     means = index.scene.gaussians.means.astype(np.float64)
@@ -179,7 +110,7 @@ def _nearest(
         place if rows is None else _surface(index, int(rows[at]), place.thing_id)
         for place, rows, at in zip((one, other), sets, (first, int(near[first])), strict=True)
     ]
-    return _apart(ends[0], ends[1])
+    return apart(ends[0], ends[1])
 
 
 def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
@@ -188,7 +119,7 @@ def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
     return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, thing_id)
 
 
-def _apart(one: Located, other: Located) -> tuple[float, float]:
+def apart(one: Located, other: Located) -> tuple[float, float]:
     """Distance of two points, and its standard deviation √(uᵀ (Σ₁ + Σ₂) u), u the direction from one to the other; of
     points that are one, in the least certain direction."""
     offset = other.point - one.point

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.gaussian_labels import GaussianLabels
-from fastsplat.service.query.relevancy import logistic
 from fastsplat.service.query.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.connectivity import components

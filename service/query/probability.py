@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
-from fastsplat.service.query.relevancy import logistic
+from fastsplat.service.common.logistic import logistic
 
 F64 = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from fastsplat.service.scene.types import Scene, Things
 from fastsplat_contract.errors import InvalidInputError
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits import Edit
+    from fastsplat.service.query.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 _REST = 0.02

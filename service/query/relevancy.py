@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.logistic import logistic
+
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
@@ -72,9 +74,3 @@ def cosines(left: F32, right: F32) -> F64:
     """float64 [A, B] of unit vectors [A, E] and [B, E]."""
     # einsum stays on this thread: waking BLAS threads costs more than so small a product.
     return np.asarray(np.clip(np.einsum("ae,be->ab", left, right), -1.0, 1.0), dtype=np.float64)
-
-
-def logistic(x: F32 | F64) -> F64:
-    """1 / (1 + exp(-x)), float64, without overflow. Not scipy's `expit`: the commands that import the query room would
-    load all of scipy first."""
-    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x.astype(np.float64))))

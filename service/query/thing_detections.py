@@ -15,8 +15,8 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.thing_extents import side_deviations
 from fastsplat.service.query.thing_measures import ThingShape
 from fastsplat.service.query.visibility import view_scores
-from fastsplat.service.scene.alignment import frame_id
 from fastsplat.service.scene.boxes import BOX_TRIM, trimmed_ends
+from fastsplat.service.scene.frames import frame_id
 from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing
 from fastsplat_contract.detection_messages import CovarianceTerm, Detection, DetectionList, Support

@@ -18,7 +18,7 @@ from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits import Edit
+    from fastsplat.service.query.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 MAX_ALIASES = 20
@@ -49,12 +49,8 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
         "merge": _merge,
         "discard": _discard,
     }
-    if (edit.name is not None) != (edit.action == "name") or (edit.aliases and edit.action != "name"):
-        raise InvalidInputError(
-            f"{edit.action} {'needs a' if edit.action == 'name' else 'takes no'} name",
-            field="name",
-            hint="See the edit's fields.",
-        )
+    if edit.action == "name" and edit.name is None:
+        raise InvalidInputError("name needs a name", field="name", hint="See the edit's fields.")
     ids = edited_things(index, edit)
     check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
     scene = actions[edit.action](index, replace(index.things.scene, label_mode="things"), ids, edit)

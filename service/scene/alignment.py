@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fastsplat.service.common.similarity import Similarity
-
-if TYPE_CHECKING:
-    from fastsplat.service.scene.types import Scene
 
 
 @dataclass(frozen=True)
@@ -45,16 +42,6 @@ def frame_similarity(meters_per_unit: float | None, alignment: Alignment | None)
     if alignment is None:
         return Similarity(scale, np.eye(3), np.zeros(3))
     return Similarity(scale, np.array(alignment.rotation), np.array(alignment.translation))
-
-
-def frame_of(scene: Scene) -> Similarity:
-    """From the frame of the trained version into that of this one."""
-    return frame_similarity(None if scene.scaling is None else scene.scaling.meters_per_unit, scene.alignment)
-
-
-def frame_id(scene: Scene) -> str:
-    """The name of the world frame of this version: the map's, `map` for one without a name, `scene` without a map."""
-    return "scene" if scene.alignment is None else scene.alignment.frame or "map"
 
 
 def alignment_to_json(alignment: Alignment | None) -> dict[str, Any] | None:

@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, get_args
-
-import numpy as np
+from dataclasses import asdict, dataclass
+from typing import Any, get_args
 
 from fastsplat.service.common.combined_ratios import NORMAL_95, combined_ratio
-from fastsplat.service.common.similarity import scaled_camera
-from fastsplat.service.scene.alignment import Alignment
 from fastsplat_contract.scenes import ScaleSource
-
-if TYPE_CHECKING:
-    from fastsplat.service.scene.types import Scene
 
 _LEAST_DEVIATION = 1e-3
 """Relative, of a length between two places: nobody picks a place better."""
@@ -97,37 +90,6 @@ def capture_scale_source(quality: Mapping[str, Any]) -> ScaleSource:
     does not say it had tags."""
     stated = str(quality.get("scale_source", "tags")).partition("+")[0]
     return next((source for source in get_args(ScaleSource) if source == stated), "tags")
-
-
-def scaled(scene: Scene, scaling: Scaling) -> Scene:
-    """The scene with its Gaussians and cameras in meters by a scaling of its trained version; which thing a Gaussian
-    belongs to, and what it looks like, stays."""
-    before = 1.0 if scene.scaling is None else scene.scaling.meters_per_unit
-    factor = scaling.meters_per_unit / before
-    gaussians = scene.gaussians
-    means = (gaussians.means.astype(np.float64) * factor).astype(np.float32)
-    log_scales = (gaussians.log_scales.astype(np.float64) + math.log(factor)).astype(np.float32)
-    return replace(
-        scene,
-        gaussians=replace(gaussians, means=means, log_scales=log_scales),
-        cameras=tuple(scaled_camera(posed, factor) for posed in scene.cameras),
-        scale="METRIC",
-        scaling=scaling,
-        alignment=_scaled_alignment(scene.alignment, factor),
-    )
-
-
-def _scaled_alignment(alignment: Alignment | None, factor: float) -> Alignment | None:
-    """In the new units; lengths that pairs of points left over are not measured anew."""
-    if alignment is None:
-        return None
-    x, y, z = alignment.translation
-    return replace(
-        alignment,
-        translation=(x * factor, y * factor, z * factor),
-        residuals=tuple(each * factor for each in alignment.residuals),
-        rms=None if alignment.rms is None else alignment.rms * factor,
-    )
 
 
 def scaling_to_json(scaling: Scaling | None) -> dict[str, Any] | None:

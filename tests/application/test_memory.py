@@ -226,7 +226,8 @@ from fastsplat.service.application.memory import edit_bytes
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.splatting.torch_runtime import release_free_memory

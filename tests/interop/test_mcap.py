@@ -20,11 +20,11 @@ from fastsplat.service.application.foxglove_file import STEP_NS, foxglove_file
 from fastsplat.service.application.geometry_files import points_file
 from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.query.aligning import align_scene
-from fastsplat.service.query.edits import Edit
+from fastsplat.service.query.edit import Edit
 from fastsplat.service.query.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.alignment import frame_of
-from fastsplat.service.scene.scaling import ScaledLength, combined, scaled
+from fastsplat.service.scene.frames import frame_of, scaled
+from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.query.aligning import align_scene, fit_pairs, placed_gaussians
-from fastsplat.service.query.edits import Edit
+from fastsplat.service.query.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.alignment import frame_of
-from fastsplat.service.scene.scaling import combined, scaled
+from fastsplat.service.scene.frames import frame_of, scaled
+from fastsplat.service.scene.scaling import combined
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edits import Edit, apply_edit, edited_rows
+from fastsplat.service.query.edit import Edit, edited_rows
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.objects import masses
 from fastsplat.service.query.scene_index import SceneIndex

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.query.floors import floor_ids, names_a_floor, names_of_others
 from fastsplat.service.query.goals import goal_near
 from fastsplat.service.query.occupancy import OccupancyMap, occupancy_map

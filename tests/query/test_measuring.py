@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edits import Edit, apply_edit
+from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.edits import apply_edit
 from fastsplat.service.query.locating import locate
 from fastsplat.service.query.measuring import measure
 from fastsplat.service.query.scene_index import SceneIndex

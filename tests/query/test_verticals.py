@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.application.geometry_files import about
 from fastsplat.service.application.scene_recording import SceneRecording, described
 from fastsplat.service.query.aligning import align_scene
-from fastsplat.service.query.edits import Edit
+from fastsplat.service.query.edit import Edit
 from fastsplat.service.query.locating import locate
-from fastsplat.service.query.measuring import scale_scene
 from fastsplat.service.query.next_viewpoints import next_photos
 from fastsplat.service.query.occupancy import check_map_frame
+from fastsplat.service.query.scale_edits import scale_scene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.thing_detections import detections_of

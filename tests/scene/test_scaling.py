@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.scene.frames import scaled
 from fastsplat.service.scene.scaling import (
     ScaledLength,
     capture_scale_source,
     combined,
-    scaled,
     scaling_from_json,
     scaling_to_json,
 )

@@ -1,0 +1,12 @@
+"""The logistic function of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def logistic(x: NDArray[np.float32] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """1 / (1 + exp(-x)), float64, without overflow. Not scipy's `expit`: the commands that import the query room would
+    load all of scipy first."""
+    return np.asarray(0.5 * (1.0 + np.tanh(0.5 * x.astype(np.float64))))
