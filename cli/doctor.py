@@ -15,6 +15,7 @@ import typer
 
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store import Store, open_store
+from fastsplat.service.store.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.checkup import (
     Problem,
     check_artefacts,
@@ -91,7 +92,7 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
     try:
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-        store.blobs.remove_partial(settings.artefacts.partial_expiry_s)
+        store.blobs.remove_partial(PARTIAL_EXPIRY_S)
     finally:
         store.close()
 

@@ -84,9 +84,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
         decoder.prepare()
         before = time.perf_counter(), time.process_time()
         (sent,) = decoder.decode([path.read_bytes()], settings.localization.max_side)
-        (one,) = place_photos(
-            [Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry, settings.localization
-        )
+        (one,) = place_photos([Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry)
         wall.append(time.perf_counter() - before[0])
         cpu.append(time.process_time() - before[1])
         return one
@@ -146,7 +144,6 @@ def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> La
     return find_landmarks(
         photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),
         index.geometry,
-        settings.localization,
         middle_lens(kept_lenses(place.photos)),
     )
 

@@ -164,7 +164,7 @@ def apply_edit(
         raise LimitExceededError(
             f"{count} Gaussians with this duplicate",
             field="action",
-            limit=f"{max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+            limit=f"{max_gaussians} Gaussians of a scene",
             hint="Duplicate smaller things, or remove some first.",
         )
     return with_change(actions[edit.action](index.things.scene, rows, edit), edit.action)

@@ -18,6 +18,3 @@ class ArtefactSettings(SettingGroup, section="artefacts"):
 
     cache_bytes: int = Field(20 << 30, ge=0)
     """Size of this machine's copies of scenes; the least recently used are removed first."""
-
-    partial_expiry_s: float = Field(24 * 3600.0, gt=0)
-    """Copies to and from the object store that broke off are removed after this."""

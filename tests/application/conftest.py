@@ -14,7 +14,7 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
 from fastsplat.service.query import QuerySettings
 from fastsplat.service.scene import Scene
-from fastsplat.service.settings import Settings, StoreSettings
+from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat.service.store import open_store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CorruptImageError
@@ -46,7 +46,7 @@ def settings(tmp_path: Path) -> Settings:
         data_dir=tmp_path / "data",
         capture=CaptureSettings(max_upload_bytes=1000, max_entries=5),
         query=QuerySettings(backend="reference", max_poses=3),
-        store=StoreSettings(max_page_size=4, max_labels=3, max_gaussians=100),
+        store=StoreOptions(max_page_size=4, max_labels=3, max_gaussians=100),
     )
 
 
