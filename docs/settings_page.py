@@ -19,10 +19,10 @@ _HEAD = """# Settings
 
 Written by `python -m docs.settings_page` from the classes of the settings; a test says when it is out of date.
 
-A setting is an environment variable of the server and of its workers. `FASTSPLAT_X_FILE` names a file that holds the
-value of `FASTSPLAT_X`. A group can be one variable with a JSON object, such as `FASTSPLAT_QUOTAS='{"scenes": 50}'`. A
-variable of ours that names no setting is refused when a process starts, also one that was a setting in an earlier
-release and is a constant today: unset it."""
+A setting is an environment variable of the server and of its workers. The same variable with `_FILE` behind its name
+names a file that holds the value. A group can be one variable with a JSON object, such as
+`FASTSPLAT_QUOTAS='{"scenes": 50}'`. A variable with our prefix that names no setting is refused when a process starts,
+also one that was a setting in an earlier release and is a constant now: unset it."""
 
 _UNITS = ((2**30, "GiB"), (2**20, "MiB"))
 
