@@ -18,7 +18,6 @@ Intervals are 95 %, by 2,000 draws of whole dictionaries.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -28,7 +27,7 @@ import numpy as np
 
 from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, listed_keys, read_cases
 from benchmarks.calibration.separation import auroc, calibration_error
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.lexicon import Lexicon, open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
@@ -164,7 +163,7 @@ def _scene_of(labels: Sequence[str], encoder: TextEncoder, settings: QuerySettin
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
     parser.add_argument("--lexicon", default="wordnet", help="lexicon of the model manifest; empty: none")

@@ -15,7 +15,6 @@ Intervals are 95 % (Wilson). The truth comes from how things were placed.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import dataclasses
 import os
@@ -34,7 +33,7 @@ from mcp.client.streamable_http import streamable_http_client
 
 from benchmarks.assistant.questions import Question, is_right, lengths, read_questions
 from benchmarks.assistant.rooms import Layout, layouts
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.relations.__main__ import share_right
 from benchmarks.relations.drawing import scene_of
 from benchmarks.serve.api_process import Api
@@ -159,7 +158,7 @@ def _latency(answered: Sequence[Answered]) -> dict[str, float]:
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.assistant", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, default=Path(os.environ.get("FASTSPLAT_MODELS", ".models")))
     parser.add_argument("--misses", action="store_true", help="print what is not right")
     parser.add_argument("--dry-run", action="store_true", help="print, and leave the committed result as it is")

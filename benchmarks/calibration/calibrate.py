@@ -15,7 +15,6 @@ encoder instead, see `fit_meaning`; with `--templates` it compares those for thi
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import json
 import re
@@ -32,6 +31,7 @@ from benchmarks.calibration.fit_meaning import compare_templates, fit_meaning
 from benchmarks.calibration.folds import folds_of
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
+from benchmarks.provenance import parser_of
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon import open_lexicon
 from fastsplat.service.perception.text import TextEncoder, open_text_encoder
@@ -335,7 +335,7 @@ def _written(entry: dict[str, Any]) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
     parser.add_argument("--templates", action="store_true", help="compare prompt templates, write nothing")

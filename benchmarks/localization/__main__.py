@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
-from benchmarks.provenance import begin, provenance, write_json
+from benchmarks.provenance import begin, parser_of, provenance, put_row
 from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
 from fastsplat.service.capture.kept_capture import kept_lenses
 from fastsplat.service.capture.sent_photos import SparePhotoDecoder
@@ -50,7 +50,7 @@ _CHOSEN_ON = (
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
     add_training_bounds(parser, iterations=1_500, gaussians=20_000, max_side=360)
     parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
@@ -64,8 +64,7 @@ def main() -> None:
     for name in options.names or NAMES:
         place = trained_place(name, options.split, settings, options.cache.resolve())
         row = measure(name, place, settings, options)
-        rows = json.loads(out.read_text()) if out.is_file() else {}
-        write_json(out, {**rows, name: row})
+        put_row(out, name, row)
         print(f"{name}: {json.dumps({key: row[key] for key in ('held_out', 'others', 'seconds_a_photo')})}", flush=True)
 
 

@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -15,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.poses.cases import METHODS, Case, measure
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 
 _SETS = "kitchen/1,kitchen/2,kitchen/3,plush/1,plush/2,plush/3,tabletop/1,tabletop/2,tabletop/3,skull/1,skull/2,skull/3"
 _RESULT = RESULTS / "poses.json"
@@ -23,7 +22,7 @@ _RESULT = RESULTS / "poses.json"
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of the sets, each with images/")
     parser.add_argument("--sets", default=_SETS, help="NAME/STEP, ...")
     parser.add_argument("--methods", default=",".join(METHODS))

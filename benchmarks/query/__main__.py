@@ -10,7 +10,6 @@ all threads: on a busy machine they part.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import time
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.query.labelled_garden import common_names, labelled_garden
 from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon import open_lexicon
@@ -36,7 +35,7 @@ _TARGETS = {"rank_1000_labels": 1.0, "warm_query_new_text": 15.0, "label_map_640
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--lexicon", default="wordnet", help="lexicon of the model manifest; empty: none")
     parser.add_argument("--rounds", type=int, default=31)

@@ -14,7 +14,6 @@ looked for in the first half, and `--misses` prints that half alone. Writes benc
 
 from __future__ import annotations
 
-import argparse
 import io
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -27,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.questions.judging import Truth, contradictions, is_right, truth_of
 from benchmarks.questions.trained_questions import Photographed, Question, read_scenes, things_of, views_by_photo
 from benchmarks.relations.__main__ import share_right
@@ -101,7 +100,7 @@ def _grouped(judged: Sequence[Judged], key: Callable[[Judged], str]) -> dict[str
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.questions", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=Path, required=True, help="a folder with a data folder for each scene")
     parser.add_argument("--half", choices=("first", "second", "both"), default="both")
     parser.add_argument("--misses", action="store_true", help="print what is not right in the first half")

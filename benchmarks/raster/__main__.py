@@ -7,7 +7,6 @@ name) are shown beside ours.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import time
@@ -18,7 +17,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.raster.garden import garden, garden_file
 from benchmarks.raster.product_step import step_row
 from benchmarks.raster.raster_rows import Row, label_row, raster_row
@@ -29,7 +28,7 @@ _OUT = RESULTS / "raster.json"
 
 def main() -> None:
     """Measure, each row again until a moment with little other load or the end of --patience."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--quick", action="store_true", help="only the rows that have targets")

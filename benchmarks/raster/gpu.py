@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import time
@@ -14,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.splatting.losses import image_loss
@@ -40,7 +39,7 @@ class Timing:
 
 def main() -> None:
     """Measures and writes; refuses where there is no GPU."""
-    parser = argparse.ArgumentParser(description="GPU benchmark: parity, training, rendering")
+    parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--gaussians", type=int, default=100_000)
     parser.add_argument("--out", type=Path, default=_OUT)

@@ -13,7 +13,6 @@ of seeds 1000 and 2000, and left as they were for seed 0.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.relations.drawing import drawn_frame, scene_of
 from benchmarks.relations.questions import ROOMS, Case
 from fastsplat.service.query import QuerySettings, SceneIndex
@@ -140,7 +139,7 @@ def share_right(right: Sequence[bool]) -> dict[str, Any]:
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.relations", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--questions", type=int, default=300, help="decided questions, at least")
     parser.add_argument("--seed", type=int, default=0, help="of the first room")
     parser.add_argument("--misses", action="store_true", help="print what was answered otherwise")

@@ -1,4 +1,4 @@
-"""How the service carries load: `python -m benchmarks.serve` (or `make bench-serve`).
+"""How the service carries load: `python -m benchmarks.serve`.
 
 One real `fastsplat api` process on loopback, clients in another process; every phase is bounded in time and count, and
 every judgement is a ratio within this run or a difference of medians measured in turns. Writes
@@ -7,7 +7,6 @@ benchmarks/results/serve.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -20,7 +19,7 @@ from typing import Any
 
 import grpc
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
@@ -37,7 +36,7 @@ _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")
 
 def main() -> None:
     """Run every phase, print the table, write the file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each loaded phase")
     parser.add_argument("--soak", type=float, default=90.0, help="length of the mixed-request phase")
     parser.add_argument("--out", type=Path, default=_OUT)

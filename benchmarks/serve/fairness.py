@@ -8,7 +8,6 @@ quiet key's latencies without the loud one, and with it.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -25,7 +24,7 @@ from typing import Any
 import httpx
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.room_beside_training import served_room
@@ -42,7 +41,7 @@ _TEXTS = ("tea", "fork", "something%20to%20sit%20on", "banana", "submarine", "ti
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=30.0, help="length of each turn of each phase")
     parser.add_argument("--loud", type=int, default=10, help="requests that the loud key holds open")
     parser.add_argument("--no-training", action="store_true", help="without the training beside")

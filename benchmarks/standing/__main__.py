@@ -1,4 +1,4 @@
-"""Standing questions of a robot that moves: `python -m benchmarks.standing` (or `make bench-standing`).
+"""Standing questions of a robot that moves: `python -m benchmarks.standing`.
 
 One real `fastsplat api` process on loopback, and a worker that trains the sample capture beside it on the same cores.
 Each question is a stream of its own, into which the robot's poses go at a steady rate; a pose has a moment at which it
@@ -8,7 +8,6 @@ not measured as a fast one. Writes benchmarks/results/standing.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import threading
 import time
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.room_beside_training import served_room
 from fastsplat_client import Client, QueryRequest, StandingQuestion
@@ -33,7 +32,7 @@ _WARM_S = 3.0
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="how long the robot moves")
     parser.add_argument("--rate", type=float, default=10.0, help="poses a second")
     parser.add_argument("--gaussians", type=int, default=20_000, help="of the scene that is asked")

@@ -7,7 +7,6 @@ perception, training and export, by the stages' own clocks. Writes benchmarks/re
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -17,7 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, ROOT, begin, chosen_on, provenance, write_json
+from benchmarks.provenance import RESULTS, ROOT, begin, chosen_on, parser_of, provenance, write_json
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
@@ -28,7 +27,7 @@ _STAGES = ("perception", "training", "export")
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, nargs="*", default=[30.0, 60.0, 120.0])
     parser.add_argument("--data", nargs="*", default=["tabletop", "sample"])
     options = parser.parse_args()

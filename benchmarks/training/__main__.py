@@ -9,13 +9,12 @@ the training split are measured, as rates are to be chosen by those; with `--spl
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, begin, chosen_on, peak_megabytes, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, peak_megabytes, provenance, write_json
 from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.progress import ProgressEvent
@@ -25,7 +24,7 @@ from fastsplat.service.splatting.train import train
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--seconds", type=float, default=240.0)
     parser.add_argument("--gaussians", type=int, default=40_000)

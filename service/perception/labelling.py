@@ -26,7 +26,7 @@ from fastsplat_contract.errors import InvalidInputError
 
 _SYNONYM_COSINE = 0.85
 """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
-(`_SYNONYM_IOU`). Measured with MiniLM by `benchmarks/perception/synonyms.py`: 0.85 merges 7 of 30 pairs of
+(`_SYNONYM_IOU`). Measured with MiniLM: 0.85 merges 7 of 30 pairs of
 one class and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave are never merged."""
 _SYNONYM_IOU = 0.5
 """Mean overlap of two classes over the views that show both, before rivals are resolved."""

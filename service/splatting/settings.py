@@ -183,7 +183,7 @@ class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
-    of 0.975 where evidence has 0.892 (`benchmarks/semantics`)."""
+    of 0.975 where evidence has 0.892."""
 
     max_psnr_drop_db: float = Field(0.0, ge=0)
     """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
