@@ -47,9 +47,6 @@ class JobOptions(Options):
     progress_interval_s: float = Field(0.5, gt=0)
     """A running stage's progress is written at most this often."""
 
-    heartbeat_interval_s: float = Field(2.0, gt=0)
-    """How often a worker writes its heartbeat."""
-
 
 class JobSettings(JobOptions, SettingGroup, section="jobs"):
     """How workers take and watch jobs, and when they give up."""
@@ -73,9 +70,17 @@ class JobSettings(JobOptions, SettingGroup, section="jobs"):
     """How nice a trainer is to other processes, requests to the API of the same machine among them, beyond the worker's
     own niceness; 0: not at all. A machine that does nothing else loses nothing by it."""
 
+    @property
+    def heartbeat_interval_s(self) -> float:
+        """Seconds after which a worker writes its heartbeat again."""
+        return self.stalled_worker_timeout_s / 5
+
 
 class UploadOptions(Options):
     """When a slow sender is disconnected."""
+
+    min_bytes_per_s: float = Field(1024.0, gt=0)
+    """A sender that is slower than this over the whole upload is disconnected."""
 
     slow_start_s: float = Field(20.0, gt=0)
     """Seconds that a sender may be silent, or behind `min_bytes_per_s`."""
@@ -94,9 +99,6 @@ class UploadSettings(UploadOptions, SettingGroup, section="uploads"):
     min_free_bytes: int = Field(1 << 30, ge=0)
     """Uploads are refused, and broken off, while the data folder's disk has less free space than this, so that jobs
     that run can end and scenes can be deleted; 0: never."""
-
-    min_bytes_per_s: float = Field(1024.0, gt=0)
-    """A sender that is slower than this over the whole upload is disconnected."""
 
     deadline_s: float = Field(6 * 3600.0, gt=0)
     """Seconds that receiving one upload, or one piece of a resumable one, may take."""

@@ -49,6 +49,7 @@ from fastsplat.service.query.probability import (
     leads,
     present_probability,
 )
+from fastsplat.service.query.ranking import RELATED_PROBABILITY
 from fastsplat.service.query.relevancy import entries, relevancy_scores
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.text_similarity import text_similarity
@@ -228,7 +229,7 @@ def judge(questions: Sequence[ScoredQuestion], calibration: ScoreCalibration) ->
             "covered_absent": round(float(covered[~np.array(here)].mean()), 4),
             "mean_size": round(float(np.mean([len(chosen) for chosen in sets])), 2),
         }
-    share = QuerySettings().related_probability
+    share = RELATED_PROBABILITY
     return (
         figures
         | _listed(scored, calibration, 0.0, "listed_by_threshold")

@@ -64,7 +64,7 @@ from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
 
-_MAX_LISTED = 5_000
+MAX_LISTED = 5_000
 """Labels and cameras of a scene that are told in one piece."""
 
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
@@ -288,7 +288,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._store.scenes.scene(scene_id), _MAX_LISTED)
+        return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
         """Rename a scene, in whatever state it is. Returns it as `get_scene`.

@@ -38,9 +38,6 @@ class PerceptionOptions(Options):
     score_floor: float = Field(0.3, ge=0, le=1)
     """Detections of a class that is believed to be in the scene count from this score."""
 
-    open_score_floor: float = Field(0.2, ge=0, le=1)
-    """As `score_floor`, for the open-set detector."""
-
     min_view_share: float = Field(0.1, ge=0, le=1)
     """See `score_threshold`. Classes that the user named need one view only."""
 
@@ -114,6 +111,11 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     proposal_views: int = Field(16, ge=0)
     """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten; a large place needs
     more, so that every thing is in several."""
+
+    @property
+    def open_score_floor(self) -> float:
+        """As `score_floor`, for the open-set detector: two thirds of its threshold."""
+        return self.open_score_threshold * 2 / 3
 
     def of_open_set(self) -> PerceptionSettings:
         """These settings with the open-set detector's thresholds in the place of the closed-set detector's."""

@@ -143,9 +143,6 @@ class TrainingOptions(Options):
     evaluations: int = Field(10, ge=0)
     """How often in a run the held-out views are measured for the progress report."""
 
-    checkpoint_every_s: float = Field(30.0, ge=0)
-    """Seconds between checkpoints."""
-
     rates: LearningRates = LearningRates()
     """Learning rates."""
 
@@ -184,6 +181,9 @@ class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
     of 0.975 where evidence has 0.892."""
+
+    checkpoint_every_s: float = Field(30.0, ge=0)
+    """Seconds between checkpoints."""
 
     max_psnr_drop_db: float = Field(0.0, ge=0)
     """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;

@@ -60,7 +60,7 @@ def test_the_variable_that_is_derived_from_a_field_sets_it(field: str, monkeypat
 
 def test_variables_are_derived_from_fields_that_exist() -> None:
     assert environment_variable(Settings, "http_port") == "FASTSPLAT_HTTP_PORT"
-    for name in ("max_start", "heartbeat_interval_s"):
+    for name in ("max_start", "progress_interval_s"):
         with pytest.raises(AttributeError, match=name):
             environment_variable(JobSettings, name)
 
