@@ -33,7 +33,7 @@ class LabelSupervision:
     """The labels of a run.
 
     Exact label maps supervise the codes from the first step. Detected ones contradict each other from view to view, and
-    only geometry can tell which regions show the same thing; so codes wait until, at `settings.consensus_at`, the
+    only geometry can tell which regions show the same thing; so codes wait until, at `_CONSENSUS_AT`, the
     views' maps are replaced by those that all agree on, and start from what these say of each Gaussian.
 
     Args:
