@@ -12,6 +12,5 @@ class PromptOptions(Options):
 
     views: int = Field(3, ge=1)
     """Views that are rendered and segmented, the one that was pointed at included; each takes about a second."""
-
     max_side: int = Field(640, ge=64)
     """They are rendered at this many pixels on the longer side, and never larger than they are."""

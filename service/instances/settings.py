@@ -14,27 +14,20 @@ class DiscoveryOptions(Options):
 
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
-
     min_overlap: float = Field(0.5, gt=0, lt=1)
     """Proposals of two views that overlap more are the same thing."""
-
     min_views: int = Field(2, ge=1)
     """Views that must propose a thing; never more than there are."""
-
     min_view_share: float = Field(0.1, ge=0, le=1)
     """As `min_views`, as a share of all views."""
-
     min_weight_px: float = Field(100.0, ge=0)
     """Things that fill fewer pixels of a view on average are none."""
-
     refinement_rounds: int = Field(2, ge=0)
     """Rounds in which things take the masks of the views that they match, and Gaussians count the masks' pixels; 0: the
     views vote on whole Gaussians alone."""
-
     name_probability: float = Field(0.28, ge=0, le=1)
     """A name is stated from this mean score over the views that see the thing; below, it is a suggestion. Chosen on the
     demo's sample, whose books have 0.30; on a table top of the tests the first wrong name has 0.27."""
-
     name_rivals: float = Field(0.5, ge=0, le=1)
     """A name is stated only where no other has more than this share of its score."""
 
@@ -64,7 +57,6 @@ class LookAgainSettings(LookAgainOptions, SettingGroup, section="look_again"):
 
     views: int = Field(8, ge=1)
     """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
-
     name_probability: float = Field(0.45, ge=0, le=1)
     """A text is stated as a thing's name from this mean score over the pictures that show the thing; below, it is a
     suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""

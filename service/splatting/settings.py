@@ -59,90 +59,64 @@ class TrainingOptions(Options):
 
     seed: int = Field(0, ge=0)
     """Of every random choice."""
-
     min_iterations: int = Field(1_000, ge=0)
     """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning: what the
     verdict "good" needs (`service.scene.assessment`)."""
-
     start_scale: float = Field(0.5, gt=0, le=1)
     """Image size at the start of the run, as a share of the training size."""
-
     full_size_from: float = Field(0.3, ge=0, le=1)
     """Progress from which images have the training size."""
-
     sh_from: Annotated[tuple[float, ...], Field(min_length=MAX_SH_DEGREE, max_length=MAX_SH_DEGREE)] = (0.15, 0.4, 0.6)
     """Progress at which degrees 1, 2 and 3 come in."""
-
     held_out_every: int = Field(8, ge=0)
     """One view in so many is held out from training to measure quality; 0 holds none out. With fewer than 4 views none
     is: the scene needs them all. Where a capture sets views apart for testing, those are held out."""
-
     ssim_weight: float = Field(0.2, ge=0, le=1)
     """λ of (1 − λ) L1 + λ (1 − SSIM)."""
-
     semantic_weight: float = Field(0.03, ge=0)
     """Factor of the weighted cross-entropy; a larger one costs color."""
-
     semantic_every: int = Field(2, ge=1)
     """The cross-entropy enters every so many-th step, with so many times the weight; in the others the terms of the
     depth do (`depth_every`)."""
-
     undetected_weight: float = Field(0.1, ge=0, le=1)
     """What an undetected pixel weighs, in the cross-entropy and as evidence, where a labeled one has 1. In label maps
     that came with the capture a pixel without a label is as sure as any and weighs 1."""
-
     label_refit_epochs: int = Field(4, ge=0)
     """How often every view is looked at when codes are fitted once more to label maps that came with the capture, after
     color and geometry are final (`service.splatting.label_refit`); 0 leaves the codes as they were trained."""
-
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
-
     warmup: float = Field(0.0, ge=0, lt=1)
     """Share of the run over which all learning rates rise from 0: Adam's moments of a run that goes on from a finished
     scene know nothing yet, and full steps by them would undo some of it."""
-
     background: Literal["black", "random"] = "black"
     """Behind the scene in training: black, or a random color a step, which leaves no holes."""
-
     densify_from: float = Field(0.03, ge=0, le=1)
     """Progress at which Gaussians start to be relocated and added."""
-
     densify_until: float = Field(0.8, ge=0, le=1)
     """Progress from which none is relocated or added any more."""
-
     full_count_at: float = Field(0.5, ge=0, le=1)
     """Progress at which the budget of Gaussians is used up."""
-
     densify_events: int = Field(100, ge=0)
     """Relocations in a whole run."""
-
     cull_opacity: float = Field(0.005, ge=0, lt=1)
     """A Gaussian less opaque than this is not stored."""
-
     depth_spread_weight: float = Field(0.1, ge=0)
     """Weight of the spread of the depths that a pixel blends, in squared shares of the depth
     (`service.splatting.depth_regularization`)."""
-
     depth_smoothness_weight: float = Field(0.3, ge=0)
     """Weight of the bend of surfaces where the photo has no edge."""
-
     depth_anchor_weight: float = Field(0.3, ge=0)
     """Weight of the distance of the capture's points from the surface, in shares of their depth."""
-
     sensor_depth_weight: float = Field(1.0, ge=0)
     """Weight of the distance of the surface from what a depth sensor measured, as a natural logarithm of their ratio,
     where a capture has such measurements (`service.splatting.sensor_depth`)."""
-
     depth_from: float = Field(0.1, ge=0, le=1)
     """Progress from which the terms of the depth enter the loss."""
-
     depth_every: int = Field(2, ge=1)
     """They enter every so many-th step, with so many times the weight."""
-
     evaluations: int = Field(10, ge=0)
     """How often in a run the held-out views are measured for the progress report."""
-
     rates: LearningRates = LearningRates()
     """Learning rates."""
 
@@ -158,33 +132,24 @@ class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
 
     backend: Literal["cpu", "cuda", "reference"] = "cpu"
     """Which rasterizer."""
-
     max_gaussians: int = Field(40_000, ge=1)
     """Hard budget, never exceeded at any moment."""
-
     time_budget_s: float | None = Field(120.0, gt=0)
     """Seconds of optimization, or None for no bound."""
-
     iterations: int = Field(30_000, ge=1)
     """Bound on optimization steps."""
-
     max_side: int = Field(640, ge=8)
     """Images are trained at no more than this many pixels on the longer side."""
-
     max_sh_degree: int = Field(3, ge=0, le=MAX_SH_DEGREE)
     """Degree of the color's spherical harmonics at the end of the run, 0 to 3."""
-
     photometric: Literal["auto", "on", "off"] = "auto"
     """Whether exposure and white balance of every photo are found along with the scene."""
-
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
     of 0.975 where evidence has 0.892."""
-
     checkpoint_every_s: float = Field(30.0, ge=0)
     """Seconds between checkpoints."""
-
     max_psnr_drop_db: float = Field(0.0, ge=0)
     """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
     0 prunes nothing, nor does a run without held-out views."""
