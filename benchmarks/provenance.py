@@ -114,6 +114,13 @@ def parser_of(about: str | None) -> argparse.ArgumentParser:
     return argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
+def write_results(
+    name: str, start: Start, options: argparse.Namespace, chosen_on: str, document: Mapping[str, Any]
+) -> None:
+    """Replace benchmarks/results/NAME.json by a document with where it comes from, see `provenance`."""
+    write_json(RESULTS / f"{name}.json", {**provenance(start, settings=options, chosen_on=chosen_on), **document})
+
+
 def put_row(path: Path, name: str, row: Mapping[str, Any]) -> None:
     """Put a row into a file of named rows, in the place of the one of that name. See `write_json`."""
     rows = json.loads(path.read_text()) if path.is_file() else {}

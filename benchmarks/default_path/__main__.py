@@ -45,7 +45,6 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=4_000)
     parser.add_argument("--gaussians", type=int, default=40_000)
     parser.add_argument("--max-side", type=int, default=640)
-    parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
     settings = override_training(
@@ -57,7 +56,7 @@ def main() -> None:
     # Of two bounds the earlier one counts, and a preset has one in seconds.
     unbounded = settings.training.model_copy(update={"time_budget_s": None, "evaluations": 0})
     settings = settings.model_copy(update={"training": unbounded})
-    out = options.out or results_file("default_path", options.split)
+    out = results_file("default_path", options.split)
     for name in options.names or NAMES:
         folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
         mask_label = _MASK_LABELS.get(name, "")

@@ -56,11 +56,10 @@ def main() -> None:
     parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
     parser.add_argument("--cache", type=Path, default=Path(".bench-localization"), help="folder of the trained scenes")
     parser.add_argument("--rows", action="store_true", help="print a line a photo")
-    parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
     settings = bounded_settings(options)
-    out = options.out or results_file("localization", options.split)
+    out = results_file("localization", options.split)
     for name in options.names or NAMES:
         place = trained_place(name, options.split, settings, options.cache.resolve())
         row = measure(name, place, settings, options)

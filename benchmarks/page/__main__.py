@@ -17,14 +17,13 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from benchmarks.page.measured_visit import Visited, opened, visit
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, ROOT, begin, parser_of, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, ROOT, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.settings import Settings
 from fastsplat.service.store import open_store
 from fastsplat_client import Client
 
-_OUT = RESULTS / "page.json"
 _SAMPLE = ROOT / "demo-output" / "service"
 
 
@@ -34,7 +33,6 @@ def main() -> None:
     parser.add_argument("--sample", type=Path, default=_SAMPLE, help="data folder with the trained sample")
     parser.add_argument("--gaussians", type=int, default=1_000_000, help="of the made scene; 0: none")
     parser.add_argument("--seconds", type=float, default=10.0, help="how long to orbit")
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     models = Path(os.environ.get("FASTSPLAT_MODELS", ROOT / ".models")).resolve()
     if not (arguments.sample / "fastsplat.sqlite").is_file():
@@ -50,7 +48,7 @@ def main() -> None:
             store = open_store(made.data_dir, made.database_url)
             add_scene(store, room(arguments.gaussians, models))
             rows += _rows("made", made, "teddy bear", arguments.seconds)
-    write_json(arguments.out, {**provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE), "rows": rows})
+    write_results("page", start, arguments, MADE_FAST_HERE, {"rows": rows})
 
 
 def _rows(name: str, settings: Settings, text: str, seconds: float) -> list[dict[str, Any]]:

@@ -7,20 +7,18 @@ import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.splatting.losses import image_loss
 from fastsplat.service.splatting.raster import Backend, Splats, cuda, device_of, label_map, rasterize, sh_to_rgb
 from fastsplat_contract.errors import ModelUnavailableError
 
-_OUT = RESULTS / "gpu.json"
 _PARTS = ("means", "quats", "scales", "opacities", "features")
 _LABELS, _CODE = 20, 8
 
@@ -42,7 +40,6 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     try:
         device = device_of("cuda")
@@ -50,14 +47,7 @@ def main() -> None:
         raise SystemExit(f"{error}; nothing was measured.") from error
     start = begin()
     report = measure(device, arguments.gaussians, arguments.rounds)
-    write_json(
-        arguments.out,
-        {
-            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
-            "gpu": torch.cuda.get_device_name(),
-            **report,
-        },
-    )
+    write_results("gpu", start, arguments, MADE_FAST_HERE, {"gpu": torch.cuda.get_device_name(), **report})
 
 
 def measure(device: torch.device, count: int, rounds: int, sizes: tuple[tuple[int, int], ...] = ()) -> dict[str, Any]:

@@ -23,7 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, parser_of, peak_megabytes, provenance, write_json
+from benchmarks.provenance import (
+    MADE_FAST_HERE,
+    RESULTS,
+    begin,
+    parser_of,
+    peak_megabytes,
+    provenance,
+    write_json,
+)
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of

@@ -13,12 +13,11 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, parser_of, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.room_beside_training import served_room
 from fastsplat_client import Client, QueryRequest, StandingQuestion
@@ -37,7 +36,6 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=10.0, help="poses a second")
     parser.add_argument("--gaussians", type=int, default=20_000, help="of the scene that is asked")
     parser.add_argument("--no-training", action="store_true", help="without the training beside")
-    parser.add_argument("--out", type=Path, default=RESULTS / "standing.json")
     options = parser.parse_args()
     start = begin()
     with served_room(options.gaussians, training=not options.no_training) as served:
@@ -57,7 +55,7 @@ def main() -> None:
         "server_mib": {"start": before, "end": after, "growth": round(after / before - 1, 4)},
     }
     print(json.dumps(row, indent=1))
-    write_json(options.out, {**provenance(start, settings=options, chosen_on=NOT_CHOSEN), **row})
+    write_results("standing", start, options, NOT_CHOSEN, row)
 
 
 @dataclass

@@ -16,12 +16,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, ROOT, begin, chosen_on, parser_of, provenance, write_json
+from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, write_results
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
 
-_OUT = RESULTS / "trade_budgets.json"
 _STAGES = ("perception", "training", "export")
 
 
@@ -39,7 +38,7 @@ def main() -> None:
             for seconds in options.seconds:
                 rows.append({"data": data, "budget_s": seconds, **_job(_upload(data), seconds, settings)})
                 print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
-    write_json(_OUT, {**provenance(start, settings=options, chosen_on=chosen_on("tabletop", "test")), "rows": rows})
+    write_results("trade_budgets", start, options, chosen_on("tabletop", "test"), {"rows": rows})
 
 
 def _upload(data: str) -> dict[str, bytes]:

@@ -1,6 +1,6 @@
 """Trains a data set for a given time; writes PSNR against seconds as JSON and as a picture.
 
-    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test] [--out benchmarks/results]
+    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test]
 
 DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
 the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included. Views of
@@ -31,7 +31,6 @@ def main() -> None:
     add_split(parser)
     parser.add_argument("--evaluations", type=int, default=24)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
-    parser.add_argument("--out", type=Path, default=RESULTS)
     options = parser.parse_args()
     settings = TrainingSettings.model_validate(
         {
@@ -45,9 +44,9 @@ def main() -> None:
     )
     result = _measure(options.data, settings, options.split)
     name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
-    write_json(options.out / f"{name}.json", result)
+    write_json(RESULTS / f"{name}.json", result)
     if options.split == "test":
-        _draw(result, options.out / f"{name}.png")
+        _draw(result, RESULTS / f"{name}.png")
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 
