@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs bench-localize
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -75,65 +75,14 @@ stubs: setup  ## regenerate the types of the C++ extension
 protos: setup  ## regenerate the wire contract's Python
 	$(BIN)/python protos/generate.py
 
-bench-raster: setup  ## rasterizer and training-step table (a made scene without FASTSPLAT_TEST_DATA), writes benchmarks/results/raster.json
-	$(BIN)/python -m benchmarks.raster --peers benchmarks/results/peers.json
-
-bench-gpu: setup  ## on a machine with an NVIDIA GPU: parity, joint against RGB-only training, frames a second
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ./client --editable '.[dev,cuda]'
-	$(BIN)/python -m benchmarks.raster.gpu
-
-bench-training: setup  ## PSNR against seconds; FASTSPLAT_TEST_DATA must name the data folder
-	$(BIN)/python -m benchmarks.training --split test "$(FASTSPLAT_TEST_DATA)/tabletop"
-
-bench-serve: setup  ## the API under load, writes benchmarks/results/serve.json
-	$(BIN)/python -m benchmarks.serve
-
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
 
-bench-semantics: setup  ## ways to hold labels side by side on FASTSPLAT_TEST_DATA's tabletop: benchmarks/results/semantics.json
-	$(BIN)/python -m benchmarks.semantics --split test $(FASTSPLAT_TEST_DATA)/tabletop
-
-bench-things: setup  ## things without a vocabulary on the sample and FASTSPLAT_TEST_DATA: benchmarks/results/things.json
-	$(BIN)/python -m benchmarks.things --split test
-
-bench-import: setup  ## seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene: benchmarks/results/splat_import.json
-	$(BIN)/python -m benchmarks.splat_import
-
-bench-page: setup  ## the web page: load time, bytes, frames a second, from Enter to glow, without WebGL: benchmarks/results/page.json
-	$(BIN)/python -m benchmarks.page
+bench: setup  ## run the benchmark NAME=..., with ARGS="..."; without a name the list
+	$(BIN)/python -m benchmarks $(NAME) $(ARGS)
 
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture
-
-bench-relations: setup  ## drawn questions about places, sizes and colors in rooms whose layout is known: benchmarks/results/relations.json
-	$(BIN)/python -m benchmarks.relations
-
-bench-assistant: setup  ## 200 questions with a known truth, asked through an assistant's tools: benchmarks/results/assistant.json
-	$(BIN)/python -m benchmarks.assistant --models "$(FASTSPLAT_MODELS)"
-
-bench-standing: setup  ## standing questions at 10 poses a second for 10 minutes, a training beside: benchmarks/results/standing.json
-	$(BIN)/python -m benchmarks.standing
-
-bench-absence: setup  ## answers to questions that nothing was fitted to, by FASTSPLAT_MODELS: benchmarks/results/absence.json
-	$(BIN)/python -m benchmarks.absence --models "$(FASTSPLAT_MODELS)"
-
-bench-default: setup  ## photos and poses alone, default models, no names, on the sample, tabletop and skull: benchmarks/results/default_path.json
-	$(BIN)/python -m benchmarks.default_path --split test
-
-bench-methods: setup  ## our labels beside lifted and distilled language features and majority votes: benchmarks/results/methods.json
-	$(BIN)/python -m benchmarks.methods --split test
-
-bench-choices: setup  ## defaults against their neighbors on validation views, then on test views once: benchmarks/results/choices*.json
-	for part in choices choices.presets choices.objects choices.discovery; do \
-		$(BIN)/python -m benchmarks.$$part && $(BIN)/python -m benchmarks.$$part --split test || exit; \
-	done
-
-bench-localize: setup  ## held-out photos localized in small scenes, photos of other places refused: benchmarks/results/localization.json
-	$(BIN)/python -m benchmarks.localization --split test
-
-bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
-	$(BIN)/python -m benchmarks.trade --split test
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -75,7 +75,7 @@ class _BoundedConnections:
             return
         error = OverloadedError(
             "as many connections as the server takes are open",
-            limit=f"{self._limit} connections (FASTSPLAT_LIMITS__CONNECTIONS)",
+            limit=f"{self._limit} connections",
             hint="Wait a moment, then send it again.",
         )
         answer = _refusal(error)

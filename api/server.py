@@ -22,6 +22,7 @@ from fastsplat.api.rest.app import create_app
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.validation_slots import CONCURRENT_VALIDATIONS
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import ResourceError
 
@@ -93,7 +94,7 @@ async def serve(
         metrics.watch_jobs(admin.figures)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
-    threads = Threads(settings.limits, metrics, settings.uploads, settings.capture.concurrent_validations)
+    threads = Threads(settings.limits, metrics, settings.uploads, CONCURRENT_VALIDATIONS)
     async with AsyncExitStack() as opened:
         opened.push_async_callback(asyncio.to_thread, threads.close)
         listener = _listen(settings.host, settings.http_port)

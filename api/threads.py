@@ -21,6 +21,9 @@ from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import LimitSettings, UploadSettings
 
+_CALL_DEADLINE_S = 600.0
+"""Seconds that any other call may take, waiting included."""
+
 _T = TypeVar("_T")
 _R = TypeVar("_R")
 
@@ -59,7 +62,7 @@ class Threads:
         Raises:
             DeadlineExceededError: it was not done in the time that the server gives it.
         """
-        return await self._run(function, self._limits.call_s)
+        return await self._run(function, _CALL_DEADLINE_S)
 
     async def _run(self, function: Callable[[], _R], timeout_s: float) -> _R:
         cancellation = Cancellation(timeout_s)

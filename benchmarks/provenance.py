@@ -109,6 +109,24 @@ def provenance(start: Start, *, settings: Mapping[str, Any] | argparse.Namespace
     }
 
 
+def parser_of(about: str | None) -> argparse.ArgumentParser:
+    """A benchmark's options, its docstring as the help."""
+    return argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+
+
+def write_results(
+    name: str, start: Start, options: argparse.Namespace, chosen_on: str, document: Mapping[str, Any]
+) -> None:
+    """Replace benchmarks/results/NAME.json by a document with where it comes from, see `provenance`."""
+    write_json(RESULTS / f"{name}.json", {**provenance(start, settings=options, chosen_on=chosen_on), **document})
+
+
+def put_row(path: Path, name: str, row: Mapping[str, Any]) -> None:
+    """Put a row into a file of named rows, in the place of the one of that name. See `write_json`."""
+    rows = json.loads(path.read_text()) if path.is_file() else {}
+    write_json(path, {**rows, name: row})
+
+
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Replace a file of results, whole or not at all. Rows of it that do not say where they come from, as those of
     earlier releases, are left out, and named on stdout.

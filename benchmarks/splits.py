@@ -20,7 +20,7 @@ HELD_OUT = 5
 
 
 def add_split(parser: argparse.ArgumentParser) -> None:
-    """The option --split. Scripts measure validation views unless they are told otherwise, as `make bench-*` does."""
+    """The option --split. Scripts measure validation views unless they are told otherwise, as `make bench` does."""
     parser.add_argument(
         "--split",
         choices=("validation", "test"),

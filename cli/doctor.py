@@ -85,6 +85,7 @@ def _examine(settings: Settings) -> Sequence[Problem]:
 
 
 def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
+    from fastsplat.service.store.blobs import PARTIAL_EXPIRY_S
     from fastsplat.service.store.checkup import mend_folder
     from fastsplat.workers.cleanup import remove_unneeded
 
@@ -94,7 +95,7 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
     with local_store() as store:  # brings an older schema to this release's
         uploads, retention_s = settings.uploads, settings.jobs.ended_job_retention_s
         remove_unneeded(store, uploads.expiry_s, retention_s, uploads.failed_retention_s)
-        store.blobs.remove_partial(settings.artefacts.partial_expiry_s)
+        store.blobs.remove_partial(PARTIAL_EXPIRY_S)
 
 
 def _check_version(folder: Path) -> None:

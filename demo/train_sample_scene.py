@@ -18,7 +18,7 @@ from pathlib import Path
 
 _CAPTURE = Path(__file__).resolve().parent / "sample"
 _MOST_BYTES = 3_000_000
-_TRAINING = {"time_budget_s": None, "iterations": 4_000, "max_gaussians": 14_000, "max_sh_degree": 1, "seed": 0}
+_TRAINING = {"time_budget_s": None, "iterations": 4_000, "max_gaussians": 14_000, "max_sh_degree": 1}
 _SETTINGS = {
     "FASTSPLAT_TRAINING": json.dumps(_TRAINING),
     "FASTSPLAT_DISCOVERY__THINGS": "on",

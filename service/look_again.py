@@ -22,7 +22,7 @@ from fastsplat.service.instances.closer_look import (
     things_in_map,
     votes_for,
 )
-from fastsplat.service.instances.scene_things import votes_of_views
+from fastsplat.service.instances.scene_things import NAME_OVERLAP, votes_of_views
 from fastsplat.service.instances.second_look import add_names, choose_views, shares_seen
 from fastsplat.service.perception.capture_detection import spread
 from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, open_open_set_detector
@@ -39,6 +39,13 @@ from fastsplat.service.splatting.training_views import training_size
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
+
+_CLOSER_SIDE = 640
+"""Pixels of the longer side of such a picture, never more than the camera has there."""
+_CANDIDATE_VIEWS = 60
+"""Of so many of the scene's cameras, evenly spread, these views are chosen; each costs one rasterization."""
+_PICTURE_SIDE = 1024
+"""Pixels of the longer side of the pictures that are rendered, never more than the camera has."""
 
 STAGE = "looking"
 _CHOOSING, _RENDERING, _DETECTING = 0.05, 0.1, 0.5
@@ -101,7 +108,7 @@ def look_for(
     scene = index.things.scene
     things, backend = scene.things, settings.training.backend
     assert things is not None
-    candidates = _candidates(scene, settings)
+    candidates = _candidates(scene)
     shares = shares_seen(
         scene.gaussians,
         things,
@@ -178,11 +185,11 @@ def _look_closer(
         for position in positions:
             posed = cameras[position]
             box = next(thing.box for thing in shown[position] if thing.thing_id == thing_id)
-            closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, settings.look_again.closer_side)
+            closer = closer_look(posed, box, sizes[posed.name] / posed.camera.width, _CLOSER_SIDE)
             if closer is not None:
                 picture, _ = paint(closer[0])
                 detections = detector.detect(picture, texts, settings.perception.open_score_floor)
-                own.append(votes_for(detections, closer[1], settings.discovery.name_overlap))
+                own.append(votes_for(detections, closer[1], NAME_OVERLAP))
             done += 1
             _tell(progress, _DETECTING, 1, done / total, f"looking at thing {thing_id}, picture {done}/{total}")
         if own:
@@ -252,11 +259,10 @@ def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:
     return {"searched_names": before + len(new), "searched_for": [*listed, *new]}
 
 
-def _candidates(scene: Scene, settings: Settings) -> list[PosedCamera]:
-    positions = spread(len(scene.cameras), settings.look_again.candidates)
-    side = settings.look_again.picture_side
+def _candidates(scene: Scene) -> list[PosedCamera]:
+    positions = spread(len(scene.cameras), _CANDIDATE_VIEWS)
     cameras = [scene.cameras[position] for position in positions]
-    return [replace(posed, camera=training_size(posed.camera, side)) for posed in cameras]
+    return [replace(posed, camera=training_size(posed.camera, _PICTURE_SIDE)) for posed in cameras]
 
 
 def _tell(progress: Progress, begin: float, end: float, done: float, message: str) -> None:

@@ -21,11 +21,13 @@ from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.common.settings import (
     ENV_DELIMITER,
     ENV_PREFIX,
+    Options,
     SettingGroup,
+    check_groups,
     check_variables,
     settings_error,
 )
-from fastsplat.service.instances.prompt_settings import PromptSettings
+from fastsplat.service.instances.prompt_settings import PromptOptions
 from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.settings import PerceptionSettings
@@ -38,158 +40,153 @@ from fastsplat_contract.errors import InvalidInputError
 _FILE = "_file"
 
 
-class JobSettings(SettingGroup, section="jobs"):
-    """How workers take and watch jobs, and when they give up."""
-
-    max_starts: int = Field(3, ge=1)
-    """A job is FAILED once its trainer or worker has died this often without coming further in between."""
-
-    poll_interval_s: float = Field(2.0, gt=0)
-    """How often a worker looks for new jobs and for cancellations."""
+class JobOptions(Options):
+    """How often a job writes what it does. Tests let it write faster."""
 
     progress_interval_s: float = Field(0.5, gt=0)
     """A running stage's progress is written at most this often."""
 
-    heartbeat_interval_s: float = Field(2.0, gt=0)
-    """How often a worker writes its heartbeat."""
 
+class JobSettings(JobOptions, SettingGroup, section="jobs"):
+    """How workers take and watch jobs, and when they give up."""
+
+    max_starts: int = Field(3, ge=1)
+    """A job is FAILED once its trainer or worker has died this often without coming further in between."""
+    poll_interval_s: float = Field(2.0, gt=0)
+    """How often a worker looks for new jobs and for cancellations."""
     stalled_worker_timeout_s: float = Field(10.0, gt=0)
     """A worker without a heartbeat for this long is taken for dead; its jobs go to others."""
-
-    cleanup_interval_s: float = Field(60.0, gt=0)
-    """How often a worker removes folders, uploads, logs and rows that are not needed any more."""
-
     ended_job_retention_s: float = Field(30 * 24 * 3600.0, gt=0)
     """Logs and rows of ended jobs without a scene are removed after this."""
-
     threads_per_job: int = Field(0, ge=0)
     """CPU threads of a trainer; 0: all of the machine's."""
-
     niceness: int = Field(15, ge=0, le=19)
     """How nice a trainer is to other processes, requests to the API of the same machine among them, beyond the worker's
     own niceness; 0: not at all. A machine that does nothing else loses nothing by it."""
 
+    @property
+    def heartbeat_interval_s(self) -> float:
+        """Seconds after which a worker writes its heartbeat again."""
+        return self.stalled_worker_timeout_s / 5
 
-class UploadSettings(SettingGroup, section="uploads"):
+
+class UploadOptions(Options):
+    """When a slow sender is disconnected."""
+
+    min_bytes_per_s: float = Field(1024.0, gt=0)
+    """A sender that is slower than this over the whole upload is disconnected."""
+    slow_start_s: float = Field(20.0, gt=0)
+    """Seconds that a sender may be silent, or behind `min_bytes_per_s`."""
+
+
+class UploadSettings(UploadOptions, SettingGroup, section="uploads"):
     """How long uploads are stored."""
 
     expiry_s: float = Field(24 * 3600.0, gt=0)
     """An upload that was not committed is removed after this; so is a resumable one, counted from its last piece."""
-
     failed_retention_s: float = Field(24 * 3600.0, ge=0)
     """The upload of a job that failed or was cancelled is kept for so long, for a retry; deleting its scene removes it
     at once."""
-
     min_free_bytes: int = Field(1 << 30, ge=0)
     """Uploads are refused, and broken off, while the data folder's disk has less free space than this, so that jobs
     that run can end and scenes can be deleted; 0: never."""
-
-    min_bytes_per_s: float = Field(1024.0, gt=0)
-    """A sender that is slower than this over the whole upload is disconnected."""
-
-    slow_start_s: float = Field(20.0, gt=0)
-    """Seconds that a sender may be silent, or behind `min_bytes_per_s`."""
-
     deadline_s: float = Field(6 * 3600.0, gt=0)
     """Seconds that receiving one upload, or one piece of a resumable one, may take."""
 
 
-class StoreSettings(SettingGroup, section="store"):
+class StoreOptions(Options):
     """Limits of the service layer that belong to no other room."""
 
-    max_name_chars: int = Field(200, description="characters of a scene's name")
-    max_labels: int = Field(1_000, description="labels that one scene may be asked for")
-    max_label_chars: int = Field(200, description="characters of a label")
-    max_time_budget_s: float = Field(24 * 3600.0, description="seconds of training that one scene may ask for")
-    max_gaussians: int = Field(20_000_000, description="Gaussians that one scene may ask for")
-    max_page_size: int = Field(500, description="entries of one page of a list")
+    max_labels: int = 1_000
+    """Labels that one scene may be asked for."""
+    max_label_chars: int = 200
+    """Characters of a label."""
+    max_gaussians: int = 20_000_000
+    """Gaussians that one scene may ask for."""
+    max_page_size: int = 500
+    """Entries of one page of a list."""
 
 
-class LimitSettings(SettingGroup, section="limits"):
+class LimitOptions(Options):
+    """What one connection and one key may cost, and on which threads answers are computed."""
+
+    connections: int = Field(8_192, ge=1)
+    """HTTP connections, and as many gRPC calls under way."""
+    head_s: float = Field(15.0, gt=0)
+    """Seconds in which the head of an HTTP request must have come."""
+    cost_per_s: float = Field(2.0**26, gt=0)
+    """Pixels that one key may have rendered a second, over time; a sentence counts 16384."""
+    cost_burst: int = Field(2**31, ge=1)
+    """Pixels that one key may have rendered at once after a pause."""
+    threads: int = Field(0, ge=0)
+    """Threads that answer requests, round robin over keys, and as many for costly ones; 0: two a core, at least
+    four."""
+    costly: int = Field(2**20, ge=1)
+    """Requests that cost more pixels than this run on the threads for costly ones."""
+    costly_niceness: int = Field(10, ge=0, le=19)
+    """How much nicer (Linux) those threads are than the others; 0: not at all."""
+
+
+class LimitSettings(LimitOptions, SettingGroup, section="limits"):
     """Requests at a time and over time. What passes them is refused at once, with the time to wait."""
 
-    rate_per_s: float = Field(1_000.0, gt=0, description="requests a second of one key, over time")
-    burst: int = Field(2_000, ge=1, description="requests of one key at once after a pause")
-    in_flight: int = Field(64, ge=1, description="requests of one key under way, standing ones included")
-    uploads: int = Field(4, ge=1, description="uploads of one key under way")
-    all_uploads: int = Field(1_024, ge=1, description="uploads of all keys under way; more are refused at once")
-    upload_memory_bytes: int = Field(
-        2**31,
-        ge=2**24,
-        description="memory of uploads of all keys under way; one over gRPC counts 8 MiB, as its messages "
-        "are held whole",
-    )
-    admitted: int = Field(96, ge=1, description="requests of all keys that compute or wait for a thread")
-    connections: int = Field(8_192, ge=1, description="HTTP connections, and as many gRPC calls under way")
-    head_s: float = Field(15.0, gt=0, description="seconds in which the head of an HTTP request must have come")
-    idle_s: float = Field(300.0, gt=0, description="seconds after which a gRPC connection without calls is closed")
-    streams: int = Field(256, ge=1, description="calls of one gRPC connection at a time")
-    cost_per_s: float = Field(
-        2.0**26, gt=0, description="pixels that one key may have rendered a second, over time; a sentence counts 16384"
-    )
-    cost_burst: int = Field(2**31, ge=1, description="pixels that one key may have rendered at once after a pause")
-    threads: int = Field(
-        0,
-        ge=0,
-        description="threads that answer requests, round robin over keys, and as many for costly ones; "
-        "0: two a core, at least four",
-    )
-    costly: int = Field(
-        2**20, ge=1, description="requests that cost more pixels than this run on the threads for costly ones"
-    )
-    costly_niceness: int = Field(
-        10, ge=0, le=19, description="how much nicer (Linux) those threads are than the others; 0: not at all"
-    )
-    answer_s: float = Field(60.0, gt=0, description="seconds that one question or picture may take, waiting included")
-    call_s: float = Field(600.0, gt=0, description="seconds that any other call may take, waiting included")
+    rate_per_s: float = Field(1_000.0, gt=0)
+    """Requests a second of one key, over time."""
+    burst: int = Field(2_000, ge=1)
+    """Requests of one key at once after a pause."""
+    in_flight: int = Field(64, ge=1)
+    """Requests of one key under way, standing ones included."""
+    uploads: int = Field(4, ge=1)
+    """Uploads of one key under way."""
+    all_uploads: int = Field(1_024, ge=1)
+    """Uploads of all keys under way; more are refused at once."""
+    upload_memory_bytes: int = Field(2**31, ge=2**24)
+    """Memory of uploads of all keys under way; one over gRPC counts 8 MiB, as its messages are held whole."""
+    admitted: int = Field(96, ge=1)
+    """Requests of all keys that compute or wait for a thread."""
+    answer_s: float = Field(60.0, gt=0)
+    """Seconds that one question or picture may take, waiting included."""
 
 
 class QuotaSettings(SettingGroup, section="quotas"):
     """What one project may hold. 0: no bound."""
 
-    scenes: int = Field(1_000, ge=0, description="scenes")
-    stored_bytes: int = Field(
-        100 * 2**30, ge=0, description="bytes of uploads whose scenes exist, and of unfinished uploads"
-    )
-    queued_jobs: int = Field(100, ge=0, description="jobs that are queued or run")
+    scenes: int = Field(1_000, ge=0)
+    """Scenes."""
+    stored_bytes: int = Field(100 * 2**30, ge=0)
+    """Bytes of uploads whose scenes exist, and of unfinished uploads."""
+    queued_jobs: int = Field(100, ge=0)
+    """Jobs that are queued or run."""
 
 
-class CallSettings(SettingGroup, section="calls"):
+class CallOptions(Options):
+    """What is kept of labels, and how an answer is cut and kept alive."""
+
+    ranking_memory_bytes: int = Field(512 << 20, ge=1)
+    """Labels and names of things, by which scenes are asked all at once, are kept up to this; about 2 MB for 50
+    labels; least recently used leave first."""
+    max_matches: int = Field(100, ge=1)
+    """Entries an answer ranks where the request does not say how many."""
+    max_known_names: int = Field(1_000, ge=1)
+    """Names that people gave whose looks a project remembers; the oldest leave."""
+    heartbeat_s: float = Field(5.0, gt=0)
+    """A standing question says that it lives after so long a silence."""
+
+
+class CallSettings(CallOptions, SettingGroup, section="calls"):
     """What an answer may hold, and how much is kept in memory between answers."""
 
-    scene_memory_bytes: int = Field(
-        4 << 30, ge=1, description="open scenes are kept up to this, least recently used leave first"
-    )
-    ranking_memory_bytes: int = Field(
-        512 << 20,
-        ge=1,
-        description="labels and names of things, by which scenes are asked all at once, are kept up to this; about "
-        "2 MB for 50 labels; least recently used leave first",
-    )
-    answer_memory_bytes: int = Field(
-        0,
-        ge=0,
-        description="bytes that answers under way may hold together beside open scenes, by estimate; more wait; "
-        "0: half of the machine's memory, or of its control group's limit",
-    )
-    request_memory_bytes: int = Field(
-        0, ge=0, description="bytes that one answer may hold, by estimate; 0: a quarter of that memory"
-    )
-    max_matches: int = Field(100, ge=1, description="entries an answer ranks where the request does not say how many")
-    max_queried_scenes: int = Field(100, ge=1, description="scenes, the newest, that a question to all of them asks")
-    max_listed: int = Field(5_000, ge=1, description="labels and cameras of a scene that are told in one piece")
-    max_versions: int = Field(
-        20, ge=2, description="versions of one scene that are kept; an edit beyond removes undone ones, then the oldest"
-    )
-    max_known_names: int = Field(
-        1_000, ge=1, description="names that people gave whose looks a project remembers; the oldest leave"
-    )
-    max_encodings: int = Field(
-        1_024, ge=1, description="sentences that one question may have encoded: (texts + negatives) x templates"
-    )
-    max_pixels: int = Field(2**27, ge=1, description="pixels that one question may have rendered: views x texts")
-    max_edits: int = Field(100, ge=1, description="edits in one request")
-    heartbeat_s: float = Field(5.0, gt=0, description="a standing question says that it lives after so long a silence")
+    scene_memory_bytes: int = Field(4 << 30, ge=1)
+    """Open scenes are kept up to this, least recently used leave first."""
+    answer_memory_bytes: int = Field(0, ge=0)
+    """Bytes that answers under way may hold together beside open scenes, by estimate; more wait; 0: half of the
+    machine's memory, or of its control group's limit."""
+    request_memory_bytes: int = Field(0, ge=0)
+    """Bytes that one answer may hold, by estimate; 0: a quarter of that memory."""
+    max_queried_scenes: int = Field(100, ge=1)
+    """Scenes, the newest, that a question to all of them asks."""
+    max_versions: int = Field(20, ge=2)
+    """Versions of one scene that are kept; an edit beyond removes undone ones, then the oldest."""
 
 
 class _EnvironmentAndFiles(EnvSettingsSource):
@@ -209,6 +206,11 @@ class _EnvironmentAndFiles(EnvSettingsSource):
                 variables[setting] = _secret(name.upper(), Path(path))
         check_variables(variables, self.settings_cls)
         return variables
+
+    def __call__(self) -> dict[str, Any]:
+        values = super().__call__()
+        check_groups(values, self.settings_cls)
+        return values
 
 
 def _secret(variable: str, path: Path) -> str:
@@ -233,59 +235,65 @@ class Settings(BaseSettings):
     """Everything an operator can set, with the defaults of a laptop without a GPU."""
 
     model_config = SettingsConfigDict(
-        env_prefix=ENV_PREFIX, env_nested_delimiter=ENV_DELIMITER, frozen=True, extra="forbid"
+        env_prefix=ENV_PREFIX,
+        env_nested_delimiter=ENV_DELIMITER,
+        frozen=True,
+        extra="forbid",
+        use_attribute_docstrings=True,
     )
 
-    data_dir: Path = Field(Path("fastsplat-data"), description="scenes, uploads and the embedded database")
-    models: Path = Field(
-        default_factory=lambda values: find_models(values["data_dir"]),
-        description="model directory, one folder a model; left out: see find_models",
-    )
-    database_url: str = Field("", description="SQLAlchemy URL; empty: SQLite inside data_dir")
-    database_password: str = Field("", repr=False, description="for a database_url without one, best from a file")
+    data_dir: Path = Path("fastsplat-data")
+    """Scenes, uploads and the embedded database."""
+    models: Path = Field(default_factory=lambda values: find_models(values["data_dir"]))
+    """Model directory, one folder a model; left out: see find_models."""
+    database_url: str = ""
+    """SQLAlchemy URL; empty: SQLite inside data_dir."""
+    database_password: str = Field("", repr=False)
+    """For a database_url without one, best from a file."""
     host: str = "127.0.0.1"
+    """Address that REST, gRPC and the page listen at."""
     http_port: int = 8000
+    """Of REST and the page."""
     grpc_port: int = 8001
-    grpc_address: str = Field(
-        "",
-        pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$",
-        description="what clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port",
-    )
-    root_path: str = Field(
-        "", pattern=r"^$|^(/[\w.~-]+)+$", description="path under which a proxy shows the HTTP interface, cut off by it"
-    )
-    cors_origins: tuple[str, ...] = Field(
-        (), description="origins whose pages may call the HTTP interface from a browser; none: the server's own alone"
-    )
-    trusted_proxies: tuple[str, ...] = Field(
-        (), description="addresses of proxies whose X-Forwarded headers are believed; none: nobody's"
-    )
+    """Of gRPC."""
+    grpc_address: str = Field("", pattern=r"^$|^([^\s:\[\]]*|\[[0-9A-Fa-f:.]+\]):\d{1,5}$")
+    """What clients are told of gRPC: host:port, or :port at the host they know; empty: grpc_port."""
+    root_path: str = Field("", pattern=r"^$|^(/[\w.~-]+)+$")
+    """Path under which a proxy shows the HTTP interface, cut off by it."""
+    cors_origins: tuple[str, ...] = ()
+    """Origins whose pages may call the HTTP interface from a browser; none: the server's own alone."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses of proxies whose X-Forwarded headers are believed; none: nobody's."""
     metrics_host: str = "127.0.0.1"
-    metrics_port: int = Field(8002, description="Prometheus metrics; they need no key")
-
-    page_address: str = Field(
-        "", description="where other machines reach the web page, for links to phones; empty: found by host and port"
-    )
-
-    auth: Literal["on", "off"] = Field("on", description='"off": no keys; the server then binds to loopback alone')
-    tls_cert: Path | None = Field(None, description="PEM certificate chain of both ports; needs tls_key")
-    tls_key: Path | None = Field(None, description="PEM private key of both ports; needs tls_cert")
-    tls_client_ca: Path | None = Field(None, description="PEM certificates; clients must show one that they signed")
-    drain_notice_s: float = Field(0.0, ge=0, description="on SIGTERM: not ready, but answering, for so long")
-    drain_s: float = Field(10.0, ge=0, description="on SIGTERM, after that: running requests may take so long")
-
+    """Address that the metrics listen at."""
+    metrics_port: int = 8002
+    """Prometheus metrics; they need no key."""
+    page_address: str = ""
+    """Where other machines reach the web page, for links to phones; empty: found by host and port."""
+    auth: Literal["on", "off"] = "on"
+    """Whether requests need a key; without, the server binds to loopback alone."""
+    tls_cert: Path | None = None
+    """PEM certificate chain of both ports; needs tls_key."""
+    tls_key: Path | None = None
+    """PEM private key of both ports; needs tls_cert."""
+    tls_client_ca: Path | None = None
+    """PEM certificates; clients must show one that they signed."""
+    drain_notice_s: float = Field(0.0, ge=0)
+    """On SIGTERM: not ready, but answering, for so long."""
+    drain_s: float = Field(10.0, ge=0)
+    """On SIGTERM, after that: running requests may take so long."""
     capture: CaptureSettings = CaptureSettings()
     perception: PerceptionSettings = PerceptionSettings()
     training: TrainingSettings = TrainingSettings()
     discovery: DiscoverySettings = DiscoverySettings()
-    prompts: PromptSettings = PromptSettings()
+    prompts: PromptOptions = PromptOptions()
     splat_import: SplatImportSettings = SplatImportSettings()
     look_again: LookAgainSettings = LookAgainSettings()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     photos: PhotoSettings = PhotoSettings()
     uploads: UploadSettings = UploadSettings()
-    store: StoreSettings = StoreSettings()
+    store: StoreOptions = StoreOptions()
     artefacts: ArtefactSettings = ArtefactSettings()
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()

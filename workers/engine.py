@@ -27,6 +27,7 @@ from sqlalchemy import Engine, ExceptionContext, event
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.activity_clock import ActivityClock
+from fastsplat.service.store.blobs import PARTIAL_EXPIRY_S
 from fastsplat.service.store.database import IDLE_TRANSACTION_TIMEOUT_S, resolve_url
 from fastsplat.service.store.job_repository import FencedError
 from fastsplat.service.store.store import Store
@@ -35,6 +36,9 @@ from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes, trash_
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
 from fastsplat.workers.periodic import RepeatFilter, repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
+
+_CLEANUP_INTERVAL_S = 60.0
+"""How often a worker removes folders, uploads, logs and rows that are not needed any more."""
 
 logger = logging.getLogger(__name__)
 
@@ -110,7 +114,7 @@ def start(worker: Worker) -> None:
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
     _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)
     _repeat(worker, "check claims", _exit_if_fenced, jobs.heartbeat_interval_s)
-    _repeat(worker, "cleanup", _clean_up, jobs.cleanup_interval_s)
+    _repeat(worker, "cleanup", _clean_up, _CLEANUP_INTERVAL_S)
     _repeat(worker, "storage cleanup", _clean_up_storage, _STORAGE_CLEANUP_INTERVAL_S)
 
 
@@ -313,7 +317,7 @@ def _clean_up(worker: Worker) -> None:
 
 def _clean_up_storage(worker: Worker) -> None:
     blobs = worker.store.blobs
-    blobs.remove_partial(worker.settings.artefacts.partial_expiry_s)
+    blobs.remove_partial(PARTIAL_EXPIRY_S)
     trash_lost_versions(worker.store, min(time.time(), ActivityClock(blobs.root).now()))
 
 

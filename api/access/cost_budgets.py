@@ -53,8 +53,7 @@ class CostBudgets:
                 raise RateLimitedError(
                     f"this key has spent what it may on rendering and encoding; this request costs {cost:.0f} pixels",
                     field="authorization",
-                    limit=f"{rate:g} pixels a second over time (FASTSPLAT_LIMITS__COST_PER_S), "
-                    f"{capacity} at once (FASTSPLAT_LIMITS__COST_BURST)",
+                    limit=f"{rate:g} pixels a second over time, {capacity} at once",
                     hint="Wait as long as the answer says, or ask for fewer texts, views or pixels.",
                     retry_after_s=(cost - bucket.tokens) / rate,
                 )

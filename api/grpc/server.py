@@ -21,6 +21,11 @@ from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import ResourceError
 from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
 
+_STREAMS_PER_CONNECTION = 256
+"""Calls of one gRPC connection at a time."""
+_IDLE_S = 300.0
+"""Seconds after which a gRPC connection without calls is closed."""
+
 _SERVICE = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].full_name
 
 
@@ -61,8 +66,8 @@ async def start_server(
         maximum_concurrent_rpcs=limits.connections,
         options=[
             ("grpc.max_receive_message_length", MAX_MESSAGE_BYTES),
-            ("grpc.max_concurrent_streams", limits.streams),
-            ("grpc.max_connection_idle_ms", round(limits.idle_s * 1000)),
+            ("grpc.max_concurrent_streams", _STREAMS_PER_CONNECTION),
+            ("grpc.max_connection_idle_ms", round(_IDLE_S * 1000)),
             ("grpc.server_handshake_timeout_ms", round(limits.head_s * 1000)),
             ("grpc.keepalive_time_ms", 60_000),  # a robot that lost its network is noticed
             ("grpc.keepalive_timeout_ms", 20_000),

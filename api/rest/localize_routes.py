@@ -13,7 +13,7 @@ from fastsplat.api.rest.multipart import FormParser
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call
 from fastsplat.api.rest.upload import receive_form
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.localizing import too_many_bytes
+from fastsplat.service.application.localizing import MAX_PHOTOS_BYTES, too_many_bytes
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.settings import Settings
@@ -70,7 +70,7 @@ def localize_routes(service: SceneService, settings: Settings, threads: Threads)
         limits = settings.localization
         content_type = request.headers.get("content-type", "")
         asked = await receive_form(
-            request, lambda: _PhotoSink(scene_id, limits, content_type), threads, memory_bytes=limits.max_bytes
+            request, lambda: _PhotoSink(scene_id, limits, content_type), threads, memory_bytes=MAX_PHOTOS_BYTES
         )
         return await json_of_call(request, threads.answer, lambda: service.localizing.localize(asked))
 
@@ -145,8 +145,8 @@ class _PhotoSink:
         assert self._part is not None
         if self._field == "photos":
             self._size += len(data)
-            if self._size > self._limits.max_bytes:
-                raise too_many_bytes(self._size, self._limits.max_bytes)
+            if self._size > MAX_PHOTOS_BYTES:
+                raise too_many_bytes(self._size)
         else:
             self._text_size += len(data)
             if self._text_size > _MAX_TEXT_BYTES:

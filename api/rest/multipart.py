@@ -117,7 +117,7 @@ class FormParser:
             raise LimitExceededError(
                 "the form has too many parts",
                 field="images",
-                limit=f"{self._max_parts} parts (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+                limit=f"{self._max_parts} parts",
                 hint="Send one archive instead of single images.",
             )
         kind, options = parse_options_header(self._headers.get("content-disposition", b""))

@@ -1,7 +1,7 @@
 """Score the product's answers on questions that no weight was fitted to. They have been read at every step of the work
 on answers, so they validate it and test nothing any more.
 
-    python -m benchmarks.absence --models DIR [--encoder NAME] [--lexicon NAME] [--misses] [--dry-run]
+    python -m benchmarks.absence --models DIR [--encoder NAME] [--lexicon NAME] [--misses]
 
 Every question of `questions.txt` is asked of a scene that has its dictionary, through the product's own ranking. Writes
 benchmarks/results/absence.json:
@@ -18,7 +18,6 @@ Intervals are 95 %, by 2,000 draws of whole dictionaries.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -28,7 +27,7 @@ import numpy as np
 
 from benchmarks.absence.questions import ABSENT, PRESENT, Case, doubles, listed_keys, read_cases
 from benchmarks.calibration.separation import auroc, calibration_error
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import begin, parser_of, write_results
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -168,14 +167,13 @@ def _scene_of(labels: Sequence[str], encoder: TextEncoder, settings: QuerySettin
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
     parser.add_argument("--lexicon", default="wordnet", help="lexicon of the model manifest; empty: none")
     parser.add_argument(
         "--misses", action="store_true", help="print every wrong answer; whoever reads them must not fit"
     )
-    parser.add_argument("--dry-run", action="store_true", help="print, write nothing")
     arguments = parser.parse_args()
     start = begin()
     cases = read_cases()
@@ -194,16 +192,15 @@ def main() -> None:
             if not each.right:
                 said = "absent" if each.absent else each.first
                 print(f"{each.case.scene}, {each.case.list}: {each.case.question!r} -> {said} ({each.probability:.2f})")
-    if not arguments.dry_run:
-        chosen = "calibration: on benchmarks/calibration, which shares no question; these were read at every step"
-        document = provenance(start, settings=arguments, chosen_on=chosen) | {
-            "encoder": arguments.encoder,
-            "lexicon": arguments.lexicon or None,
-            "dictionaries": len({case.scene for case in cases}),
-            "questions": {kind: sum(case.list == kind for case in cases) for kind in PRESENT + ABSENT},
-            "figures": {name: {"value": round(value, 4), "interval": bounds[name]} for name, value in values.items()},
-        }
-        write_json(RESULTS / "absence.json", document)
+    chosen = "calibration: on benchmarks/calibration, which shares no question; these were read at every step"
+    document = {
+        "encoder": arguments.encoder,
+        "lexicon": arguments.lexicon or None,
+        "dictionaries": len({case.scene for case in cases}),
+        "questions": {kind: sum(case.list == kind for case in cases) for kind in PRESENT + ABSENT},
+        "figures": {name: {"value": round(value, 4), "interval": bounds[name]} for name, value in values.items()},
+    }
+    write_results("absence", start, arguments, chosen, document)
 
 
 if __name__ == "__main__":

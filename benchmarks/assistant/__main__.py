@@ -1,6 +1,6 @@
 """Score an assistant's tools on 200 questions with a known truth, without a language model.
 
-    python -m benchmarks.assistant [--models DIR] [--misses] [--dry-run]
+    python -m benchmarks.assistant [--models DIR] [--misses]
 
 The two rooms of `rooms.py` are stored in a service of their own, and every question of `questions.txt` is asked by the
 official MCP client over HTTP of a real server process, one after another. Writes benchmarks/results/assistant.json:
@@ -15,7 +15,6 @@ Intervals are 95 % (Wilson). The truth comes from how things were placed.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import dataclasses
 import os
@@ -34,7 +33,7 @@ from mcp.client.streamable_http import streamable_http_client
 
 from benchmarks.assistant.questions import Question, is_right, lengths, read_questions
 from benchmarks.assistant.rooms import Layout, layouts
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.relations.__main__ import share_right
 from benchmarks.relations.drawing import scene_of
 from benchmarks.serve.api_process import Api
@@ -159,10 +158,9 @@ def _latency(answered: Sequence[Answered]) -> dict[str, float]:
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.assistant", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, default=Path(os.environ.get("FASTSPLAT_MODELS", ".models")))
     parser.add_argument("--misses", action="store_true", help="print what is not right")
-    parser.add_argument("--dry-run", action="store_true", help="print, and leave the committed result as it is")
     options = parser.parse_args()
     start = begin()
     rooms = layouts()
@@ -185,7 +183,6 @@ def _main() -> None:
         "lexicon": settings.perception.lexicon if lexicon else "",
         **figures(answered),
         "first_ms": [round(each, 1) for each in first],
-        **provenance(start, settings=options, chosen_on=NOT_CHOSEN),
     }
     for name in (
         "lexicon",
@@ -200,8 +197,7 @@ def _main() -> None:
         print(name, document[name])
     for kind, share in document["by_kind"].items():
         print(f"  {kind}: {share['right']} of {share['questions']}")
-    if not options.dry_run:
-        write_json(RESULTS / "assistant.json", document)
+    write_results("assistant", start, options, NOT_CHOSEN, document)
 
 
 if __name__ == "__main__":

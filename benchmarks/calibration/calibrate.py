@@ -15,7 +15,6 @@ encoder instead, see `fit_meaning`; with `--templates` it compares those for thi
 
 from __future__ import annotations
 
-import argparse
 import datetime
 import json
 import re
@@ -32,6 +31,7 @@ from benchmarks.calibration.fit_meaning import compare_templates, fit_meaning
 from benchmarks.calibration.folds import folds_of
 from benchmarks.calibration.lists import Pair, Questions, read_pairs, read_scenes
 from benchmarks.calibration.separation import auroc, balanced, calibration_error, equal_loss, logistic_fit
+from benchmarks.provenance import parser_of
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -50,6 +50,7 @@ from fastsplat.service.query.probability import (
     leads,
     present_probability,
 )
+from fastsplat.service.query.ranking import RELATED_PROBABILITY
 from fastsplat.service.query.relevancy import entries, relevancy_scores
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.text_similarity import text_similarity
@@ -229,7 +230,7 @@ def judge(questions: Sequence[ScoredQuestion], calibration: ScoreCalibration) ->
             "covered_absent": round(float(covered[~np.array(here)].mean()), 4),
             "mean_size": round(float(np.mean([len(chosen) for chosen in sets])), 2),
         }
-    share = QuerySettings().related_probability
+    share = RELATED_PROBABILITY
     return (
         figures
         | _listed(scored, calibration, 0.0, "listed_by_threshold")
@@ -336,7 +337,7 @@ def _written(entry: dict[str, Any]) -> str:
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--encoder", default="minilm_l6_int8", help="text encoder of the model manifest")
     parser.add_argument("--templates", action="store_true", help="compare prompt templates, write nothing")

@@ -13,7 +13,6 @@ default_path_validation.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import tempfile
@@ -21,7 +20,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import ROOT, begin, chosen_on, provenance, write_json
+from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, provenance, put_row
 from benchmarks.splits import add_split, results_file
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.datasets.reading import read_dataset
@@ -42,12 +41,11 @@ _PERCEPTION = ("closed_set_detector", "open_set_detector", "segmenter", "text_en
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
     parser.add_argument("--iterations", type=int, default=4_000)
     parser.add_argument("--gaussians", type=int, default=40_000)
     parser.add_argument("--max-side", type=int, default=640)
-    parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
     settings = override_training(
@@ -59,14 +57,13 @@ def main() -> None:
     # Of two bounds the earlier one counts, and a preset has one in seconds.
     unbounded = settings.training.model_copy(update={"time_budget_s": None, "evaluations": 0})
     settings = settings.model_copy(update={"training": unbounded})
-    out = options.out or results_file("default_path", options.split)
+    out = results_file("default_path", options.split)
     for name in options.names or NAMES:
         folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
         mask_label = _MASK_LABELS.get(name, "")
         dataset = read_dataset(folder, settings.capture, mask_label=mask_label, split=options.split)
         row = measure(dataset, settings, name)
-        rows = json.loads(out.read_text()) if out.is_file() else {}
-        write_json(out, {**rows, name: row})
+        put_row(out, name, row)
         print(f"{name}: {json.dumps(row, ensure_ascii=False)}", flush=True)
 
 

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
-from benchmarks.provenance import begin, provenance, write_json
+from benchmarks.provenance import begin, parser_of, provenance, put_row
 from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
 from fastsplat.service.capture.kept_capture import kept_lenses
 from fastsplat.service.capture.sent_photos import SparePhotoDecoder
@@ -50,22 +50,20 @@ _CHOSEN_ON = (
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
     add_training_bounds(parser, iterations=1_500, gaussians=20_000, max_side=360)
     parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
     parser.add_argument("--cache", type=Path, default=Path(".bench-localization"), help="folder of the trained scenes")
     parser.add_argument("--rows", action="store_true", help="print a line a photo")
-    parser.add_argument("--out", type=Path)
     add_split(parser)
     options = parser.parse_args()
     settings = bounded_settings(options)
-    out = options.out or results_file("localization", options.split)
+    out = results_file("localization", options.split)
     for name in options.names or NAMES:
         place = trained_place(name, options.split, settings, options.cache.resolve())
         row = measure(name, place, settings, options)
-        rows = json.loads(out.read_text()) if out.is_file() else {}
-        write_json(out, {**rows, name: row})
+        put_row(out, name, row)
         print(f"{name}: {json.dumps({key: row[key] for key in ('held_out', 'others', 'seconds_a_photo')})}", flush=True)
 
 
@@ -84,9 +82,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
         decoder.prepare()
         before = time.perf_counter(), time.process_time()
         (sent,) = decoder.decode([path.read_bytes()], settings.localization.max_side)
-        (one,) = place_photos(
-            [Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry, settings.localization
-        )
+        (one,) = place_photos([Photo(sent.pixels, sent.focal, "metadata")], landmarks, index.geometry)
         wall.append(time.perf_counter() - before[0])
         cpu.append(time.process_time() - before[1])
         return one
@@ -146,7 +142,6 @@ def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> La
     return find_landmarks(
         photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),
         index.geometry,
-        settings.localization,
         middle_lens(kept_lenses(place.photos)),
     )
 

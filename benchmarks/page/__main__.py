@@ -1,4 +1,4 @@
-"""What a person waits for on the page: `python -m benchmarks.page` (or `make bench-page`).
+"""What a person waits for on the page: `python -m benchmarks.page`.
 
 The trained sample of `make demo`, and a made scene of so many Gaussians; each in Debian's Chromium with software WebGL,
 and without WebGL, where the server draws. Times are since the navigation began, in a new profile, of a server on the
@@ -7,7 +7,6 @@ same machine; what the browser computes it computes on the same CPUs. Rows go to
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import os
 import shutil
@@ -18,24 +17,22 @@ from typing import Any
 from playwright.sync_api import sync_playwright
 
 from benchmarks.page.measured_visit import Visited, opened, visit
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, ROOT, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, ROOT, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
 from fastsplat_client import Client
 
-_OUT = RESULTS / "page.json"
 _SAMPLE = ROOT / "demo-output" / "service"
 
 
 def main() -> None:
     """Visit every scene with and without WebGL, print the rows, write the file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--sample", type=Path, default=_SAMPLE, help="data folder with the trained sample")
     parser.add_argument("--gaussians", type=int, default=1_000_000, help="of the made scene; 0: none")
     parser.add_argument("--seconds", type=float, default=10.0, help="how long to orbit")
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     models = Path(os.environ.get("FASTSPLAT_MODELS", ROOT / ".models")).resolve()
     if not (arguments.sample / "fastsplat.sqlite").is_file():
@@ -51,7 +48,7 @@ def main() -> None:
             store = open_store(made.data_dir, made.database_url)
             add_scene(store, room(arguments.gaussians, models))
             rows += _rows("made", made, "teddy bear", arguments.seconds)
-    write_json(arguments.out, {**provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE), "rows": rows})
+    write_results("page", start, arguments, MADE_FAST_HERE, {"rows": rows})
 
 
 def _rows(name: str, settings: Settings, text: str, seconds: float) -> list[dict[str, Any]]:

@@ -5,7 +5,6 @@ The trained sample of `make demo`, asked for a thing, as the page shows it: docs
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -17,7 +16,7 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 from benchmarks.page.measured_visit import opened
-from benchmarks.provenance import ROOT
+from benchmarks.provenance import ROOT, parser_of
 from benchmarks.serve.api_process import Api
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
@@ -31,7 +30,7 @@ _QUALITIES = (90, 85, 80, 75, 70, 60)
 
 def main() -> None:
     """Take the picture, and write it with the best quality that fits."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--sample", type=Path, default=_SAMPLE, help="data folder with the trained sample")
     parser.add_argument("--text", default="banana", help="what is asked")
     parser.add_argument("--out", type=Path, default=_OUT)

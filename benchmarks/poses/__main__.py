@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -15,23 +14,23 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.poses.cases import METHODS, Case, measure
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, parser_of, write_results
 
 _SETS = "kitchen/1,kitchen/2,kitchen/3,plush/1,plush/2,plush/3,tabletop/1,tabletop/2,tabletop/3,skull/1,skull/2,skull/3"
 _RESULT = RESULTS / "poses.json"
+_CHOSEN_ON = "rules of pairs and models: on some of these sets, see docs/poses.md"
 
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder of the sets, each with images/")
     parser.add_argument("--sets", default=_SETS, help="NAME/STEP, ...")
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--label", default="", help="what the service's rows are called besides")
-    parser.add_argument("--out", type=Path, default=_RESULT)
     options = parser.parse_args()
     start = begin()
-    rows: list[dict[str, Any]] = json.loads(options.out.read_text())["rows"] if options.out.exists() else []
+    rows: list[dict[str, Any]] = json.loads(_RESULT.read_text())["rows"] if _RESULT.exists() else []
     for entry in options.sets.split(","):
         name, _, step = entry.partition("/")
         for method in options.methods.split(","):
@@ -43,18 +42,7 @@ def main() -> None:
             rows = [other for other in rows if _key(other) != _key(row)] + [row]
             rows.sort(key=_key)
             note = "seconds are of a machine busy with other work: CPU seconds count, wall seconds do not"
-            write_json(
-                options.out,
-                {
-                    **provenance(
-                        start,
-                        settings=options,
-                        chosen_on="rules of pairs and models: on some of these sets, see docs/poses.md",
-                    ),
-                    "note": note,
-                    "rows": rows,
-                },
-            )
+            write_results("poses", start, options, _CHOSEN_ON, {"note": note, "rows": rows})
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:

@@ -1,6 +1,6 @@
 """Times questions to a scene, in process; writes benchmarks/results/query.json.
 
-    python -m benchmarks.query --models DIR [--lexicon NAME] [--rounds 31] [--large] [--out FILE]
+    python -m benchmarks.query --models DIR [--lexicon NAME] [--rounds 31] [--large]
 
 Scenes are asked as the product does, with the lexicon beside the encoder. Texts that are "new" were never embedded
 before (names of common things, few of which are labels) and include the text encoder, and the rows "open" embed all
@@ -10,7 +10,6 @@ all threads: on a busy machine they part.
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import time
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.query.labelled_garden import common_names, labelled_garden
 from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
@@ -31,19 +30,17 @@ from fastsplat.service.query.objects import find_objects
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 
-_OUT = RESULTS / "query.json"
 _TEXT = "something to drink from"
 _TARGETS = {"rank_1000_labels": 1.0, "warm_query_new_text": 15.0, "label_map_640x480": 20.0}
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--models", type=Path, required=True, help="model directory")
     parser.add_argument("--lexicon", default="wordnet", help="lexicon of the model manifest; empty: none")
     parser.add_argument("--rounds", type=int, default=31)
     parser.add_argument("--large", action="store_true", help="a million Gaussians as well")
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     start = begin()
     encoder = open_text_encoder("minilm_l6_int8", arguments.models, threads=2)
@@ -88,14 +85,13 @@ def main() -> None:
         _slow_rows(row, labelled_garden(1_000_000, 20, encoder), 1)
     scene = "made, of garden's statistics" if garden_file() is None else "garden"
     report = {
-        **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
         "scene": scene,
         "coverage": QuerySettings().coverage,
         "lexicon": arguments.lexicon or None,
         "lexicon_open_s": round(opened, 3),
         "rows": rows,
     }
-    write_json(arguments.out, report)
+    write_results("query", start, arguments, MADE_FAST_HERE, report)
 
 
 def _questions(index: SceneIndex, new: Iterator[str], posed: Any) -> Iterator[tuple[str, Callable[[], object]]]:

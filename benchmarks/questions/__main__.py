@@ -1,6 +1,6 @@
 """Ask scenes, as the product trains them, questions whose truth their photos show.
 
-    python -m benchmarks.questions --scenes FOLDER [--half first|second|both] [--misses] [--dry-run]
+    python -m benchmarks.questions --scenes FOLDER [--half first|second|both] [--misses]
 
 FOLDER holds a data folder for each scene of `questions.txt`, under its name: what `fastsplat train PHOTOS` made of the
 photos; "sample" is the one that the package brings where it has none. Questions are halved by hash: what is mended is
@@ -14,7 +14,6 @@ looked for in the first half, and `--misses` prints that half alone. Writes benc
 
 from __future__ import annotations
 
-import argparse
 import io
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -27,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.questions.judging import Truth, contradictions, is_right, truth_of
 from benchmarks.questions.trained_questions import Photographed, Question, read_scenes, things_of, views_by_photo
 from benchmarks.relations.__main__ import share_right
@@ -101,11 +100,10 @@ def _grouped(judged: Sequence[Judged], key: Callable[[Judged], str]) -> dict[str
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.questions", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--scenes", type=Path, required=True, help="a folder with a data folder for each scene")
     parser.add_argument("--half", choices=("first", "second", "both"), default="both")
     parser.add_argument("--misses", action="store_true", help="print what is not right in the first half")
-    parser.add_argument("--dry-run", action="store_true", help="print, and leave the committed result as it is")
     options = parser.parse_args()
     start = begin()
     judged: list[Judged] = []
@@ -131,12 +129,10 @@ def _main() -> None:
     document = {
         **figures(judged),
         "named": objects,
-        **provenance(start, settings=options, chosen_on=NOT_CHOSEN),
     }
     for name in ("right", "by_half", "by_scene", "by_kind", "not_here_but_named", "contradictions", "undecided"):
         print(name, document[name])
-    if not options.dry_run:
-        write_json(RESULTS / "questions.json", document)
+    write_results("questions", start, options, NOT_CHOSEN, document)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ name) are shown beside ours.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import time
@@ -18,24 +17,21 @@ from typing import Any
 
 import torch
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.raster.garden import garden, garden_file
 from benchmarks.raster.product_step import step_row
 from benchmarks.raster.raster_rows import Row, label_row, raster_row
 from fastsplat.service.splatting.raster.kernels import instruction_sets
 
-_OUT = RESULTS / "raster.json"
-
 
 def main() -> None:
     """Measure, each row again until a moment with little other load or the end of --patience."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--quick", action="store_true", help="only the rows that have targets")
     parser.add_argument("--patience", type=float, default=20.0, help="seconds a row may wait for a quiet machine")
     parser.add_argument("--peers", type=Path, help="JSON list of rows measured elsewhere on this machine")
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     torch.set_num_threads(1)
 
@@ -75,15 +71,7 @@ def main() -> None:
         for row in json.loads(arguments.peers.read_text()):
             rows.append(row)
             print(_line(row))
-    write_json(
-        arguments.out,
-        {
-            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
-            "scene": source,
-            "threads": threads,
-            "rows": rows,
-        },
-    )
+    write_results("raster", start, arguments, MADE_FAST_HERE, {"scene": source, "threads": threads, "rows": rows})
 
 
 _COLUMNS = "backend isa threads gaussians width height channels forward_ms backward_ms step_ms label_map_ms".split()

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.raster.garden import Scene, garden
 from benchmarks.raster.product_step import step_milliseconds
 from fastsplat.service.splatting.losses.functional import image_loss
@@ -24,7 +22,6 @@ from fastsplat.service.splatting.raster.rendering import label_map, rasterize, s
 from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.errors import ModelUnavailableError
 
-_OUT = RESULTS / "gpu.json"
 _PARTS = ("means", "quats", "scales", "opacities", "features")
 _LABELS, _CODE = 20, 8
 
@@ -43,10 +40,9 @@ class Timing:
 
 def main() -> None:
     """Measures and writes; refuses where there is no GPU."""
-    parser = argparse.ArgumentParser(description="GPU benchmark: parity, training, rendering")
+    parser = parser_of(__doc__)
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--gaussians", type=int, default=100_000)
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     try:
         device = device_of("cuda")
@@ -54,14 +50,7 @@ def main() -> None:
         raise SystemExit(f"{error}; nothing was measured.") from error
     start = begin()
     report = measure(device, arguments.gaussians, arguments.rounds)
-    write_json(
-        arguments.out,
-        {
-            **provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE),
-            "gpu": torch.cuda.get_device_name(),
-            **report,
-        },
-    )
+    write_results("gpu", start, arguments, MADE_FAST_HERE, {"gpu": torch.cuda.get_device_name(), **report})
 
 
 def measure(device: torch.device, count: int, rounds: int, sizes: tuple[tuple[int, int], ...] = ()) -> dict[str, Any]:

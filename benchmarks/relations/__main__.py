@@ -1,6 +1,6 @@
 """Score answers to drawn questions about places, sizes, colors, orders and numbers on rooms whose layout is known.
 
-    python -m benchmarks.relations [--questions N] [--seed N] [--misses] [--dry-run]
+    python -m benchmarks.relations [--questions N] [--seed N] [--misses]
 
 Rooms are drawn until there are N questions that the placing decides, and all those that it does not decide come along.
 Writes benchmarks/results/relations.json:
@@ -13,7 +13,6 @@ of seeds 1000 and 2000, and left as they were for seed 0.
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 from collections import defaultdict
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import RESULTS, begin, provenance, write_json
+from benchmarks.provenance import begin, parser_of, write_results
 from benchmarks.relations.drawing import drawn_frame, scene_of
 from benchmarks.relations.questions import ROOMS, Case
 from fastsplat.service.query.query_text import check_query
@@ -141,11 +140,10 @@ def share_right(right: Sequence[bool]) -> dict[str, Any]:
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.relations", description=(__doc__ or "").split("\n")[0])
+    parser = parser_of(__doc__)
     parser.add_argument("--questions", type=int, default=300, help="decided questions, at least")
     parser.add_argument("--seed", type=int, default=0, help="of the first room")
     parser.add_argument("--misses", action="store_true", help="print what was answered otherwise")
-    parser.add_argument("--dry-run", action="store_true", help="print, and leave the committed result as it is")
     options = parser.parse_args()
     start = begin()
     answered = answer_drawn(options.questions, options.seed)
@@ -154,14 +152,13 @@ def _main() -> None:
             truth = each.case.truth if each.case.count is None else each.case.count
             said = each.reason or (each.things if each.case.count is None else each.count)
             print(f"room {each.seed}, {each.case.kind}: {each.case.text!r}: {truth} but {said}: {each.explanation}")
-    document = {"seed": options.seed, **figures(answered), **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
+    document = {"seed": options.seed, **figures(answered)}
     for name in ("decided", "rightly_refused"):
         print(name, document[name])
     for name in ("decided_by_kind", "refused_by_kind"):
         for kind, share in document[name].items():
             print(f"  {kind}: {share['right']} of {share['questions']}")
-    if not options.dry_run:
-        write_json(RESULTS / "relations.json", document)
+    write_results("relations", start, options, _CHOSEN_ON, document)
 
 
 if __name__ == "__main__":

@@ -80,7 +80,7 @@ def _make(folder: Path) -> None:
             claim = store.jobs.claim(f"op{number}")
             assert claim is not None
             store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {"psnr": 30.0}))
-        service.admin.keys.create("somebody", "write", None)
+        service.admin.keys.create("somebody", "admin", None)
     for path in (folder / "data").glob("*-wal"):
         assert not path.stat().st_size
     rng = np.random.default_rng(0)

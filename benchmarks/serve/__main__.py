@@ -1,4 +1,4 @@
-"""How the service carries load: `python -m benchmarks.serve` (or `make bench-serve`).
+"""How the service carries load: `python -m benchmarks.serve`.
 
 One real `fastsplat api` process on loopback, clients in another process; every phase is bounded in time and count, and
 every judgement is a ratio within this run or a difference of medians measured in turns. Writes
@@ -7,7 +7,6 @@ benchmarks/results/serve.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import shutil
@@ -20,7 +19,7 @@ from typing import Any
 
 import grpc
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.stored_scenes import add_scene, room
@@ -31,16 +30,14 @@ from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
-_OUT = RESULTS / "serve.json"
 _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")
 
 
 def main() -> None:
     """Run every phase, print the table, write the file."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=10.0, help="length of each loaded phase")
     parser.add_argument("--soak", type=float, default=90.0, help="length of the mixed-request phase")
-    parser.add_argument("--out", type=Path, default=_OUT)
     arguments = parser.parse_args()
     start = begin()
     models = Path(os.environ.get("FASTSPLAT_MODELS", ".models")).resolve()
@@ -69,7 +66,7 @@ def main() -> None:
         store.close()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-    write_json(arguments.out, {**provenance(start, settings=arguments, chosen_on=MADE_FAST_HERE), "rows": rows})
+    write_results("serve", start, arguments, MADE_FAST_HERE, {"rows": rows})
 
 
 Note = Callable[..., None]

@@ -8,7 +8,6 @@ quiet key's latencies without the loud one, and with it.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import re
@@ -19,13 +18,12 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import MADE_FAST_HERE, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api, load_of
 from benchmarks.serve.load import Load
 from benchmarks.serve.room_beside_training import served_room
@@ -42,11 +40,10 @@ _TEXTS = ("tea", "fork", "something%20to%20sit%20on", "banana", "submarine", "ti
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=30.0, help="length of each turn of each phase")
     parser.add_argument("--loud", type=int, default=10, help="requests that the loud key holds open")
     parser.add_argument("--no-training", action="store_true", help="without the training beside")
-    parser.add_argument("--out", type=Path, default=RESULTS / "fairness.json")
     options = parser.parse_args()
     start = begin()
     with served_room(20_000, training=not options.no_training) as served:
@@ -54,7 +51,7 @@ def main() -> None:
         figures = _measure(served.api, served.scene, quiet, loud, options.seconds, options.loud)
     row = {"training": not options.no_training, "loud_requests": options.loud, **figures}
     print(json.dumps(row, indent=1))
-    write_json(options.out, {**provenance(start, settings=options, chosen_on=MADE_FAST_HERE), **row})
+    write_results("fairness", start, options, MADE_FAST_HERE, row)
 
 
 def _measure(api: Api, scene: str, quiet: str, loud: str, seconds: float, count: int) -> dict[str, Any]:

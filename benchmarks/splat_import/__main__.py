@@ -23,7 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import MADE_FAST_HERE, RESULTS, begin, peak_megabytes, provenance, write_json
+from benchmarks.provenance import (
+    MADE_FAST_HERE,
+    RESULTS,
+    begin,
+    parser_of,
+    peak_megabytes,
+    provenance,
+    write_json,
+)
 from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import dictionary_of
@@ -41,7 +49,7 @@ _BOXES = 24
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("gaussians", nargs="*", type=int, default=[])
     parser.add_argument("--make", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)

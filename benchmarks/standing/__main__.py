@@ -1,4 +1,4 @@
-"""Standing questions of a robot that moves: `python -m benchmarks.standing` (or `make bench-standing`).
+"""Standing questions of a robot that moves: `python -m benchmarks.standing`.
 
 One real `fastsplat api` process on loopback, and a worker that trains the sample capture beside it on the same cores.
 Each question is a stream of its own, into which the robot's poses go at a steady rate; a pose has a moment at which it
@@ -8,18 +8,16 @@ not measured as a fast one. Writes benchmarks/results/standing.json.
 
 from __future__ import annotations
 
-import argparse
 import json
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.provenance import NOT_CHOSEN, RESULTS, begin, provenance, write_json
+from benchmarks.provenance import NOT_CHOSEN, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
 from benchmarks.serve.room_beside_training import served_room
 from fastsplat_client import Client, QueryRequest, StandingQuestion
@@ -33,12 +31,11 @@ _WARM_S = 3.0
 
 def main() -> None:
     """Measure, print and write."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, default=600.0, help="how long the robot moves")
     parser.add_argument("--rate", type=float, default=10.0, help="poses a second")
     parser.add_argument("--gaussians", type=int, default=20_000, help="of the scene that is asked")
     parser.add_argument("--no-training", action="store_true", help="without the training beside")
-    parser.add_argument("--out", type=Path, default=RESULTS / "standing.json")
     options = parser.parse_args()
     start = begin()
     with served_room(options.gaussians, training=not options.no_training) as served:
@@ -58,7 +55,7 @@ def main() -> None:
         "server_mib": {"start": before, "end": after, "growth": round(after / before - 1, 4)},
     }
     print(json.dumps(row, indent=1))
-    write_json(options.out, {**provenance(start, settings=options, chosen_on=NOT_CHOSEN), **row})
+    write_results("standing", start, options, NOT_CHOSEN, row)
 
 
 @dataclass

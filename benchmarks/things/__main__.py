@@ -26,7 +26,7 @@ from typing import Any, TypeVar
 import numpy as np
 from PIL import Image
 
-from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, provenance, write_json
+from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
 from fastsplat.service.capture.capture_files import load_capture
 from fastsplat.service.capture.image_io import load_rgb
@@ -63,7 +63,7 @@ T = TypeVar("T")
 
 
 def _main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("names", nargs="*", choices=[*_NAMES, []], default=[])
     parser.add_argument("--iterations", type=int, default=2500)
     parser.add_argument("--gaussians", type=int, default=30_000)

@@ -10,7 +10,6 @@ measured by default and go to trade_validation.json; only `--split test` fills t
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -22,7 +21,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, begin, chosen_on, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import add_split, results_file
 from benchmarks.trade.draw import draw
 from benchmarks.trade.trade_rows import BASE, Row, all_rows
@@ -41,7 +40,7 @@ _NOTE = (
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--minutes", type=float, default=45.0, help="no row begins later than this")
     parser.add_argument("--again", nargs="*", default=[], metavar="PATTERN")
     parser.add_argument("--only", nargs="*", default=["*"], metavar="PATTERN")

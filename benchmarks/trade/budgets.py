@@ -7,7 +7,6 @@ perception, training and export, by the stages' own clocks. Writes benchmarks/re
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -17,18 +16,17 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, ROOT, begin, chosen_on, provenance, write_json
+from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, write_results
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
 
-_OUT = RESULTS / "trade_budgets.json"
 _STAGES = ("perception", "training", "export")
 
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--seconds", type=float, nargs="*", default=[30.0, 60.0, 120.0])
     parser.add_argument("--data", nargs="*", default=["tabletop", "sample"])
     options = parser.parse_args()
@@ -40,7 +38,7 @@ def main() -> None:
             for seconds in options.seconds:
                 rows.append({"data": data, "budget_s": seconds, **_job(_upload(data), seconds, settings)})
                 print(json.dumps(rows[-1], ensure_ascii=False), flush=True)
-    write_json(_OUT, {**provenance(start, settings=options, chosen_on=chosen_on("tabletop", "test")), "rows": rows})
+    write_results("trade_budgets", start, options, chosen_on("tabletop", "test"), {"rows": rows})
 
 
 def _upload(data: str) -> dict[str, bytes]:

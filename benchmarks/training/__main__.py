@@ -1,6 +1,6 @@
 """Trains a data set for a given time; writes PSNR against seconds as JSON and as a picture.
 
-    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test] [--out benchmarks/results]
+    python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test]
 
 DATA is a folder with a nerfstudio `transforms.json` whose frames may name id masks (`mask_path`, with `labels` beside
 the frames) and with `points3d.ply`. Seconds are those of optimisation, the evaluations along the way included. Views of
@@ -9,13 +9,12 @@ the training split are measured, as rates are to be chosen by those; with `--spl
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.provenance import RESULTS, begin, chosen_on, peak_megabytes, provenance, write_json
+from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, peak_megabytes, provenance, write_json
 from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.common.progress import ProgressEvent
@@ -25,14 +24,13 @@ from fastsplat.service.splatting.train import train
 
 def main() -> None:
     """Command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument("--seconds", type=float, default=240.0)
     parser.add_argument("--gaussians", type=int, default=40_000)
     add_split(parser)
     parser.add_argument("--evaluations", type=int, default=24)
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
-    parser.add_argument("--out", type=Path, default=RESULTS)
     options = parser.parse_args()
     settings = TrainingSettings.model_validate(
         {
@@ -46,9 +44,9 @@ def main() -> None:
     )
     result = _measure(options.data, settings, options.split)
     name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
-    write_json(options.out / f"{name}.json", result)
+    write_json(RESULTS / f"{name}.json", result)
     if options.split == "test":
-        _draw(result, options.out / f"{name}.png")
+        _draw(result, RESULTS / f"{name}.png")
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 

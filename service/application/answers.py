@@ -209,7 +209,7 @@ class Answers:
         def read(index: SceneIndex, read_version: str) -> PickedThing:
             posed = view_of(index, request.view) if request.view is not None else request.camera
             if posed is not None:
-                check_pixels((posed,), 1, self._settings.calls)
+                check_pixels((posed,), 1)
             things, part_id = index.things, 0
             if request.point is not None:
                 thing_id = things.at_point(request.point)
@@ -262,7 +262,7 @@ class Answers:
         cameras += [(name, 0, view_of(index, name)) for name in request.views]
         if "mask2d" in request.outputs:
             views = [posed for _, _, posed in cameras]
-            check_pixels(views, len(request.texts), self._settings.calls)
+            check_pixels(views, len(request.texts))
             for posed in views:
                 index.check_view(posed)
             charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
@@ -311,9 +311,9 @@ class Answers:
             templates=request.templates or None,
             coverage=request.coverage,
         )
-        check_encodings(query, self._settings.calls)
+        check_encodings(query)
         if "mask2d" in request.outputs:
-            check_pixels(request.cameras, len(request.texts), self._settings.calls)
+            check_pixels(request.cameras, len(request.texts))
         check_texts(dataclasses.replace(request, scene_id=""))  # whatever id there is not is not found
         if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
             raise InvalidInputError(
@@ -336,7 +336,7 @@ class Answers:
             raise LimitExceededError(
                 f"{count} cameras",
                 field="cameras",
-                limit=f"{limits.max_poses} cameras (FASTSPLAT_QUERY__MAX_POSES)",
+                limit=f"{limits.max_poses} cameras",
                 hint="Ask in several requests.",
             )
         return query

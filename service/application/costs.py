@@ -5,24 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from fastsplat.service.query.query_text import TextQuery
-from fastsplat.service.settings import CallSettings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import LimitExceededError
 
+_MAX_ENCODINGS = 1_024
+"""Sentences that one question may have encoded: (texts + negatives) x templates."""
+_MAX_QUESTION_PIXELS = 2**27
+"""Pixels that one question may have rendered: views x texts."""
 
-def check_encodings(query: TextQuery, limits: CallSettings) -> None:
+
+def check_encodings(query: TextQuery) -> None:
     """Raise if a question has too many sentences to encode: (texts + negatives) times templates.
 
     Raises:
-        LimitExceededError: more than `limits.max_encodings`.
+        LimitExceededError: more than `_MAX_ENCODINGS`.
     """
     texts, negatives, templates = len(query.texts), len(query.negatives), len(query.templates)
     count = (texts + negatives) * templates
-    if count > limits.max_encodings:
+    if count > _MAX_ENCODINGS:
         raise LimitExceededError(
             f"({texts} texts + {negatives} negatives) x {templates} templates = {count} sentences to encode",
             field="templates",
-            limit=f"{limits.max_encodings} sentences (FASTSPLAT_CALLS__MAX_ENCODINGS)",
+            limit=f"{_MAX_ENCODINGS} sentences",
             hint="Ask in several requests, or with fewer templates.",
         )
 
@@ -38,23 +42,22 @@ def rendering_cost(cameras: Iterable[PosedCamera], masks: int, gaussians: int) -
     return masks * sum(posed.camera.width * posed.camera.height + gaussians for posed in cameras)
 
 
-def check_pixels(cameras: Iterable[PosedCamera], masks: int, limits: CallSettings) -> None:
+def check_pixels(cameras: Iterable[PosedCamera], masks: int) -> None:
     """Raise if a question has too many pixels to render: those of its views, for every text.
 
     Args:
         cameras: the views.
         masks: how many texts each is rendered for.
-        limits: the server's.
 
     Raises:
-        LimitExceededError: more than `limits.max_pixels`.
+        LimitExceededError: more than `_MAX_QUESTION_PIXELS`.
     """
     views = [posed.camera for posed in cameras]
     pixels = masks * sum(camera.width * camera.height for camera in views)
-    if pixels > limits.max_pixels:
+    if pixels > _MAX_QUESTION_PIXELS:
         raise LimitExceededError(
             f"{masks} texts x {len(views)} views = {pixels} pixels to render",
             field="cameras",
-            limit=f"{limits.max_pixels} pixels (FASTSPLAT_CALLS__MAX_PIXELS)",
+            limit=f"{_MAX_QUESTION_PIXELS} pixels",
             hint="Ask in several requests, or for smaller views.",
         )

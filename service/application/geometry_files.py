@@ -12,7 +12,7 @@ from fastsplat.service.application.camera_files import transforms
 from fastsplat.service.common.zips import zipped
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surface_mesh import surface_mesh
-from fastsplat.service.query.surface_points import surface_points
+from fastsplat.service.query.surface_points import MAX_SURFACE_POINTS, surface_points
 from fastsplat.service.query.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
 from fastsplat.service.scene.colmap_writing import colmap_model
 from fastsplat.service.scene.mesh_glb import mesh_glb
@@ -47,7 +47,7 @@ def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
         _PER_GAUSSIAN * len(index.scene.gaussians)
         + _PER_PIXEL * max(pixels)
         + (BYTES_PER_PIXEL + 12) * sum(pixels)
-        + _PER_POINT * index.settings.max_surface_points
+        + _PER_POINT * MAX_SURFACE_POINTS
         + (_PER_VOXEL * index.settings.max_surface_voxels if mesh else 0)
     )
 
@@ -70,9 +70,7 @@ def points_file(
         LimitExceededError: too many points.
     """
     _check_whole(index, things)
-    most = index.settings.max_surface_points
-    limit = f"{most} points (FASTSPLAT_QUERY__MAX_SURFACE_POINTS)"
-    samples, width = surface_points(views_of(index), cell=cell, most=most, limit=limit)
+    samples, width = surface_points(views_of(index), cell=cell)
     if things:
         samples = samples.where(np.isin(samples.things, list(things)))
     labels = {number: entry.label for number, entry in enumerate(index.scene.dictionary.entries, 1)}
@@ -124,7 +122,6 @@ def mesh_file(
     mesh = surface_mesh(
         views_of(index),
         cell=cell,
-        most_points=index.settings.max_surface_points,
         most_voxels=most,
         limit=f"{most} voxels (FASTSPLAT_QUERY__MAX_SURFACE_VOXELS)",
     )

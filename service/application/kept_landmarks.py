@@ -17,7 +17,14 @@ from fastsplat.service.capture.image_io import load_rgb
 from fastsplat.service.capture.kept_capture import kept_lenses
 from fastsplat.service.capture.scene_photos import photo_folder, photo_path
 from fastsplat.service.common.radial_lens import middle_lens
-from fastsplat.service.localization.landmarks import BYTES_PER_LANDMARK, Landmarks, Photo, find_landmarks
+from fastsplat.service.localization.landmarks import (
+    BYTES_PER_LANDMARK,
+    KEYPOINTS_PER_PHOTO,
+    MAX_LANDMARK_VIEWS,
+    Landmarks,
+    Photo,
+    find_landmarks,
+)
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.blobs import Blobs
@@ -63,7 +70,7 @@ class KeptLandmarks:
         def find() -> Landmarks:
             photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
             lens = middle_lens(kept_lenses(photo_folder(folder)))
-            return find_landmarks(photos, index.geometry, self._settings, lens)
+            return find_landmarks(photos, index.geometry, lens)
 
         landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)
         with self._lock:
@@ -78,7 +85,7 @@ class KeptLandmarks:
 
     @property
     def _largest(self) -> int:
-        return BYTES_PER_LANDMARK * self._settings.keypoints * self._settings.max_views
+        return BYTES_PER_LANDMARK * KEYPOINTS_PER_PHOTO * MAX_LANDMARK_VIEWS
 
     def _drop(self) -> None:
         with self._lock:

@@ -14,7 +14,6 @@ from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
-from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.localize_messages import LocalizedPhoto, PhotoDifference, ThingInView
@@ -30,7 +29,6 @@ def localized_photos(
     sent: Sequence[SentPhoto],
     focals: Sequence[float | None],
     rough: Sequence[NDArray[np.float64]],
-    settings: LocalizationSettings,
 ) -> tuple[LocalizedPhoto, ...]:
     """One answer for each photo, in order.
 
@@ -40,13 +38,12 @@ def localized_photos(
         sent: the photos.
         focals: pixels of each photo as it was sent; None: the photo's own, or unknown.
         rough: float64 [4, 4] each, world from camera; none, or one for each photo.
-        settings: see there.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
     """
     photos = [_photo(one, focal) for one, focal in zip(sent, focals, strict=True)]
-    placed = place_photos(photos, landmarks, index.geometry, settings, rough)
+    placed = place_photos(photos, landmarks, index.geometry, rough)
     return tuple(_answer(index, one, own) for one, own in zip(sent, placed, strict=True))
 
 

@@ -24,6 +24,9 @@ from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 if TYPE_CHECKING:  # torch and pycolmap load when they are used
     from fastsplat.service.query.scene_index import SceneIndex
 
+MAX_PHOTOS_BYTES = 32 * 2**20
+"""Bytes of all photos of a request over REST; over gRPC a message has at most 4 MiB."""
+
 _PHOTO_COST = 2.0**23
 """Finding a photo's keypoints takes about as long as rendering so many pixels, and its pose as long again."""
 _WORK_BYTES = 192 << 20
@@ -89,7 +92,7 @@ class Localizing:
                 landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
-                answers = localized_photos(index, landmarks, sent, _focals(request), rough, self._settings.localization)
+                answers = localized_photos(index, landmarks, sent, _focals(request), rough)
             return Localization(answers, index.scene.scale == "METRIC", version)
 
         try:
@@ -123,8 +126,8 @@ def check_photos(request: LocalizeRequest, settings: Settings) -> None:
         if not photo:
             raise InvalidInputError("an empty file", field=f"photos[{number}]", hint="Send the bytes of an image file.")
     size = sum(map(len, request.photos))
-    if size > limits.max_bytes:
-        raise too_many_bytes(size, limits.max_bytes)
+    if size > MAX_PHOTOS_BYTES:
+        raise too_many_bytes(size)
     if len(request.focals) not in (0, 1, count):
         raise InvalidInputError(
             f"{len(request.focals)} focal lengths for {count} photos",
@@ -147,12 +150,12 @@ def check_photos(request: LocalizeRequest, settings: Settings) -> None:
             )
 
 
-def too_many_bytes(size: int, limit: int) -> LimitExceededError:
+def too_many_bytes(size: int) -> LimitExceededError:
     """The error of photos that are too large together."""
     return LimitExceededError(
         f"photos of {size} bytes",
         field="photos",
-        limit=f"{limit} bytes, all photos together (FASTSPLAT_LOCALIZATION__MAX_BYTES)",
+        limit=f"{MAX_PHOTOS_BYTES} bytes, all photos together",
         hint="Send smaller versions: 1,600 pixels are enough.",
     )
 

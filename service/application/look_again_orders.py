@@ -8,7 +8,7 @@ from fastsplat.service.application.scene_orders import order_job
 from fastsplat.service.application.validate import check_request_id, check_texts
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.things import checked_name
-from fastsplat.service.settings import Settings, StoreSettings
+from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat.service.store.records import LOOK_AGAIN, NewJob
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import to_plain
@@ -37,7 +37,7 @@ def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: 
     return order_job(LOOK_AGAIN, scene_id, request.request_id, to_plain(LookAgainIn(texts)), project)
 
 
-def _checked(texts: Sequence[str], limits: StoreSettings) -> tuple[str, ...]:
+def _checked(texts: Sequence[str], limits: StoreOptions) -> tuple[str, ...]:
     """The texts without white space at their ends."""
     if not texts:
         raise InvalidInputError(
@@ -47,7 +47,7 @@ def _checked(texts: Sequence[str], limits: StoreSettings) -> tuple[str, ...]:
         raise LimitExceededError(
             f"{len(texts)} texts",
             field="texts",
-            limit=f"{limits.max_labels} texts (FASTSPLAT_STORE__MAX_LABELS)",
+            limit=f"{limits.max_labels} texts",
             hint="Look for them in several operations.",
         )
     first: dict[str, int] = {}
@@ -58,7 +58,7 @@ def _checked(texts: Sequence[str], limits: StoreSettings) -> tuple[str, ...]:
             raise LimitExceededError(
                 f"a text of {len(text)} characters",
                 field=field,
-                limit=f"{limits.max_label_chars} characters (FASTSPLAT_STORE__MAX_LABEL_CHARS)",
+                limit=f"{limits.max_label_chars} characters",
                 hint="A word or two say what a thing is.",
             )
         checked.append(checked_name(text, field))

@@ -9,6 +9,7 @@ from fastsplat.service.common.zips import zipped
 from fastsplat.service.query.floors import floor_ids, names_of_others
 from fastsplat.service.query.occupancy import (
     FREE,
+    MAX_MAP_CELLS,
     OCCUPIED,
     RESOLUTION,
     OccupancyMap,
@@ -36,7 +37,7 @@ def map_bytes(index: SceneIndex) -> int:
         InvalidInputError: the scene has no cameras, or as `check_map_frame`.
     """
     check_map_frame(index.scene)
-    own = _PER_CELL * index.settings.max_map_cells + _PER_SAMPLE * _SAMPLES
+    own = _PER_CELL * MAX_MAP_CELLS + _PER_SAMPLE * _SAMPLES
     return surface_bytes(index, mesh=False) + own
 
 
@@ -59,8 +60,6 @@ def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_vie
         names_of_others(index.things.present, index.scene.dictionary),
         resolution=cell or RESOLUTION,
         height=index.settings.map_height,
-        most_points=index.settings.max_surface_points,
-        most_cells=index.settings.max_map_cells,
     )
 
 

@@ -129,7 +129,7 @@ class Photos:
             )
         query = check_query((text,), self._settings.query) if text else None
         if query is not None:
-            check_encodings(query, self._settings.calls)
+            check_encodings(query)
         version, names, folder = self._cameras(scene_id, version)
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
 

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
     from fastsplat.service.query.edit import Edit as SceneEdit
 
+_MAX_PROMPT_PIXELS = 64
+"""Pixels on and beside the thing that one prompt may have."""
+
 _PICTURE_COST = 2.0**23
 """Segmenting a picture takes about as long as rendering so many pixels."""
 
@@ -60,7 +63,7 @@ class PromptedEdits:
             if edit.prompt is not None and edit.action in PROMPTED:
                 count += 1
                 try:
-                    _check(edit.prompt, self._settings.prompts.max_pixels)
+                    _check(edit.prompt, _MAX_PROMPT_PIXELS)
                 except (InvalidInputError, LimitExceededError) as error:
                     raise error.within(f"edits[{number}].prompt") from error
         if count:
@@ -145,7 +148,7 @@ def _check(prompt: ThingPrompt, max_pixels: int) -> None:
         raise LimitExceededError(
             f"{count} pixels in one prompt",
             field="pixels" if len(prompt.pixels) >= len(prompt.background) else "background",
-            limit=f"{max_pixels} pixels, background included (FASTSPLAT_PROMPTS__MAX_PIXELS)",
+            limit=f"{max_pixels} pixels, background included",
             hint="A few pixels say as much.",
         )
 

@@ -258,15 +258,15 @@ class ResumableUploads:
         """Raise if a key for one upload may not have what it has, the new file included."""
         owned = list(self._all(project))
         limits = (
-            (sum(upload.length for upload in owned), self.max_bytes, "bytes", "FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES"),
-            (len(owned), self._max_files, "files", "FASTSPLAT_CAPTURE__MAX_ENTRIES"),
+            (sum(upload.length for upload in owned), self.max_bytes, "bytes (FASTSPLAT_CAPTURE__MAX_UPLOAD_BYTES)"),
+            (len(owned), self._max_files, "files"),
         )
-        for count, limit, unit, setting in limits:
+        for count, limit, unit in limits:
             if count > limit:
                 raise LimitExceededError(
-                    f"the files of this key's upload would be {count} {unit}",
+                    f"the files of this key's upload would be {count} {unit.split()[0]}",
                     field="Upload-Length",
-                    limit=f"{limit} {unit} ({setting})",
+                    limit=f"{limit} {unit}",
                     hint="Send fewer or smaller images, or delete files that were sent and are not needed.",
                 )
         for upload in owned:

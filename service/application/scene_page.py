@@ -13,6 +13,7 @@ import numpy as np
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.json_codec import to_plain
@@ -63,7 +64,7 @@ def scene_page(index: SceneIndex, name: str, spz: bytes) -> bytes:
 
 def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
     packed: dict[tuple[int, ...], str] = {}
-    at_once = index.settings.max_texts
+    at_once = MAX_TEXTS
     for start in range(0, len(names), at_once):
         check_cancelled()
         for answer in index.ask(names[start : start + at_once]):

@@ -63,6 +63,9 @@ from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
 
+MAX_LISTED = 5_000
+"""Labels and cameras of a scene that are told in one piece."""
+
 Admit = Callable[[Path, CaptureSettings, bool], ValidatedUpload]
 
 
@@ -79,7 +82,7 @@ class SceneService:
         self._store = store.in_project(self.project)
         self._settings = settings
         self._check_files = admit or admit_upload
-        self._validating = ValidationSlots(settings.capture.concurrent_validations)
+        self._validating = ValidationSlots()
         self._memory = MemoryBudget(settings.calls, machine_bytes())
         self._scenes = OpenScenes(self._store, settings, self._memory)
         self.answers = Answers(self._store, settings, self._scenes, self._memory)
@@ -285,7 +288,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._store.scenes.scene(scene_id), self._settings.calls.max_listed)
+        return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
         """Rename a scene, in whatever state it is. Returns it as `get_scene`.
@@ -295,7 +298,7 @@ class SceneService:
             InvalidInputError, LimitExceededError: a name that no scene may have.
             ConflictError: its name is not the expected one.
         """
-        check_scene_name(update.name, self._settings.store)
+        check_scene_name(update.name)
         self._store.scenes.rename(scene_id, update.name, update.expected_name)
         return self.get_scene(scene_id)
 

@@ -43,7 +43,7 @@ def train_more_job(scene_id: str, version: str, request: TrainMoreIn, project: s
             hint="Train it further several times.",
         )
     if request.seconds is not None:
-        check_seconds(request.seconds, "seconds", settings.store)
+        check_seconds(request.seconds, "seconds")
     if request.preset is not None:
         preset_name(request.preset)
     order = to_plain(replace(request, request_id=""))

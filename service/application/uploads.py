@@ -208,7 +208,7 @@ class UploadSession:
             raise LimitExceededError(
                 f"more than {self._settings.max_entries} files",
                 field="files",
-                limit=f"{self._settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+                limit=f"{self._settings.max_entries} files",
                 hint="Send fewer images.",
             )
         path = self.raw.joinpath(*parts)

@@ -12,10 +12,15 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.planning.presets import preset_name
-from fastsplat.service.settings import Settings, StoreSettings
+from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
+
+_MAX_NAME_CHARS = 200
+"""Characters of a scene's name."""
+_MAX_TIME_BUDGET_S = 24 * 3600.0
+"""Seconds of training that one scene may ask for."""
 
 _DEFAULT_PAGE = 50
 
@@ -68,7 +73,7 @@ def check_pick(request: PickRequest) -> None:
         )
 
 
-def check_page_size(size: int, limits: StoreSettings) -> int:
+def check_page_size(size: int, limits: StoreOptions) -> int:
     """The page size to use: the default for 0, cut to the server's limit.
 
     Raises:
@@ -79,38 +84,38 @@ def check_page_size(size: int, limits: StoreSettings) -> int:
     return min(size or _DEFAULT_PAGE, limits.max_page_size)
 
 
-def check_request(name: str, request_id: str, options: SceneOptions, limits: StoreSettings) -> None:
+def check_request(name: str, request_id: str, options: SceneOptions, limits: StoreOptions) -> None:
     """Raise unless a scene may be made under this name, request id and options.
 
     Raises:
         InvalidInputError: a value that makes no sense.
         LimitExceededError: a value over the server's limits.
     """
-    check_scene_name(name, limits)
+    check_scene_name(name)
     check_request_id(request_id)
     check_texts(options)
     if len(options.labels) > limits.max_labels:
         raise LimitExceededError(
             f"{len(options.labels)} labels",
             field="labels",
-            limit=f"{limits.max_labels} labels (FASTSPLAT_STORE__MAX_LABELS)",
+            limit=f"{limits.max_labels} labels",
         )
     for label in options.labels:
-        _check_length("labels", label, limits.max_label_chars, "FASTSPLAT_STORE__MAX_LABEL_CHARS")
+        _check_length("labels", label, limits.max_label_chars)
         if not label_key(label):
             raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
     _check_choices(options)
     _check_budgets(options, limits)
 
 
-def check_scene_name(name: str, limits: StoreSettings) -> None:
+def check_scene_name(name: str) -> None:
     """Raise unless a scene may have this name; "" is none.
 
     Raises:
         InvalidInputError: control characters.
         LimitExceededError: too long.
     """
-    _check_length("name", name, limits.max_name_chars, "FASTSPLAT_STORE__MAX_NAME_CHARS")
+    _check_length("name", name, _MAX_NAME_CHARS)
     if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
         raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
 
@@ -151,7 +156,7 @@ def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
         )
 
 
-def check_seconds(seconds: float, field: str, limits: StoreSettings) -> None:
+def check_seconds(seconds: float, field: str) -> None:
     """Raise unless a job may have so long.
 
     Raises:
@@ -162,11 +167,11 @@ def check_seconds(seconds: float, field: str, limits: StoreSettings) -> None:
         raise InvalidInputError(
             f"a time budget of {seconds} s", field=field, hint="Give seconds above 0, or leave it out."
         )
-    if seconds > limits.max_time_budget_s:
+    if seconds > _MAX_TIME_BUDGET_S:
         raise LimitExceededError(
             f"a time budget of {seconds} s",
             field=field,
-            limit=f"{limits.max_time_budget_s} s (FASTSPLAT_STORE__MAX_TIME_BUDGET_S)",
+            limit=f"{_MAX_TIME_BUDGET_S} s",
         )
 
 
@@ -222,10 +227,10 @@ def _check_choices(options: SceneOptions) -> None:
         )
 
 
-def _check_budgets(options: SceneOptions, limits: StoreSettings) -> None:
+def _check_budgets(options: SceneOptions, limits: StoreOptions) -> None:
     seconds, gaussians = options.time_budget_s, options.max_gaussians
     if seconds is not None:
-        check_seconds(seconds, "time_budget_s", limits)
+        check_seconds(seconds, "time_budget_s")
     if gaussians is not None:
         if gaussians < 1:
             raise InvalidInputError(
@@ -235,15 +240,13 @@ def _check_budgets(options: SceneOptions, limits: StoreSettings) -> None:
             raise LimitExceededError(
                 f"a budget of {gaussians} Gaussians",
                 field="max_gaussians",
-                limit=f"{limits.max_gaussians} (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+                limit=f"{limits.max_gaussians}",
             )
 
 
-def _check_length(field: str, text: str, limit: int, setting: str) -> None:
+def _check_length(field: str, text: str, limit: int) -> None:
     if len(text) > limit:
-        raise LimitExceededError(
-            f"{field} of {len(text)} characters", field=field, limit=f"{limit} characters ({setting})"
-        )
+        raise LimitExceededError(f"{field} of {len(text)} characters", field=field, limit=f"{limit} characters")
 
 
 def admit_upload(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:

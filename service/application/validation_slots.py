@@ -9,6 +9,9 @@ from contextlib import contextmanager
 
 from fastsplat.service.common.cancellation import check_cancelled
 
+CONCURRENT_VALIDATIONS = 2
+"""So many uploads are checked at the same time; more of them wait."""
+
 _POLL_S = 0.1
 
 
@@ -19,7 +22,7 @@ class ValidationSlots:
         count: places of all owners.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int = CONCURRENT_VALIDATIONS) -> None:
         self._count = count
         self._share = max(1, count - 1)
         self._taken: Counter[str] = Counter()

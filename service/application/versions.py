@@ -44,6 +44,9 @@ from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
 
+_MAX_EDITS = 100
+"""Edits in one request."""
+
 _TRIES = 5
 
 
@@ -325,7 +328,7 @@ class Versions:
             raise LimitExceededError(
                 f"{after} Gaussians",
                 field="things",
-                limit=f"{limit} (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+                limit=f"{limit}",
                 hint="Add fewer, or remove some first.",
             )
 
@@ -346,14 +349,14 @@ class Versions:
     def _check(self, edits: Sequence[Edit], request_id: str) -> None:
         check_request_id(request_id)
         check_texts(tuple(edits), "edits")
-        limit = self._settings.calls.max_edits
+        limit = _MAX_EDITS
         if not edits:
             raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
         if len(edits) > limit:
             raise LimitExceededError(
                 f"{len(edits)} edits",
                 field="edits",
-                limit=f"{limit} edits (FASTSPLAT_CALLS__MAX_EDITS)",
+                limit=f"{limit} edits",
                 hint="Send them in several requests.",
             )
 

@@ -21,6 +21,10 @@ from fastsplat_contract.camera import Camera, PosedCamera
 if TYPE_CHECKING:  # onnxruntime loads with the first prompt
     from fastsplat.service.perception.types import Segmenter
 
+_KEPT_VIEWS = 16
+"""Views of which the segmenter's answer to the picture is kept for the next prompt, about 4 MiB each; the least
+recently used leave first."""
+
 _OPEN_BYTES = 768 << 20
 """Of MobileSAM after its first pictures, measured: 690 MiB, nearly all of it room for what its layers compute."""
 _EMBEDDING_BYTES = 4 << 20
@@ -77,7 +81,7 @@ class WarmSegmenter:
     @property
     def bytes(self) -> int:
         """What it holds at most, by estimate."""
-        return _OPEN_BYTES + self._settings.prompts.kept_views * _EMBEDDING_BYTES
+        return _OPEN_BYTES + _KEPT_VIEWS * _EMBEDDING_BYTES
 
     @contextmanager
     def used(self) -> Iterator[None]:
@@ -102,7 +106,7 @@ class WarmSegmenter:
         with self._lock:
             if self._open is None:
                 segmenter = open_segmenter(self._settings.perception, self._settings.models)
-                self._open = OpenSegmenter(segmenter, self._settings.prompts.kept_views)
+                self._open = OpenSegmenter(segmenter, _KEPT_VIEWS)
             return self._open
 
     def drop(self) -> None:

@@ -105,7 +105,7 @@ class _Writer:
             raise UnsafeArchiveError(
                 f"{self._archive} unpacks to more than {ratio} times its size, as decompression bombs do",
                 field=self._archive,
-                limit=f"{ratio} times (FASTSPLAT_CAPTURE__MAX_COMPRESSION_RATIO)",
+                limit=f"{ratio} times",
                 hint="Send the images as they are.",
             )
 
@@ -289,6 +289,6 @@ def _too_many_entries(archive: str, settings: CaptureSettings) -> LimitExceededE
     return LimitExceededError(
         f"{archive} has more than {settings.max_entries} entries",
         field=archive,
-        limit=f"{settings.max_entries} entries (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+        limit=f"{settings.max_entries} entries",
         hint="Send fewer images.",
     )

@@ -26,7 +26,7 @@ def read_json(path: Path, name: str, settings: CaptureSettings) -> Any:
         raise LimitExceededError(
             f"{name} has {path.stat().st_size} bytes",
             field=name,
-            limit=f"{settings.max_json_bytes} bytes (FASTSPLAT_CAPTURE__MAX_JSON_BYTES)",
+            limit=f"{settings.max_json_bytes} bytes",
             hint="Send poses only, not measurements.",
         )
     try:

@@ -130,7 +130,7 @@ def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededErro
     return LimitExceededError(
         f"{field} has more points than this server accepts",
         field=field,
-        limit=f"{settings.max_model_points} points (FASTSPLAT_CAPTURE__MAX_MODEL_POINTS)",
+        limit=f"{settings.max_model_points} points",
         hint="Send a sparse model.",
     )
 

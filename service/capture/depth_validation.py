@@ -54,7 +54,7 @@ def check_depths(
         raise LimitExceededError(
             "the depth maps of the upload have too many pixels together",
             field="files",
-            limit=f"{settings.max_pixels} pixels (FASTSPLAT_CAPTURE__MAX_PIXELS)",
+            limit=f"{settings.max_pixels} pixels",
             hint="Send fewer or smaller depth maps.",
         )
     if not empty:

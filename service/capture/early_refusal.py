@@ -58,7 +58,7 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
         raise _refusal(
             f"the photos show places that have nothing in common: no more than {largest} of {count} belong together",
             count,
-            f"a share of {min_share:g} (FASTSPLAT_CAPTURE__MIN_REGISTERED_SHARE)",
+            f"a share of {min_share:g}",
         )
     if largest < _NEARLY_ALL * count and not complete:
         return

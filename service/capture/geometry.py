@@ -58,13 +58,13 @@ def validate_reconstruction(
     if registered < max(2, min_registered_share * reconstruction.images):
         raise ReconstructionError(
             f"only {registered} of {reconstruction.images} images could be registered",
-            limit=f"a share of {min_registered_share:g} (FASTSPLAT_CAPTURE__MIN_REGISTERED_SHARE)",
+            limit=f"a share of {min_registered_share:g}",
             hint=PHOTO_HINT,
         )
     if points < min_points:
         raise ReconstructionError(
             f"only {points} points are seen by several images",
-            limit=f"{min_points} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
+            limit=f"{min_points} points",
             hint=PHOTO_HINT,
         )
     _refuse_degenerate(reconstruction)

@@ -138,7 +138,7 @@ class ImageDecoder:
                 raise ResourceError(
                     f"decoding {name} took too long",
                     field=name,
-                    limit=f"{self._settings.validation_seconds} s (FASTSPLAT_CAPTURE__VALIDATION_SECONDS)",
+                    limit=f"{self._settings.validation_seconds} s",
                     hint="Send a smaller version.",
                 )
             length = os.readv(pipe, [memoryview(buffer)[done:]])

@@ -12,6 +12,10 @@ from fastsplat.service.capture.left_out import LeftOut
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat_contract.errors import CorruptImageError, LimitExceededError
 
+_MAX_PIXELS_PER_BYTE = 200
+"""An upload with more pixels than so many times its bytes as sent is refused as a decompression bomb. A photo has
+about 4, a synthetic image on a plain background up to 50. The first 256 megapixels are free."""
+
 _FREE_PIXELS = 256_000_000
 
 
@@ -25,7 +29,7 @@ def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: C
     """
     if len(names) > 2 * settings.max_images:
         raise too_many_images(len(names), settings)
-    pixels, ratio = 0, settings.max_pixels_per_byte
+    pixels, ratio = 0, _MAX_PIXELS_PER_BYTE
     for name in names:
         try:
             width, height = read_size(files, name, settings)
@@ -36,14 +40,14 @@ def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: C
             raise LimitExceededError(
                 "the images of the upload have too many pixels together",
                 field=name,
-                limit=f"{settings.max_pixels} pixels (FASTSPLAT_CAPTURE__MAX_PIXELS)",
+                limit=f"{settings.max_pixels} pixels",
                 hint="Send fewer or smaller images.",
             )
         if pixels > max(_FREE_PIXELS, ratio * sent_bytes):
             raise LimitExceededError(
                 f"the images have more than {ratio} pixels a byte of the upload, as decompression bombs do",
                 field=name,
-                limit=f"{ratio} pixels a byte (FASTSPLAT_CAPTURE__MAX_PIXELS_PER_BYTE)",
+                limit=f"{ratio} pixels a byte",
                 hint="Send fewer or smaller images.",
             )
 

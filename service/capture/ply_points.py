@@ -33,7 +33,7 @@ def read_points(path: Path, name: str, settings: CaptureSettings) -> tuple[NDArr
             raise LimitExceededError(
                 f"{name} claims {rows} points",
                 field=name,
-                limit=f"{settings.max_model_points} points (FASTSPLAT_CAPTURE__MAX_MODEL_POINTS)",
+                limit=f"{settings.max_model_points} points",
                 hint="Send a sparse model.",
             )
         columns = _ascii(file, rows, fields, name) if form == "ascii" else _binary(file, rows, fields, form, name)

@@ -31,6 +31,9 @@ from fastsplat.service.capture.types import ScaleEstimate, View
 from fastsplat.service.common.file_names import list_names
 from fastsplat_contract.errors import ReconstructionError
 
+_DEPTH_POINTS = 5_000
+"""Points taken from the depth maps of a capture, all together, for the scene to start from."""
+
 PosedTask = Literal["triangulate", "refine"]
 SfmAnswer = tuple[dict[str, Any], NDArray[np.float64], NDArray[np.uint8]]
 """What a task of structure from motion answers, its points float64 [P, 3] and their colors uint8 [P, 3]."""
@@ -85,11 +88,11 @@ def posed_geometry(
         if dataset.tracked:
             views, warnings = _refined(views, result)
     fitted = _fitted(PosedGeometry(views, points, colors, error_px, None, warnings), dataset)
-    measured, measured_colors = depth_points(fitted.views, settings.depth_points)
+    measured, measured_colors = depth_points(fitted.views, _DEPTH_POINTS)
     if len(fitted.points) + len(measured) < settings.min_points and not len(dataset.points):
         raise ReconstructionError(
             f"only {len(fitted.points)} points agree with the camera poses",
-            limit=f"{settings.min_points} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
+            limit=f"{settings.min_points} points",
             hint="Send sharper photos of things with texture, or depth maps that have more known pixels.",
         )
     return replace(

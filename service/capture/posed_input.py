@@ -105,7 +105,7 @@ def missing_warning(
         raise InvalidInputError(
             f"{len(missing)} of {frames} frames of {field} name images that are not in the upload: {listed}",
             field=field,
-            limit=f"a share of {settings.min_frames_present:g} of the images (FASTSPLAT_CAPTURE__MIN_FRAMES_PRESENT)",
+            limit=f"a share of {settings.min_frames_present:g} of the images",
             hint="Send the images under the names that file_path gives them.",
         )
     return (f"{len(missing)} of {frames} frames of {field} are skipped, as their images are missing: {listed}.",)

@@ -59,7 +59,7 @@ _DESCRIPTIONS: dict[Task, str] = {
 
 @dataclass(frozen=True)
 class _Limits:
-    """What a task may use, and the settings that say so."""
+    """What a task may use, and the settings that say so, where one does."""
 
     memory_bytes: int
     memory_setting: str
@@ -72,11 +72,11 @@ class _Limits:
 
     @property
     def memory(self) -> str:
-        return f"{self.memory_bytes} bytes ({self.memory_setting})"
+        return f"{self.memory_bytes} bytes" + _named(self.memory_setting)
 
     @property
     def time(self) -> str:
-        return f"{self.seconds} s ({self.seconds_setting})"
+        return f"{self.seconds} s" + _named(self.seconds_setting)
 
 
 def validate_in_sandbox(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
@@ -180,18 +180,22 @@ def _environment(folder: Path) -> dict[str, str]:
     return {**passed_on, **_ENVIRONMENT, "HOME": str(folder), "TMPDIR": str(folder)}
 
 
+def _named(setting: str) -> str:
+    return f" ({setting})" if setting else ""
+
+
 def _limits(task: Task, settings: CaptureSettings) -> _Limits:
     if task in ("validate", "probe"):
         return _Limits(
             settings.validation_memory_bytes,
-            "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES",
+            "",
             settings.validation_seconds,
-            "FASTSPLAT_CAPTURE__VALIDATION_SECONDS",
+            "",
         )
     if task == "decode":  # all images of an upload; each alone has validation_seconds
         return _Limits(
             settings.validation_memory_bytes,
-            "FASTSPLAT_CAPTURE__VALIDATION_MEMORY_BYTES",
+            "",
             settings.sfm_seconds,
             "FASTSPLAT_CAPTURE__SFM_SECONDS",
         )

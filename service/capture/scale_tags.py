@@ -21,6 +21,9 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, ScaleEstimate
 from fastsplat_contract.camera import PosedCamera
 
+_TAG_SIDE_ERROR_M = 0.0002
+"""Standard deviation of that side, by the printer and the ruler; part of every interval that is stated."""
+
 F64 = NDArray[np.float64]
 
 TAG_FAMILY = cv2.aruco.DICT_APRILTAG_36h11
@@ -146,7 +149,7 @@ def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int
         gray = np.asarray(cv2.cvtColor(load_rgb(view.image_path), cv2.COLOR_RGB2GRAY), np.uint8)
         sightings += find_tags(gray, index, range(settings.first_tag, settings.last_tag + 1))
     cameras = [view.posed for view in capture.views]
-    scale = estimate_scale(sightings, cameras, settings.tag_side_m, settings.tag_side_error_m)
+    scale = estimate_scale(sightings, cameras, settings.tag_side_m, _TAG_SIDE_ERROR_M)
     return capture if scale is None else metric_capture(capture, scale)
 
 

@@ -130,7 +130,7 @@ def triangulate(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     if result.num_points3D() < request["min_points"]:
         raise ReconstructionError(
             f"only {result.num_points3D()} points agree with the camera poses",
-            limit=f"{request['min_points']} points (FASTSPLAT_CAPTURE__MIN_POINTS)",
+            limit=f"{request['min_points']} points",
             hint="Check the convention of the poses (axes, world-from-camera) and the intrinsics, or send points.",
         )
     save_points(result, folder)

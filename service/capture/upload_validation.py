@@ -95,7 +95,7 @@ def _lay_out(upload_dir: Path, files: Path, settings: CaptureSettings) -> None:
         raise LimitExceededError(
             f"the upload has {len(plain)} files",
             field="files",
-            limit=f"{settings.max_entries} files (FASTSPLAT_CAPTURE__MAX_ENTRIES)",
+            limit=f"{settings.max_entries} files",
             hint="Send fewer images.",
         )
     archives = [path for path in plain if path.suffix.lower() != SPZ_SUFFIX and is_archive(path)]

@@ -153,7 +153,7 @@ def _too_long(request: dict[str, Any], fps: float) -> LimitExceededError:
     return LimitExceededError(
         f"{request['name']} is too long: it has more than {limit} frames{duration}",
         field=request["name"],
-        limit=f"{limit} frames (FASTSPLAT_CAPTURE__MAX_VIDEO_FRAMES_READ)",
+        limit=f"{limit} frames",
         hint="Cut it to the walk around the scene, or export it at a lower frame rate.",
     )
 

@@ -8,6 +8,7 @@ from difflib import get_close_matches
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 
 from fastsplat_contract.errors import InvalidInputError
 
@@ -28,14 +29,21 @@ OTHER_VARIABLES = frozenset(
 _SERVICE_LINK = re.compile(ENV_PREFIX + r"(\w+_)?(SERVICE_(HOST|PORT(_\w+)?)|PORT_\d+_(TCP|UDP)(_(PROTO|PORT|ADDR))?)")
 
 
-class SettingGroup(BaseModel):
-    """Base of one group of settings: frozen, without unknown fields, each field documented by the docstring under it.
+class Options(BaseModel):
+    """Base of what a stage takes as argument: frozen, without unknown fields, each with a docstring under it.
 
-    `class JobSettings(SettingGroup, section="jobs")` is the field `jobs` of `Settings`, so that users set its fields as
-    FASTSPLAT_JOBS__MAX_STARTS and so on.
+    Its fields are constants of the product: tests and benchmarks pass other values, the environment sets none.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class SettingGroup(Options):
+    """Base of one group of settings.
+
+    `class JobSettings(JobOptions, SettingGroup, section="jobs")` is the field `jobs` of `Settings`, so that users set
+    its own fields as FASTSPLAT_JOBS__MAX_STARTS and so on. Those that it has of `JobOptions` are constants.
+    """
 
     section: ClassVar[str]
 
@@ -52,11 +60,30 @@ def environment_variable(group: type[BaseModel], field: str) -> str:
         field: one of its fields.
 
     Raises:
-        AttributeError: it has no such field.
+        AttributeError: it has no such setting.
     """
-    if field not in group.model_fields:
-        raise AttributeError(f"{group.__name__} has no field {field!r}")
+    if field not in settings_of(group):
+        raise AttributeError(f"{group.__name__} has no setting {field!r}")
     return _variable((group.section, field) if issubclass(group, SettingGroup) else (field,))
+
+
+def settings_of(group: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The fields of a group that the environment may set: all but those of its `Options`, and but whole `Options`."""
+    options = [each for each in group.__mro__[1:] if issubclass(each, Options) and not issubclass(each, SettingGroup)]
+    constants = {name for each in options for name in each.model_fields}
+    constants |= {name for name, field in group.model_fields.items() if _is_constant(field)}
+    return {name: field for name, field in group.model_fields.items() if name not in constants}
+
+
+def _is_constant(field: FieldInfo) -> bool:
+    kind = field.annotation
+    return isinstance(kind, type) and issubclass(kind, Options) and not issubclass(kind, SettingGroup)
+
+
+def group_of(field: FieldInfo) -> type[SettingGroup] | None:
+    """The group that a field of the settings object is, if it is one."""
+    group = field.annotation
+    return group if isinstance(group, type) and issubclass(group, SettingGroup) else None
 
 
 def check_variables(variables: Mapping[str, str | None], settings: type[BaseModel]) -> None:
@@ -69,11 +96,28 @@ def check_variables(variables: Mapping[str, str | None], settings: type[BaseMode
     Raises:
         InvalidInputError: one does not; its hint has the name that is nearest.
     """
-    known = {*_variables_of(settings, ()), *OTHER_VARIABLES}
+    known = {*_variables_of(settings), *OTHER_VARIABLES}
     for name, value in variables.items():
         variable = name.upper()
         if variable.startswith(ENV_PREFIX) and variable not in known and not _is_service_link(variable, value or ""):
             raise _no_setting(variable, settings)
+
+
+def check_groups(values: Mapping[str, Any], settings: type[BaseModel]) -> None:
+    """Check that groups which the environment gives as JSON objects have settings alone.
+
+    Args:
+        values: what was read from the environment.
+        settings: the settings object of the whole service.
+
+    Raises:
+        InvalidInputError: one has another field; its hint has the name that is nearest.
+    """
+    for name, field in settings_of(settings).items():
+        group, given = group_of(field), values.get(name)
+        if group is not None and isinstance(given, Mapping):
+            for unknown in given.keys() - settings_of(group).keys():
+                raise _no_setting(_variable((name, unknown)), settings)
 
 
 def settings_error(error: ValidationError, settings: type[BaseModel]) -> InvalidInputError:
@@ -95,7 +139,7 @@ def settings_error(error: ValidationError, settings: type[BaseModel]) -> Invalid
 
 
 def _no_setting(variable: str, settings: type[BaseModel]) -> InvalidInputError:
-    names = [name.removeprefix(ENV_PREFIX) for name in (*_variables_of(settings, ()), *OTHER_VARIABLES)]
+    names = [name.removeprefix(ENV_PREFIX) for name in (*_variables_of(settings), *OTHER_VARIABLES)]
     near = get_close_matches(variable.removeprefix(ENV_PREFIX), names, n=1)
     guess = f"Did you mean {ENV_PREFIX}{near[0]}? " if near else ""
     return InvalidInputError(
@@ -103,11 +147,12 @@ def _no_setting(variable: str, settings: type[BaseModel]) -> InvalidInputError:
     )
 
 
-def _variables_of(group: type[BaseModel], path: tuple[str, ...]) -> Iterator[str]:
-    for name, field in group.model_fields.items():
-        yield _variable((*path, name))
-        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-            yield from _variables_of(field.annotation, (*path, name))
+def _variables_of(settings: type[BaseModel]) -> Iterator[str]:
+    for name, field in settings_of(settings).items():
+        yield _variable((name,))
+        group = group_of(field)
+        if group is not None:
+            yield from (_variable((name, inner)) for inner in settings_of(group))
 
 
 def _is_service_link(variable: str, value: str) -> bool:

@@ -13,6 +13,7 @@ from scipy.stats import mannwhitneyu
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
+from fastsplat.service.query.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.queries import Answer
 
@@ -85,7 +86,7 @@ def presence_scores(answers: Sequence[Answer]) -> list[float]:
 
 def ask_all(index: SceneIndex, texts: Sequence[str]) -> list[Answer]:
     """Answers to any number of texts, in order."""
-    step = index.settings.max_texts
+    step = MAX_TEXTS
     return [answer for start in range(0, len(texts), step) for answer in index.ask(texts[start : start + step])]
 
 

@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 from fastsplat.service.instances.candidates import F32, Candidate, common_weights
 from fastsplat.service.instances.settings import DiscoverySettings
 
+_MIN_CONSENSUS = 0.45
+"""Share of the views that see a thing that must propose it."""
+_NESTED_SCORE = 0.77
+"""What lies inside a larger thing is a thing of its own from this consensus times quality, and its part below."""
+
 F64 = NDArray[np.float64]
 
 _INSIDE = 0.8
@@ -56,7 +61,7 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
         size: float32 [G], see `Overlaps`.
         settings: the bounds.
     """
-    sure = [row for row, candidate in enumerate(candidates) if candidate.consensus >= settings.min_consensus]
+    sure = [row for row, candidate in enumerate(candidates) if candidate.consensus >= _MIN_CONSENSUS]
     consensus = np.array([candidates[row].consensus for row in sure])
     score = consensus * np.array([candidates[row].quality for row in sure])
     common = common_weights([candidates[row] for row in sure], size)
@@ -75,7 +80,7 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
             continue
         whole = next((thing for thing in reversed(things) if inside[place, thing] > _PART), None)
         large = whole is not None and weight[place] > _LARGE * weight[whole]
-        if whole is None or score[place] >= settings.nested_score or (large and score[place] > score[whole]):
+        if whole is None or score[place] >= _NESTED_SCORE or (large and score[place] > score[whole]):
             things.append(place)
         else:
             part_of[sure[place]] = sure[whole]

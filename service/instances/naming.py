@@ -14,6 +14,10 @@ from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Gaussians, NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
+_NAME_SIZE_RATIO = 1.6
+"""A detected name that things bear of which one is so many times as large as another is a class that the detector
+puts everything into: then it is a suggestion for all of them. Names that were asked for are spared."""
+
 F64 = NDArray[np.float64]
 
 SEEN_PX = 0.05
@@ -119,7 +123,7 @@ def name_things(
         best = probability.argmax(axis=1)
         for label in range(1, len(mixed)):
             own = extents[(best == label) & (probability[:, label] >= settings.name_probability)]
-            mixed[label] = len(own) > 1 and own.max() > settings.name_size_ratio * own.min()
+            mixed[label] = len(own) > 1 and own.max() > _NAME_SIZE_RATIO * own.min()
     table = tuple(
         thing if thing.source == "person" else _named(thing, row, mixed, names, source, settings)
         for thing, row in zip(things.table, probability, strict=True)

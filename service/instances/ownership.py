@@ -13,6 +13,11 @@ from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Evidence, Gaussians
 
+STRAY_SHARE = 0.1
+"""Pieces of a thing that touch nothing of it and weigh less than this share of its largest piece are left out."""
+FILLING_NEIGHBORS = 8
+"""What then nobody owns belongs to the thing that most of so many nearest Gaussians belong to."""
+
 NOBODY = -1
 
 _ROUNDS = 6

@@ -17,7 +17,15 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
-from fastsplat.service.instances.ownership import NOBODY, Owners, membership_of, with_neighbors, without_strays
+from fastsplat.service.instances.ownership import (
+    FILLING_NEIGHBORS,
+    NOBODY,
+    STRAY_SHARE,
+    Owners,
+    membership_of,
+    with_neighbors,
+    without_strays,
+)
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import evidence_of, merged, posterior
@@ -111,8 +119,8 @@ def refined_membership(
             parts.append(view_evidence(gaussians, view.posed, labels, count + 1, valid=says, backend=backend))
             if sum(len(part.labels) for part in parts[1:]) > _PENDING_ENTRIES:
                 parts = [merged(parts)]
-        evidence = _without_strays(merged(parts), gaussians, size, settings)
-    return _without_holes(evidence, gaussians, size, settings) if settings.refinement_rounds else evidence
+        evidence = _without_strays(merged(parts), gaussians, size)
+    return _without_holes(evidence, gaussians, size) if settings.refinement_rounds else evidence
 
 
 def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overlap: float) -> NDArray[np.int32]:
@@ -144,22 +152,22 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
     return result
 
 
-def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32, settings: DiscoverySettings) -> Evidence:
+def _without_strays(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
     """The same evidence, less that of a Gaussian for its thing where it is a stray of it."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
-    cleaned = without_strays(owners, gaussians, size, settings.stray_share)
+    cleaned = without_strays(owners, gaussians, size, STRAY_SHARE)
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     stray = (owners != cleaned)[rows] & (evidence.labels == owners[rows] + 1)
     return evidence_of(rows, np.where(stray, 0, evidence.labels), evidence.counts, len(evidence))
 
 
-def _without_holes(evidence: Evidence, gaussians: Gaussians, size: F32, settings: DiscoverySettings) -> Evidence:
+def _without_holes(evidence: Evidence, gaussians: Gaussians, size: F32) -> Evidence:
     """The same evidence, where what speaks for nothing in a Gaussian that no thing has speaks for the thing of its
     nearest neighbors: masks have holes, such as a pattern on a table, where their things have none."""
     count = int(evidence.labels.max(initial=0)) + 1
     owners = posterior(evidence, count).classes - 1
-    filled = with_neighbors(owners, gaussians, size, settings.neighbors)
+    filled = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)
     rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
     joins = ((owners == NOBODY) & (filled != NOBODY))[rows] & (evidence.labels == 0)
     return evidence_of(rows, np.where(joins, filled[rows] + 1, evidence.labels), evidence.counts, len(evidence))

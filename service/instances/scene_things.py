@@ -23,6 +23,9 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.region_groups import LiftedRegions
 from fastsplat.service.splatting.training_views import training_size
 
+NAME_OVERLAP = 0.5
+"""A region names the thing that it overlaps this much in its view."""
+
 _SPECK_PX = 16
 
 
@@ -89,7 +92,7 @@ def votes_of_views(
         _lifted(gaussians, used, settings, backend),
         [regions for _, regions in used],
         labels,
-        min_overlap=settings.name_overlap,
+        min_overlap=NAME_OVERLAP,
     )
 
 

@@ -10,7 +10,9 @@ import numpy as np
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.hierarchy import find_hierarchy
 from fastsplat.service.instances.ownership import (
+    FILLING_NEIGHBORS,
     NOBODY,
+    STRAY_SHARE,
     Owners,
     assign_owners,
     with_neighbors,
@@ -26,6 +28,13 @@ from fastsplat.service.instances.surfaces import (
     merge_pieces,
 )
 from fastsplat.service.scene.types import Gaussians
+
+_UNEXPLAINED_CONSENSUS = 0.25
+"""A candidate whose Gaussians no thing owns is a thing from this consensus."""
+_UNEXPLAINED_SHARE = 0.7
+"""Share of a candidate's weight that no thing owns, for that."""
+_WEAK_SHARE = 0.2
+"""A Gaussian that nobody owns belongs to the thing that most views count it to, from this share of them."""
 
 _GROWN_SHARE = 0.6
 """Share of votes of a Gaussian that joined a surface by its place alone."""
@@ -71,29 +80,29 @@ def select_things(
     places = {row: place for place, row in enumerate(hierarchy.things)}
     parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
     owners, shares = assign_owners(things, len(gaussians))
-    surfaces = find_surfaces(things, gaussians, size, settings)
+    surfaces = find_surfaces(things, gaussians, size)
     for candidate in sorted(candidates, key=lambda one: -one.weight):
         free = candidate.rows[owners[candidate.rows] == NOBODY]
         if (
-            candidate.consensus >= settings.unexplained_consensus
+            candidate.consensus >= _UNEXPLAINED_CONSENSUS
             and candidate.weight >= settings.min_weight_px
-            and size[free].sum() > settings.unexplained_share * candidate.weight
+            and size[free].sum() > _UNEXPLAINED_SHARE * candidate.weight
             and not any(lies_in(plane, free, gaussians, size) for plane in surfaces.values())
         ):
             owners[free] = len(things)
             shares[free] = candidate.shares[np.isin(candidate.rows, free)]
             things.append(candidate)
-    owners = grow_surfaces(owners, surfaces, gaussians, size, settings.stray_share)
-    merged = merge_pieces(owners, things, surfaces, gaussians, size, settings)
+    owners = grow_surfaces(owners, surfaces, gaussians, size, STRAY_SHARE)
+    merged = merge_pieces(owners, things, surfaces, gaussians, size)
     for piece, surface in merged.items():
         owners[owners == piece] = surface
         surfaces.pop(piece, None)
-    owners = without_strays(owners, gaussians, size, settings.stray_share)
-    owners, weak_shares = with_weak_votes(owners, things, settings.weak_share)
+    owners = without_strays(owners, gaussians, size, STRAY_SHARE)
+    owners, weak_shares = with_weak_votes(owners, things, _WEAK_SHARE)
     for piece, surface in merged.items():
         owners[owners == piece] = surface
-    owners = without_strays(owners, gaussians, size, settings.stray_share)
-    owners = with_neighbors(owners, gaussians, size, settings.neighbors)
+    owners = without_strays(owners, gaussians, size, STRAY_SHARE)
+    owners = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)
     shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     return _numbered(things, parts, owners, shares, surfaces, size, settings)

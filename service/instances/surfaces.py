@@ -10,9 +10,15 @@ from numpy.typing import NDArray
 
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.ownership import NOBODY, Owners
-from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians, SurfaceKind
+
+_SURFACE_SHARE = 0.015
+"""Flat things that fill this share of what is visible are surfaces."""
+_SURFACE_FLATNESS = 0.25
+"""The tolerance of a surface's plane is at most this share of its extent."""
+_PIECE_CONSENSUS = 0.8
+"""What lies in the plane of a surface and is proposed by fewer of the views is a piece of the surface."""
 
 F64 = NDArray[np.float64]
 
@@ -81,28 +87,24 @@ def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
     return plane
 
 
-def find_surfaces(
-    things: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
-) -> dict[int, Plane]:
+def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) -> dict[int, Plane]:
     """The planes of those things that are surfaces: large and flat.
 
     Args:
         things: see `Candidate`.
         gaussians: G of them.
         size: float32 [G], see `Overlaps`.
-        settings: `surface_share`, the least share of what is visible, and `surface_flatness`, the most that a surface's
-            tolerance may be of its extent.
     """
     surfaces = {}
     visible = float(size.sum())
     for number, thing in enumerate(things):
-        if thing.weight < settings.surface_share * visible or len(thing.rows) < 3:
+        if thing.weight < _SURFACE_SHARE * visible or len(thing.rows) < 3:
             continue
         points, weights = gaussians.means[thing.rows].astype(np.float64), size[thing.rows].astype(np.float64)
         plane = fit_plane(points, weights)
         center = np.average(points, axis=0, weights=weights)
         extent = np.sqrt(np.average(((points - center) ** 2).sum(axis=1), weights=weights))
-        if plane.tolerance <= settings.surface_flatness * extent:
+        if plane.tolerance <= _SURFACE_FLATNESS * extent:
             surfaces[number] = plane
     return surfaces
 
@@ -128,20 +130,19 @@ def merge_pieces(
     surfaces: dict[int, Plane],
     gaussians: Gaussians,
     size: F32,
-    settings: DiscoverySettings,
 ) -> dict[int, int]:
     """For each thing that is a piece of a surface, the surface: it lies in the plane of a larger one that it touches,
-    and views agree on it less than on things that are there (`piece_consensus`). Prints on a cloth and lit patches of a
+    and views agree on it less than on things that are there. Prints on a cloth and lit patches of a
     wall are such pieces; a picture on the wall, which every view proposes, is none.
 
     Args:
         owners: of G Gaussians, the surfaces grown already.
-        things, surfaces, gaussians, size, settings: as for `find_surfaces`.
+        things, surfaces, gaussians, size: as for `find_surfaces`.
     """
     merged: dict[int, int] = {}
     for number, thing in sorted(enumerate(things), key=lambda item: item[1].weight):
         own = np.flatnonzero(owners == number)
-        if thing.consensus >= settings.piece_consensus or not len(own):
+        if thing.consensus >= _PIECE_CONSENSUS or not len(own):
             continue
         larger = (n for n in surfaces if things[n].weight > thing.weight and n not in merged)
         for other in sorted(larger, key=lambda n: -things[n].weight):

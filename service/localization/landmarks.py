@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.keypoints import DESCRIPTOR_BYTES, Keypoints, find_keypoints
-from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.localization.triangulation import SeenKeypoints, triangulate
 from fastsplat_contract.camera import PosedCamera
 
 if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.view_geometry import ViewGeometry
+
+MAX_LANDMARK_VIEWS = 300
+"""Photos of the scene that are known again; of more, so many are taken, evenly through their order."""
+KEYPOINTS_PER_PHOTO = 2_000
+"""Places of a photo that are looked for in the scene."""
 
 BYTES_PER_LANDMARK = DESCRIPTOR_BYTES + 3 * 4
 
@@ -65,7 +69,6 @@ class Landmarks:
 def find_landmarks(
     photos: Sequence[Photo],
     geometry: Callable[[PosedCamera], ViewGeometry],
-    settings: LocalizationSettings,
     lens: RadialLens | None = None,
 ) -> Landmarks:
     """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture of that
@@ -74,17 +77,16 @@ def find_landmarks(
     is left out.
 
     Args:
-        photos: of the scene; of more than `settings.max_views`, so many are used.
+        photos: of the scene; of more than `MAX_LANDMARK_VIEWS`, so many are used.
         geometry: what a camera sees of the scene.
-        settings: see there.
         lens: of the photos before they were undistorted, if that is known.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
     """
-    rows = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), settings.max_views)).round().astype(int))
+    rows = np.unique(np.linspace(0, len(photos) - 1, min(len(photos), MAX_LANDMARK_VIEWS)).round().astype(int))
     chosen = [photos[row] for row in rows.tolist()] if photos else []
-    seen = [_seen(posed, read(), geometry, settings.keypoints) for posed, read in chosen]
+    seen = [_seen(posed, read(), geometry, KEYPOINTS_PER_PHOTO) for posed, read in chosen]
     points, descriptors, counts = [np.zeros((0, 3), np.float32)], [np.zeros((0, DESCRIPTOR_BYTES), np.uint8)], [0]
     for (photo, sure), (places, others) in zip(seen, triangulate([photo for photo, _ in seen]), strict=True):
         there = np.flatnonzero(sure | (others >= _ENOUGH_OTHERS))

@@ -19,7 +19,7 @@ from fastsplat.service.localization.acceptance import (
 )
 from fastsplat.service.localization.joint_solving import solve_jointly
 from fastsplat.service.localization.keypoints import find_keypoints
-from fastsplat.service.localization.landmarks import Landmarks
+from fastsplat.service.localization.landmarks import KEYPOINTS_PER_PHOTO, Landmarks
 from fastsplat.service.localization.matching import Matches, find_matches
 from fastsplat.service.localization.photometric_refinement import (
     COMPARED_SIDE,
@@ -40,9 +40,11 @@ from fastsplat.service.localization.pose_solving import (
     undistorted,
 )
 from fastsplat.service.localization.projection import reprojected
-from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.localize_messages import FocalSource, LocalizeRefusal
+
+_MATCHED_VIEWS = 8
+"""Photos of the scene that a photo is compared with in full, the most promising ones."""
 
 F64 = NDArray[np.float64]
 
@@ -117,7 +119,6 @@ def place_photos(
     photos: Sequence[Photo],
     landmarks: Landmarks,
     geometry: Geometry,
-    settings: LocalizationSettings,
     rough: Sequence[F64] = (),
 ) -> tuple[PlacedPhoto, ...]:
     """Where photos were taken.
@@ -126,7 +127,6 @@ def place_photos(
         photos: each by itself, or together if there are rough poses.
         landmarks: of the scene.
         geometry: what a camera sees of the scene.
-        settings: see there.
         rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
             none where nothing is known.
 
@@ -136,7 +136,7 @@ def place_photos(
     matched = []
     for photo in photos:
         check_cancelled()
-        matched.append(_match(photo, landmarks, settings))
+        matched.append(_match(photo, landmarks))
     alone = [solve_pose(one.pixels, one.points, one.matches, one.photo.size, one.focals) for one in matched]
     solved: Sequence[SolvedPose | None] = alone
     if rough:
@@ -157,9 +157,9 @@ def place_photos(
     return tuple(placed)
 
 
-def _match(photo: Photo, landmarks: Landmarks, settings: LocalizationSettings) -> _Matched:
-    keypoints = find_keypoints(photo.picture, settings.keypoints)
-    matches = find_matches(landmarks, keypoints, settings.matched_views)
+def _match(photo: Photo, landmarks: Landmarks) -> _Matched:
+    keypoints = find_keypoints(photo.picture, KEYPOINTS_PER_PHOTO)
+    matches = find_matches(landmarks, keypoints, _MATCHED_VIEWS)
     longer = max(photo.size)
     focals: list[tuple[FocalSource, float]] = []
     if photo.focal is not None:

@@ -20,6 +20,9 @@ from fastsplat.service.perception.tagging import propose_texts
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
 
+_TAGGER_VIEWS = 16
+"""Views that are tagged, evenly spread; 0: all."""
+
 _CROP = 0.6
 _CUT_PX = 4
 
@@ -68,7 +71,7 @@ def detect_views(
 
 def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: Path, on_view: OnView) -> list[str]:
     if settings.tagger:
-        texts = propose_texts(load, spread(count, settings.tagger_views), settings, models, on_view)
+        texts = propose_texts(load, spread(count, _TAGGER_VIEWS), settings, models, on_view)
         if texts:
             return texts
     if settings.prompt_source == "closed_set":

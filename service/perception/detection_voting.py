@@ -14,6 +14,9 @@ from fastsplat.service.perception.box_ops import box_iou, nms
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
 
+SAME_LABEL_IOU = 0.6
+"""Boxes of one class that overlap more are one detection."""
+
 
 def merge_spellings(detections: Sequence[Detections], names: Sequence[str] = ()) -> list[Detections]:
     """The detections with one name for all spellings of one `label_key`: the one in `names`, else the first in view
@@ -110,7 +113,7 @@ def _without_duplicates(view: Detections, support: Mapping[str, float], settings
     rows: list[int] = []
     for label in dict.fromkeys(view.labels):
         group = np.array([row for row, name in enumerate(view.labels) if name == label])
-        rows += group[nms(view.boxes[group], view.scores[group], settings.same_label_iou)].tolist()
+        rows += group[nms(view.boxes[group], view.scores[group], SAME_LABEL_IOU)].tolist()
     view = view.take(rows)
     weights, overlap = detection_weights(view, support), box_iou(view.boxes, view.boxes)
     winners: list[int] = []

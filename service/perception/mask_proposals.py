@@ -27,6 +27,11 @@ from fastsplat.service.perception.types import (
     point_prompts,
 )
 
+_PROPOSAL_OVERLAP = 0.75
+"""Masks without a name of one view that overlap more are one."""
+_PROPOSAL_SIDE = 640
+"""Masks without names are stored at this many pixels on the image's longer side."""
+
 _ROUNDS = 3
 """Rounds of point prompts: what one round explains, the next leaves alone."""
 _BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8
@@ -81,7 +86,7 @@ def propose_masks(
         settings: the bounds.
     """
     of_boxes = settings.model_copy(update={"proposal_quality": _BOX_QUALITY, "proposal_stability": _BOX_STABILITY})
-    parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), settings.proposal_overlap)]
+    parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), _PROPOSAL_OVERLAP)]
     prompts = len(boxes.quality)
     scale = np.array(boxes.scale)
     of_boxes_alone = boxes.logits[_sure(boxes, of_boxes)] > 0
@@ -97,8 +102,8 @@ def propose_masks(
         prompts += len(fresh)
         points = np.concatenate([points, fresh])
         cover.add(parts[-1].logits > 0)
-    proposals = distinct_proposals(joined_proposals(parts), settings.proposal_overlap, first=len(parts[0]))
-    factor = min(1.0, settings.proposal_side / max(size))
+    proposals = distinct_proposals(joined_proposals(parts), _PROPOSAL_OVERLAP, first=len(parts[0]))
+    factor = min(1.0, _PROPOSAL_SIDE / max(size))
     height, width = (max(1, round(side * factor)) for side in size)
     bits = np.packbits(proposals.masks(width, height).reshape(len(proposals), height * width), axis=1)
     return ViewMasks(bits, proposals.quality, width, height, prompts)

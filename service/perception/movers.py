@@ -27,6 +27,9 @@ from fastsplat.service.perception.types import ClosedSetDetector, Detections, Im
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 from fastsplat_contract.operations import Movers, Privacy
 
+_MOVER_MARGIN = 0.01
+"""Masks of what is withheld are widened by this share of the photo's longer side."""
+
 _MIN_FILL = 0.25
 _MIN_EXTENT = 0.5
 _LEAST_MARGIN_PX = 4
@@ -123,7 +126,7 @@ class MoverMasks:
             right, bottom = int(np.ceil(box[2])), int(np.ceil(box[3]))
             if not _covers(mask[top:bottom, left:right]):
                 movers[top:bottom, left:right] = True
-        return dilated(movers, max(_LEAST_MARGIN_PX, round(self.settings.mover_margin * max(height, width))))
+        return dilated(movers, max(_LEAST_MARGIN_PX, round(_MOVER_MARGIN * max(height, width))))
 
     def _detections(self, pixels: Image) -> Detections:
         parts = []

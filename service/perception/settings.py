@@ -6,10 +6,47 @@ from typing import Literal
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import SettingGroup
+from fastsplat.service.common.settings import Options, SettingGroup
 
 
-class PerceptionSettings(SettingGroup, section="perception"):
+class PerceptionOptions(Options):
+    """When detections, tags and masks count."""
+
+    tagger_threshold: float = Field(0.68, ge=0, le=1)
+    """A view shows a tag from this probability on, where the tagger brings no thresholds of its own. RAM's default."""
+    tagger_texts: int = Field(100, ge=1)
+    """Tags that become texts, at most; those in most views first."""
+    threads: int = Field(0, ge=0)
+    """Threads of one model run; 0 lets onnxruntime take all cores."""
+    closer_look: bool = True
+    """The closed-set detector also looks at the image's four corners enlarged: five runs instead of one, and small
+    objects are detected in twice as many views."""
+    tags: tuple[str, ...] = ()
+    """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
+    prompts_per_pass: int = Field(1, ge=1)
+    """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
+    scores only the first of several."""
+    score_threshold: float = Field(0.5, ge=0, le=1)
+    """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
+    score_floor: float = Field(0.3, ge=0, le=1)
+    """Detections of a class that is believed to be in the scene count from this score."""
+    min_view_share: float = Field(0.1, ge=0, le=1)
+    """See `score_threshold`. Classes that the user named need one view only."""
+    min_views: int = Field(2, ge=1)
+    """As `min_view_share`, in views; never more than the capture has."""
+    min_pixels: int = Field(64, ge=1)
+    """Smaller masks are dropped, and so are classes that hold fewer pixels in the view where they hold most."""
+    rival_iou: float = Field(0.7, gt=0, le=1)
+    """Boxes or masks of two classes that overlap more are rivals for one object: the likelier class keeps it."""
+    proposal_quality: float = Field(0.8, ge=0, le=1)
+    """Masks without a name count from this predicted intersection over union; see `mask_proposals`."""
+    proposal_stability: float = Field(0.88, ge=0, le=1)
+    """Masks without a name count from this stability score."""
+    proposal_points: int = Field(24, ge=0)
+    """Prompts in each of these views where no box and no mask explains the pixels, at most."""
+
+
+class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """Which models look at the images, and how sure they must be.
 
     A model is named as the manifest names it ("picodet_416"), or as "adapter:folder" for a folder of the model
@@ -33,79 +70,26 @@ class PerceptionSettings(SettingGroup, section="perception"):
     """Proposes what an open-set detector looks for when the user names nothing: the tags that the views agree on
     (`min_view_share`, `min_views`). Empty, or where it proposes nothing: `prompt_source` says. See
     `fastsplat.service.perception.tagging` for the files that it needs."""
-    tagger_threshold: float = Field(0.68, ge=0, le=1)
-    """A view shows a tag from this probability on, where the tagger brings no thresholds of its own. RAM's default."""
-    tagger_views: int = Field(16, ge=0)
-    """Views that are tagged, evenly spread; 0: all."""
-    tagger_texts: int = Field(100, ge=1)
-    """Tags that become texts, at most; those in most views first."""
-    threads: int = Field(0, ge=0)
-    """Threads of one model run; 0 lets onnxruntime take all cores."""
-
-    closer_look: bool = True
-    """The closed-set detector also looks at the image's four corners enlarged: five runs instead of one, and small
-    objects are detected in twice as many views."""
-
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
     """What an open-set detector looks for when the user names nothing: the classes that the closed-set detector detects
     in the capture (the tag list if there are none), or the tag list at once."""
-    tags: tuple[str, ...] = ()
-    """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")
     """What detectors are asked for where what moves is to be left out (`movers`)."""
-    mover_margin: float = Field(0.01, ge=0, le=0.2)
-    """Masks of what is withheld are widened by this share of the photo's longer side."""
-    prompts_per_pass: int = Field(1, ge=1)
-    """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
-    scores only the first of several."""
-
-    score_threshold: float = Field(0.5, ge=0, le=1)
-    """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
-    score_floor: float = Field(0.3, ge=0, le=1)
-    """Detections of a class that is believed to be in the scene count from this score."""
     open_score_threshold: float = Field(0.3, ge=0, le=1)
     """As `score_threshold`, for the open-set detector, whose scores run lower. 0.3 is GroundingDINO's customary
     threshold; the scores of YOLO-World style models run lower still (0.15)."""
-    open_score_floor: float = Field(0.2, ge=0, le=1)
-    """As `score_floor`, for the open-set detector."""
-    min_view_share: float = Field(0.1, ge=0, le=1)
-    """See `score_threshold`. Classes that the user named need one view only."""
-    min_views: int = Field(2, ge=1)
-    """As `min_view_share`, in views; never more than the capture has."""
-    min_pixels: int = Field(64, ge=1)
-    """Smaller masks are dropped, and so are classes that hold fewer pixels in the view where they hold most."""
-    same_label_iou: float = Field(0.6, gt=0, le=1)
-    """Boxes of one class that overlap more are one detection."""
-    rival_iou: float = Field(0.7, gt=0, le=1)
-    """Boxes or masks of two classes that overlap more are rivals for one object: the likelier class keeps it."""
-
-    proposal_quality: float = Field(0.8, ge=0, le=1)
-    """Masks without a name count from this predicted intersection over union; see `mask_proposals`."""
-    proposal_stability: float = Field(0.88, ge=0, le=1)
-    """Masks without a name count from this stability score."""
-    proposal_overlap: float = Field(0.75, gt=0, le=1)
-    """Masks without a name of one view that overlap more are one."""
-
+    max_views: int = Field(0, ge=0)
+    """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""
     proposal_views: int = Field(16, ge=0)
     """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten; a large place needs
     more, so that every thing is in several."""
-    proposal_points: int = Field(24, ge=0)
-    """Prompts in each of these views where no box and no mask explains the pixels, at most."""
-    proposal_side: int = Field(640, ge=64)
-    """Masks without names are stored at this many pixels on the image's longer side."""
 
-    synonym_cosine: float = Field(0.85, ge=-1, le=1)
-    """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
-    (`synonym_iou`). Measured with MiniLM by `benchmarks/perception/synonyms.py`: 0.85 merges 7 of 30 pairs of
-    one class and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave are never merged; 1 switches the
-    rule off."""
-    synonym_iou: float = Field(0.5, gt=0, le=1)
-    """Mean overlap of two classes over the views that show both, before rivals are resolved."""
-
-    max_views: int = Field(0, ge=0)
-    """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""
+    @property
+    def open_score_floor(self) -> float:
+        """As `score_floor`, for the open-set detector: two thirds of its threshold."""
+        return self.open_score_threshold * 2 / 3
 
     def of_open_set(self) -> PerceptionSettings:
         """These settings with the open-set detector's thresholds in the place of the closed-set detector's."""

@@ -1,5 +1,5 @@
-"""Three named choices between speed and quality, read off the frontier that `make bench-trade` measures and chosen
-again on validation views by `make bench-choices`."""
+"""Three named choices between speed and quality, read off the frontier that `make bench NAME=trade` measures and chosen
+again on validation views."""
 
 from __future__ import annotations
 

@@ -133,7 +133,7 @@ def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = Fals
             raise LimitExceededError(
                 f"{count} Gaussians with this duplicate",
                 field="action",
-                limit=f"{order.max_gaussians} Gaussians of a scene (FASTSPLAT_STORE__MAX_GAUSSIANS)",
+                limit=f"{order.max_gaussians} Gaussians of a scene",
                 hint="Duplicate smaller things, or remove some first.",
             )
         return with_change(change(order.index.things.scene, rows, order.edit), order.edit.action)

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.floors import LEAST_BELOW, meters_below
-from fastsplat.service.query.surface_points import REACH, surface_points, thinned
+from fastsplat.service.query.surface_points import MAX_SURFACE_POINTS, REACH, surface_points, thinned
 from fastsplat.service.query.surface_views import SurfaceSamples, SurfaceView, back_projected
 from fastsplat.service.scene.types import F32, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.goal_messages import FloorSource
+
+MAX_MAP_CELLS = 4_000_000
+"""Cells of the map of a scene's floor."""
 
 F64 = NDArray[np.float64]
 Keys = NDArray[np.int64]
@@ -102,8 +105,8 @@ def occupancy_map(
     *,
     resolution: float,
     height: float,
-    most_points: int,
-    most_cells: int,
+    most_points: int = MAX_SURFACE_POINTS,
+    most_cells: int = MAX_MAP_CELLS,
 ) -> OccupancyMap:
     """The map of what stands above the floor.
 
@@ -130,8 +133,7 @@ def occupancy_map(
         raise InvalidInputError(f"a cell of {resolution} m", field="cell", hint="Metres, above 0.")
     if not (np.isfinite(height) and height > LOW):
         raise InvalidInputError(f"a height of {height} m", field="height", hint=f"Metres, above {LOW:g}.")
-    limit = f"{most_points} points (FASTSPLAT_QUERY__MAX_SURFACE_POINTS)"
-    samples, _ = surface_points(views, cell=resolution, most=most_points, limit=limit)
+    samples, _ = surface_points(views, cell=resolution, most=most_points)
     floor, source = _floor(samples, floors)
     doubt = "" if source == "surface" else _doubt(samples, views, floor, others)
     above = samples.points[:, 2] - floor
@@ -153,7 +155,7 @@ def occupancy_map(
         raise LimitExceededError(
             f"a map of {width} x {depth} cells of {resolution:g} m",
             field="cell",
-            limit=f"{most_cells} cells (FASTSPLAT_QUERY__MAX_MAP_CELLS)",
+            limit=f"{most_cells} cells",
             hint="Ask for a larger cell.",
         )
     cells = np.full((depth, width), UNKNOWN, np.int8)

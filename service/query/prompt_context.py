@@ -107,7 +107,7 @@ class PromptContexts:
             raise LimitExceededError(
                 f"{labels} labels in {len(templates)} templates",
                 field="templates",
-                limit=f"{limit} sentences (FASTSPLAT_QUERY__MAX_SENTENCES)",
+                limit=f"{limit} sentences",
                 hint="Send fewer templates.",
             )
 

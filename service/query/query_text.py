@@ -10,6 +10,13 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import check_coverage
 
+MAX_TEXTS = 64
+"""Texts of one request."""
+_MAX_PROMPTS = 64
+"""Templates of one request, and as many canonical negatives."""
+_MAX_TEXT_CHARS = 1_000
+"""Characters of one text, negative or template."""
+
 
 @dataclass(frozen=True)
 class TextQuery:
@@ -50,11 +57,11 @@ def check_query(
             characters or lone surrogates, a template without exactly one "{}", a coverage outside (0, 1).
         LimitExceededError: too many texts, negatives or templates, or one too long.
     """
-    _check_texts(texts, settings)
+    _check_texts(texts)
     if negatives is not None:
-        _check_prompts(negatives, "negatives", settings)
+        _check_prompts(negatives, "negatives")
     if templates is not None:
-        _check_prompts(templates, "templates", settings)
+        _check_prompts(templates, "templates")
         _check_slots(templates)
     return TextQuery(
         texts=tuple(texts),
@@ -64,36 +71,36 @@ def check_query(
     )
 
 
-def _check_texts(texts: Sequence[str], settings: QuerySettings) -> None:
+def _check_texts(texts: Sequence[str]) -> None:
     if isinstance(texts, str | bytes) or not isinstance(texts, Sequence):
         raise InvalidInputError("texts is not a list of strings", field="texts", hint='Send ["mug"], not "mug".')
     if not texts:
         raise InvalidInputError("no text to look for", field="texts", hint="Send at least one.")
-    if len(texts) > settings.max_texts:
+    if len(texts) > MAX_TEXTS:
         raise LimitExceededError(
             f"{len(texts)} texts",
             field="texts",
-            limit=f"{settings.max_texts} texts (FASTSPLAT_QUERY__MAX_TEXTS)",
+            limit=f"{MAX_TEXTS} texts",
             hint="Ask in several requests.",
         )
     for text in texts:
-        _check_text(text, "text", settings)
+        _check_text(text, "text")
 
 
-def _check_prompts(prompts: Sequence[str], field: str, settings: QuerySettings) -> None:
+def _check_prompts(prompts: Sequence[str], field: str) -> None:
     if isinstance(prompts, str | bytes) or not isinstance(prompts, Sequence) or not prompts:
         raise InvalidInputError(
             f"{field} is not a list of strings", field=field, hint="Send at least one, or leave it out."
         )
-    if len(prompts) > settings.max_prompts:
+    if len(prompts) > _MAX_PROMPTS:
         raise LimitExceededError(
             f"{len(prompts)} {field}",
             field=field,
-            limit=f"{settings.max_prompts} (FASTSPLAT_QUERY__MAX_PROMPTS)",
+            limit=f"{_MAX_PROMPTS}",
             hint="Choose the ones that matter.",
         )
     for prompt in prompts:
-        _check_text(prompt, field, settings)
+        _check_text(prompt, field)
 
 
 def _check_slots(templates: Sequence[str]) -> None:
@@ -104,14 +111,14 @@ def _check_slots(templates: Sequence[str]) -> None:
             )
 
 
-def _check_text(text: str, field: str, settings: QuerySettings) -> None:
+def _check_text(text: str, field: str) -> None:
     if not isinstance(text, str):
         raise InvalidInputError(f"a text of type {type(text).__name__}", field=field, hint="Send a string.")
-    if len(text) > settings.max_text_chars:
+    if len(text) > _MAX_TEXT_CHARS:
         raise LimitExceededError(
             f"a text of {len(text)} characters",
             field=field,
-            limit=f"{settings.max_text_chars} characters (FASTSPLAT_QUERY__MAX_TEXT_CHARS)",
+            limit=f"{_MAX_TEXT_CHARS} characters",
             hint="Name the object in a few words.",
         )
     categories = {unicodedata.category(letter) for letter in text if letter not in "\t\n\r"}

@@ -33,6 +33,10 @@ if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
 
+RELATED_PROBABILITY = 0.15
+"""A related entry other than the leading one is relevant from this calibrated probability on. Measured by
+benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
+
 Mask = NDArray[np.bool_]
 
 _PER_LABEL = 2_048
@@ -337,7 +341,7 @@ class Ranker:
         passing = scores >= (np.inf if context.related is None else context.related)
         related = passing & self._present
         if related.any() and likely is not None:
-            related = related & ((likely >= self._settings.related_probability) | (scores == scores.max()))
+            related = related & ((likely >= RELATED_PROBABILITY) | (scores == scores.max()))
         leading = self._mask(match.heads) & self._present
         related = (related | leading | self._mask(match.hyponyms)) & ~negated & self._present
         deciding = leading if leading.any() else related
@@ -377,7 +381,7 @@ class Ranker:
         found = meant.presence >= meant.model.related
         listed = np.zeros(len(likely), dtype=np.bool_)
         if found and len(likely):
-            listed = (likely > 0) & ((likely >= self._settings.related_probability) | (likely == likely.max()))
+            listed = (likely > 0) & ((likely >= RELATED_PROBABILITY) | (likely == likely.max()))
         shared = (comparison.relations.same > 0) & comparison.meaning.whole
         exact = listed & (shared | (scores >= context.exact))
         if exact.any() and not match.heads:

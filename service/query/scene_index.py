@@ -34,6 +34,9 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.thing_index import SceneThings
     from fastsplat.service.query.view_geometry import ViewGeometry
 
+_MAX_IMAGE_SIDE = 4_096
+"""Pixels; larger views are refused."""
+
 _DEFAULTS = QuerySettings()
 _MAX_NAMED = 20
 
@@ -368,12 +371,12 @@ class SceneIndex:
         Raises:
             LimitExceededError: the image is too large.
         """
-        side = self.settings.max_image_side
+        side = _MAX_IMAGE_SIDE
         if max(posed.camera.width, posed.camera.height) > side:
             raise LimitExceededError(
                 f"an image of {posed.camera.width}×{posed.camera.height} pixels",
                 field="camera.width/height",
-                limit=f"{side} pixels a side (FASTSPLAT_QUERY__MAX_IMAGE_SIDE)",
+                limit=f"{side} pixels a side",
                 hint="Ask for a smaller image and scale the intrinsics with it.",
             )
 

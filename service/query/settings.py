@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from fastsplat.service.common.settings import SettingGroup
+from fastsplat.service.common.settings import Options, SettingGroup
 
 
 def _one_slot(template: str) -> str:
@@ -15,8 +15,8 @@ def _one_slot(template: str) -> str:
     return template
 
 
-class QuerySettings(SettingGroup, section="query"):
-    """How a text is compared with the dictionary, and how an answer becomes an image."""
+class QueryOptions(Options):
+    """How texts are scored, and what one request may hold."""
 
     negatives: Annotated[tuple[str, ...], Field(min_length=1)] = ("object", "things", "stuff", "texture")
     """Canonical negatives (LERF)."""
@@ -33,44 +33,33 @@ class QuerySettings(SettingGroup, section="query"):
     """What orders the entries and is compared with the encoder's threshold. LERF's relevancy subtracts from each entry
     its own likeness to the canonical negatives, which for text against text reorders entries for the worse (measured
     by benchmarks/calibration); it is reported either way."""
+    coverage: Annotated[float, Field(gt=0, lt=1)] = 0.9
+    """Share of questions whose label set is to hold an acceptable answer."""
+    max_sentences: Annotated[int, Field(ge=0)] = 8_192
+    """Labels times templates that one request may have embedded anew."""
+    max_poses: int = 64
+    """Cameras and named views of one request."""
+    cached_texts: Annotated[int, Field(ge=0)] = 4_096
+    """Embeddings of recent texts that are kept, per encoder; shared by the scenes of a server."""
+    alpha_min: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Pixels less covered than this belong to no mask and have no depth."""
+    surface_views: Annotated[int, Field(ge=1)] = 48
+    """Cameras of a scene, at most, from which the surfaces of a point cloud or a mesh are taken."""
+    surface_side: Annotated[int, Field(ge=16)] = 480
+    """Pixels of the longer side of those views."""
+
+
+class QuerySettings(QueryOptions, SettingGroup, section="query"):
+    """How a text is compared with the dictionary, and how an answer becomes an image."""
+
     threshold: float | None = None
     """From this score an entry counts as related; None takes the encoder's calibrated threshold. For `relevancy` the
     score is the margin d·q − max_j d·c_j, which is 0 where the relevancy is 0.5, at any temperature."""
     exact_threshold: float | None = None
     """From this score an entry counts as the object itself; None takes the encoder's calibrated threshold."""
-    related_probability: Annotated[float, Field(ge=0, le=1)] = 0.15
-    """A related entry other than the leading one is relevant from this calibrated probability on. Measured by
-    benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
-    coverage: Annotated[float, Field(gt=0, lt=1)] = 0.9
-    """Share of questions whose label set is to hold an acceptable answer."""
-    max_text_chars: int = 1_000
-    """Characters of one text, negative or template."""
-    max_prompts: Annotated[int, Field(ge=1)] = 64
-    """Templates of one request, and as many canonical negatives."""
-    max_sentences: Annotated[int, Field(ge=0)] = 8_192
-    """Labels times templates that one request may have embedded anew."""
-    max_texts: int = 64
-    """Texts of one request."""
-    max_poses: int = 64
-    """Cameras and named views of one request."""
-    cached_texts: Annotated[int, Field(ge=0)] = 4_096
-    """Embeddings of recent texts that are kept, per encoder; shared by the scenes of a server."""
-
     backend: Literal["reference", "cpu", "cuda"] = "cpu"
     """Rasterizer that draws views; `reference` is the slow one that the others are tested against."""
-    alpha_min: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Pixels less covered than this belong to no mask and have no depth."""
-    max_image_side: int = 4_096
-    """Pixels; larger views are refused."""
-    surface_views: Annotated[int, Field(ge=1)] = 48
-    """Cameras of a scene, at most, from which the surfaces of a point cloud or a mesh are taken."""
-    surface_side: Annotated[int, Field(ge=16)] = 480
-    """Pixels of the longer side of those views."""
-    max_surface_points: Annotated[int, Field(ge=1)] = 1_000_000
-    """Points of a point cloud; without a cell that was asked for, cells are as wide as that needs."""
     max_surface_voxels: Annotated[int, Field(ge=8)] = 8_000_000
     """Voxels that a mesh is made of; as with points."""
     map_height: Annotated[float, Field(gt=0.25, allow_inf_nan=False)] = 1.5
     """Metres above the floor up to which what stands there is in a robot's way, and where its eye is."""
-    max_map_cells: Annotated[int, Field(ge=1)] = 4_000_000
-    """Cells of the map of a scene's floor."""

@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.query.surface_points import BAND, REACH, cell_keys, surface_points
+from fastsplat.service.query.surface_points import BAND, MAX_SURFACE_POINTS, REACH, cell_keys, surface_points
 from fastsplat.service.query.surface_views import SurfaceSamples, SurfaceView, observed, projected
 from fastsplat.service.scene.types import F32
 from fastsplat_contract.errors import LimitExceededError
@@ -57,15 +57,16 @@ class LabelledMesh:
 
 
 def surface_mesh(
-    views: Sequence[SurfaceView], *, cell: float, most_points: int, most_voxels: int, limit: str
+    views: Sequence[SurfaceView], *, cell: float, most_voxels: int, limit: str, most_points: int = MAX_SURFACE_POINTS
 ) -> LabelledMesh:
     """The mesh of a scene's surfaces.
 
     Args:
         views: of the scene.
         cell: width of a voxel; 0: as `surface_points` has it, or wider, so that `most_voxels` is enough.
-        most_points, most_voxels: bounds of the memory.
+        most_voxels: bound of the memory.
         limit: how an error names `most_voxels`.
+        most_points: another bound of the memory.
 
     Raises:
         LimitExceededError: more voxels, with a cell that was asked for.

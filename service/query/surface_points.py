@@ -18,6 +18,9 @@ from fastsplat.service.query.surface_views import (
 from fastsplat.service.scene.types import F32
 from fastsplat_contract.errors import LimitExceededError
 
+MAX_SURFACE_POINTS = 1_000_000
+"""Points of a point cloud; without a cell that was asked for, cells are as wide as that needs."""
+
 BAND = 3.0
 """Cells within which two views show the same surface."""
 
@@ -28,7 +31,9 @@ REACH = 1 << 20
 """Cells on either side of the origin that a key holds."""
 
 
-def surface_points(views: Sequence[SurfaceView], *, cell: float, most: int, limit: str) -> tuple[SurfaceSamples, float]:
+def surface_points(
+    views: Sequence[SurfaceView], *, cell: float, most: int = MAX_SURFACE_POINTS, limit: str = ""
+) -> tuple[SurfaceSamples, float]:
     """Points on surfaces, at most one a cell, and the width of a cell in scene units. Points that only one view sees,
     or that more views see through than see, are left out.
 
@@ -36,7 +41,7 @@ def surface_points(views: Sequence[SurfaceView], *, cell: float, most: int, limi
         views: of the scene.
         cell: its width; 0: two pixels of the views at the median depth, or wider, so that `most` is enough.
         most: points.
-        limit: how an error names the limit `most`.
+        limit: how an error names the limit, if not by `most`.
 
     Raises:
         LimitExceededError: more than `most` points, with a cell that was asked for.
@@ -47,7 +52,10 @@ def surface_points(views: Sequence[SurfaceView], *, cell: float, most: int, limi
     while len(means) > most:
         if cell:
             raise LimitExceededError(
-                f"{len(means)} points, {cell:g} apart", field="cell", limit=limit, hint="Ask for a larger cell."
+                f"{len(means)} points, {cell:g} apart",
+                field="cell",
+                limit=limit or f"{most} points",
+                hint="Ask for a larger cell.",
             )
         check_cancelled()
         width *= _COARSER

@@ -25,6 +25,7 @@ from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
 from fastsplat.service.splatting.label_consensus import fuse_label_maps
+from fastsplat.service.splatting.label_supervision import CONSENSUS_UNDETECTED_WEIGHT
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import psnr
 from fastsplat.service.splatting.raster.checks import device_of
@@ -44,6 +45,9 @@ from fastsplat.service.splatting.training_views import TrainingView, drop_empty_
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
 from fastsplat_contract.errors import InvalidInputError
+
+_CODE_SECONDS = 30.0
+"""At most so long; a million Gaussians take fewer steps."""
 
 _STAGE = "training"
 _MEASURED_VIEWS = 8
@@ -118,7 +122,7 @@ def _agreed(
 ) -> tuple[tuple[TrainingView, ...], Evidence, float]:
     """Views with label maps that do not contradict each other, their evidence, and what an undetected pixel weighs."""
     if labels and labelling.regions:
-        undetected = training.consensus_undetected_weight
+        undetected = CONSENSUS_UNDETECTED_WEIGHT
         maps, _ = fuse_label_maps(
             gaussians,
             views,
@@ -189,7 +193,7 @@ def _with_codes(
 
 def _share_done(step: int, begun: float, settings: SplatImportSettings) -> float:
     steps = step / settings.code_steps if settings.code_steps else 1.0
-    return max(steps, (time.monotonic() - begun) / settings.code_seconds)
+    return max(steps, (time.monotonic() - begun) / _CODE_SECONDS)
 
 
 @torch.no_grad()

@@ -30,6 +30,9 @@ from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.operations import UpAxis
 
+_FIELD_OF_VIEW_DEG = 60.0
+"""Their horizontal field of view."""
+
 _STAGE = "capture"
 _SEARCH = 0.6
 """Share of the progress that the search for viewpoints takes."""
@@ -74,9 +77,9 @@ def render_views(
             progress(ProgressEvent(_STAGE, _SEARCH * done / total, f"looking for viewpoints {done}/{total}"))
 
         poses = choose_viewpoints(
-            gaussians, bulk, upward, settings.pictures, settings.field_of_view_deg, on_trial, backend=backend
+            gaussians, bulk, upward, settings.pictures, _FIELD_OF_VIEW_DEG, on_trial, backend=backend
         )
-        camera = trial_camera(settings.field_of_view_deg, settings.picture_side)
+        camera = trial_camera(_FIELD_OF_VIEW_DEG, settings.picture_side)
         cameras = [PosedCamera(camera, pose, f"picture-{number:03d}.png") for number, pose in enumerate(poses)]
 
         def on_picture(done: int) -> None:

@@ -19,6 +19,13 @@ from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat.service.splatting.training_views import Frame, TrainingView, drop_empty_label_maps, with_labels
 
+_CONSENSUS_AT = 0.5
+"""Progress at which detected label maps of single views are replaced by those that all views agree on
+(`service.splatting.label_consensus`). Before it color and geometry are trained alone, after it codes as well. Label
+maps that came with the capture need no consensus."""
+CONSENSUS_UNDETECTED_WEIGHT = 0.3
+"""`undetected_weight` after the consensus: what all views missed is then likelier to be nothing."""
+
 _PREFIX = "consensus."
 
 
@@ -26,7 +33,7 @@ class LabelSupervision:
     """The labels of a run.
 
     Exact label maps supervise the codes from the first step. Detected ones contradict each other from view to view, and
-    only geometry can tell which regions show the same thing; so codes wait until, at `settings.consensus_at`, the
+    only geometry can tell which regions show the same thing; so codes wait until, at `_CONSENSUS_AT`, the
     views' maps are replaced by those that all agree on, and start from what these say of each Gaussian.
 
     Args:
@@ -68,7 +75,7 @@ class LabelSupervision:
     ) -> tuple[TrainingView, ...]:
         """The views with the label maps that all agree on, once, when it is time; in evidence mode as late as possible.
         Codes of `state` then start from the evidence of these maps."""
-        due = 1.0 if self.mode == "evidence" else self._settings.consensus_at
+        due = 1.0 if self.mode == "evidence" else _CONSENSUS_AT
         if self._fused or not self._regions or progress < due:
             return views
         # Loaded with the first detected capture: scipy takes 13 MB, which other runs do not need.
@@ -80,7 +87,7 @@ class LabelSupervision:
             self._regions,
             self.labels + 1,
             expected=self._expected,
-            undetected_weight=self._settings.consensus_undetected_weight,
+            undetected_weight=CONSENSUS_UNDETECTED_WEIGHT,
             backend=self._settings.backend,
         )
         views = self._with_maps(views, maps)
@@ -111,7 +118,7 @@ class LabelSupervision:
         self, views: tuple[TrainingView, ...], maps: Sequence[NDArray[np.integer]]
     ) -> tuple[TrainingView, ...]:
         self._fused = True
-        self._weigh_undetected(self._settings.consensus_undetected_weight)
+        self._weigh_undetected(CONSENSUS_UNDETECTED_WEIGHT)
         labeled = [with_labels(view, labels) for view, labels in zip(views, maps, strict=True)]
         return tuple(view.to(self._device) for view in drop_empty_label_maps(labeled))
 

@@ -18,6 +18,11 @@ from fastsplat.service.splatting.sensor_depth import sensor_depth_terms
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
+_OPACITY_DECAY = 0.02
+"""Weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die."""
+_SCALE_DECAY = 0.01
+"""Weight of the mean scale, in shares of the scene's extent, in the loss."""
+
 
 def render_frame(
     parameters: Mapping[str, Tensor],
@@ -94,8 +99,6 @@ def loss_terms(
     if anchors is not None:
         terms |= depth_terms(rendering, squared[..., 0], anchors, target, frame.valid, settings)
         terms |= sensor_depth_terms(rendering, frame, settings)
-    if settings.opacity_decay:
-        terms["opacity"] = settings.opacity_decay * splats.opacities.mean()
-    if settings.scale_decay:
-        terms["scale"] = settings.scale_decay / extent * splats.scales.mean()
+    terms["opacity"] = _OPACITY_DECAY * splats.opacities.mean()
+    terms["scale"] = _SCALE_DECAY / extent * splats.scales.mean()
     return terms

@@ -26,6 +26,10 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
+_PHOTOMETRIC_FIT_UNTIL = 0.7
+"""Progress until which a photo's correction is drawn to the one by which it fits the picture in the median; the
+gradient of the loss refines it all along."""
+
 CORRECTIONS = "photometric"
 """Name of the corrections [V, 3] among the parameters of a run: exposure, red, blue of each training view, EV."""
 FITS = "photometric_fits"
@@ -110,7 +114,7 @@ class PhotometricTraining:
         self, state: SplatState, progress: float, rendering: Rendering, target: Tensor, frame: Frame
     ) -> Tensor | None:
         """[3]: the correction that fits what was rendered of a view to its photo `target`, if it is asked for now."""
-        fitted = state.iteration >= _WARM_UP and progress < self._settings.photometric_fit_until
+        fitted = state.iteration >= _WARM_UP and progress < _PHOTOMETRIC_FIT_UNTIL
         if not fitted or (CORRECTIONS not in state.parameters and FITS not in state.parameters):
             return None
         return fitted_correction(rendering.image[..., :3].detach(), target, rendering.alpha.detach(), frame.valid)

@@ -1,4 +1,4 @@
-"""Settings of training. Environment: FASTSPLAT_TRAINING__MAX_GAUSSIANS, FASTSPLAT_TRAINING__RATES__MEANS, and so on."""
+"""How a scene is trained: settings, and the options that are none."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from fastsplat.service.common.settings import SettingGroup
+from fastsplat.service.common.settings import Options, SettingGroup
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 
 FEWEST_STEPS = 250
 """Steps before which nobody ends a run, neither a time that was asked for nor a person: fewer leave a blur."""
 
 
-class LearningRates(SettingGroup, section="training__rates"):
+class LearningRates(Options):
     """Adam's learning rates at the start of a run; each decays exponentially to `final_share` of it (means:
     `means_final`).
 
@@ -54,46 +54,23 @@ class LearningRates(SettingGroup, section="training__rates"):
         return self.photometric * math.pow(self.photometric_final / self.photometric, progress)
 
 
-class TrainingSettings(SettingGroup, section="training"):
-    """How long, how large and how fine a scene is trained.
+class TrainingOptions(Options):
+    """Schedule, weights of the loss and densification."""
 
-    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
-    `min_iterations` (for a time that somebody asked for, see `ending_after`). Every schedule below is a function of its
-    progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the bit, and one
-    bounded by time adapts to the machine it is on.
-    """
-
-    backend: Literal["cpu", "cuda", "reference"] = "cpu"
-    """Which rasterizer."""
     seed: int = Field(0, ge=0)
     """Of every random choice."""
-    max_gaussians: int = Field(40_000, ge=1)
-    """Hard budget, never exceeded at any moment."""
-    time_budget_s: float | None = Field(120.0, gt=0)
-    """Seconds of optimization, or None for no bound."""
-    iterations: int = Field(30_000, ge=1)
-    """Bound on optimization steps."""
     min_iterations: int = Field(1_000, ge=0)
     """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning: what the
     verdict "good" needs (`service.scene.assessment`)."""
-    max_side: int = Field(640, ge=8)
-    """Images are trained at no more than this many pixels on the longer side."""
     start_scale: float = Field(0.5, gt=0, le=1)
     """Image size at the start of the run, as a share of the training size."""
     full_size_from: float = Field(0.3, ge=0, le=1)
     """Progress from which images have the training size."""
-    max_sh_degree: int = Field(3, ge=0, le=MAX_SH_DEGREE)
-    """Degree of the color's spherical harmonics at the end of the run, 0 to 3."""
     sh_from: Annotated[tuple[float, ...], Field(min_length=MAX_SH_DEGREE, max_length=MAX_SH_DEGREE)] = (0.15, 0.4, 0.6)
     """Progress at which degrees 1, 2 and 3 come in."""
     held_out_every: int = Field(8, ge=0)
     """One view in so many is held out from training to measure quality; 0 holds none out. With fewer than 4 views none
     is: the scene needs them all. Where a capture sets views apart for testing, those are held out."""
-    photometric: Literal["auto", "on", "off"] = "auto"
-    """Whether exposure and white balance of every photo are found along with the scene."""
-    photometric_fit_until: float = Field(0.7, ge=0, le=1)
-    """Progress until which a photo's correction is drawn to the one by which it fits the picture in the median; the
-    gradient of the loss refines it all along."""
     ssim_weight: float = Field(0.2, ge=0, le=1)
     """λ of (1 − λ) L1 + λ (1 − SSIM)."""
     semantic_weight: float = Field(0.03, ge=0)
@@ -101,19 +78,9 @@ class TrainingSettings(SettingGroup, section="training"):
     semantic_every: int = Field(2, ge=1)
     """The cross-entropy enters every so many-th step, with so many times the weight; in the others the terms of the
     depth do (`depth_every`)."""
-    label_mode: Literal["codes", "evidence", "auto"] = "auto"
-    """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
-    are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
-    of 0.975 where evidence has 0.892 (`benchmarks/semantics`)."""
     undetected_weight: float = Field(0.1, ge=0, le=1)
     """What an undetected pixel weighs, in the cross-entropy and as evidence, where a labeled one has 1. In label maps
     that came with the capture a pixel without a label is as sure as any and weighs 1."""
-    consensus_at: float = Field(0.5, ge=0, le=1)
-    """Progress at which detected label maps of single views are replaced by those that all views agree on
-    (`service.splatting.label_consensus`). Before it color and geometry are trained alone, after it codes as well. Label
-    maps that came with the capture need no consensus."""
-    consensus_undetected_weight: float = Field(0.3, ge=0, le=1)
-    """`undetected_weight` after the consensus: what all views missed is then likelier to be nothing."""
     label_refit_epochs: int = Field(4, ge=0)
     """How often every view is looked at when codes are fitted once more to label maps that came with the capture, after
     color and geometry are final (`service.splatting.label_refit`); 0 leaves the codes as they were trained."""
@@ -132,17 +99,8 @@ class TrainingSettings(SettingGroup, section="training"):
     """Progress at which the budget of Gaussians is used up."""
     densify_events: int = Field(100, ge=0)
     """Relocations in a whole run."""
-    dead_opacity: float = Field(0.005, ge=0, lt=1)
-    """A Gaussian less opaque than this is relocated."""
     cull_opacity: float = Field(0.005, ge=0, lt=1)
     """A Gaussian less opaque than this is not stored."""
-    max_psnr_drop_db: float = Field(0.0, ge=0)
-    """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
-    0 prunes nothing, nor does a run without held-out views."""
-    opacity_decay: float = Field(0.02, ge=0)
-    """Weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die."""
-    scale_decay: float = Field(0.01, ge=0)
-    """Weight of the mean scale, in shares of the scene's extent, in the loss."""
     depth_spread_weight: float = Field(0.1, ge=0)
     """Weight of the spread of the depths that a pixel blends, in squared shares of the depth
     (`service.splatting.depth_regularization`)."""
@@ -159,10 +117,42 @@ class TrainingSettings(SettingGroup, section="training"):
     """They enter every so many-th step, with so many times the weight."""
     evaluations: int = Field(10, ge=0)
     """How often in a run the held-out views are measured for the progress report."""
-    checkpoint_every_s: float = Field(30.0, ge=0)
-    """Seconds between checkpoints."""
     rates: LearningRates = LearningRates()
     """Learning rates."""
+
+
+class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
+    """How long, how large and how fine a scene is trained.
+
+    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
+    `min_iterations` (for a time that somebody asked for, see `ending_after`). Every schedule below is a function of its
+    progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the bit, and one
+    bounded by time adapts to the machine it is on.
+    """
+
+    backend: Literal["cpu", "cuda", "reference"] = "cpu"
+    """Which rasterizer."""
+    max_gaussians: int = Field(40_000, ge=1)
+    """Hard budget, never exceeded at any moment."""
+    time_budget_s: float | None = Field(120.0, gt=0)
+    """Seconds of optimization, or None for no bound."""
+    iterations: int = Field(30_000, ge=1)
+    """Bound on optimization steps."""
+    max_side: int = Field(640, ge=8)
+    """Images are trained at no more than this many pixels on the longer side."""
+    max_sh_degree: int = Field(3, ge=0, le=MAX_SH_DEGREE)
+    """Degree of the color's spherical harmonics at the end of the run, 0 to 3."""
+    photometric: Literal["auto", "on", "off"] = "auto"
+    """Whether exposure and white balance of every photo are found along with the scene."""
+    label_mode: Literal["codes", "evidence", "auto"] = "auto"
+    """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
+    are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
+    of 0.975 where evidence has 0.892."""
+    checkpoint_every_s: float = Field(30.0, ge=0)
+    """Seconds between checkpoints."""
+    max_psnr_drop_db: float = Field(0.0, ge=0)
+    """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
+    0 prunes nothing, nor does a run without held-out views."""
 
     def ending_after(self, seconds: float) -> Self:
         """These settings for a run that ends after so many seconds, or `FEWEST_STEPS` if those take longer."""

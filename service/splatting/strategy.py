@@ -15,6 +15,9 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 
+_DEAD_OPACITY = 0.005
+"""A Gaussian less opaque than this is relocated."""
+
 
 class DensificationStrategy(Protocol):
     """Decides over number and places of a run's Gaussians.
@@ -54,5 +57,5 @@ class RelocationStrategy:
         seed = np.random.SeedSequence((settings.seed, 4, state.iteration)).generate_state(1, np.uint64)
         generator = torch.Generator().manual_seed(int(seed[0] >> 1))
         need = activate_opacities(state.parameters["logit_opacities"].detach())
-        relocate_and_grow(state, need, target, settings.dead_opacity, generator)
+        relocate_and_grow(state, need, target, _DEAD_OPACITY, generator)
         release_free_memory()

@@ -30,6 +30,9 @@ from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.file_digests import check_files, write_digests
 from fastsplat_contract.errors import ResourceError
 
+PARTIAL_EXPIRY_S = 24 * 3600.0
+"""Copies to and from the object store that broke off are removed after this."""
+
 RESUMABLE_MARK = "offset"
 """File of an unfinished resumable upload; when it was changed says how old the upload is, by `ActivityClock`."""
 

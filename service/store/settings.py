@@ -12,12 +12,7 @@ class ArtefactSettings(SettingGroup, section="artefacts"):
 
     url: str = ""
     """Where uploads and scenes are stored, e.g. "s3://bucket/folder"; empty: inside data_dir."""
-
     endpoint_url: str = ""
     """Address of an S3-compatible store that is not Amazon's."""
-
     cache_bytes: int = Field(20 << 30, ge=0)
     """Size of this machine's copies of scenes; the least recently used are removed first."""
-
-    partial_expiry_s: float = Field(24 * 3600.0, gt=0)
-    """Copies to and from the object store that broke off are removed after this."""

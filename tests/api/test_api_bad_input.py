@@ -62,7 +62,7 @@ def test_a_100_kb_question_passes_a_limit_that_is_named(faces: Faces, scene_id: 
     posted = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:query", json={"texts": [text]}))
     in_url = rest_refusal(_get(faces, f"/query?scene={scene_id}&text={text.replace(' ', '+')}"))
     assert (posted.code, in_url.code, rpc.code) == (413, 413, "RESOURCE_EXHAUSTED")
-    assert "FASTSPLAT_QUERY__MAX_TEXT_CHARS" in rpc.details["limit"]
+    assert rpc.details["limit"] == "1000 characters"
     _agree(posted, rpc)
     _agree(in_url, rpc)
 

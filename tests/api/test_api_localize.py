@@ -17,6 +17,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
+from fastsplat.service.application.localizing import MAX_PHOTOS_BYTES
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.scene_photos import write_photos
 from fastsplat.service.capture.settings import PhotoSettings
@@ -225,10 +226,10 @@ def test_forms_that_are_none_are_refused(faces: Faces, room_id: str, fields: dic
 
 
 def test_more_bytes_than_may_be_are_refused_before_they_are_all_read(faces: Faces, room_id: str) -> None:
-    huge = LocalizeRequest(scene_id=room_id, photos=(b"\0" * (_LIMITS.max_bytes + 1),))
+    huge = LocalizeRequest(scene_id=room_id, photos=(b"\0" * (MAX_PHOTOS_BYTES + 1),))
     refused = rest_refusal(_post(faces, huge))
     assert refused.code in (400, 413) and refused.details["field"] == "photos"
-    assert "FASTSPLAT_LOCALIZATION__MAX_BYTES" in refused.details["limit"]
+    assert refused.details["limit"] == f"{MAX_PHOTOS_BYTES} bytes, all photos together"
 
 
 def test_a_scene_without_photos_says_so(service: SceneService, api_settings: Settings, client: Client) -> None:

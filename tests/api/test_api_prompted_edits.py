@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.instances.prompt_settings import PromptSettings
+from fastsplat.service.instances.prompt_settings import PromptOptions
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import (
@@ -133,7 +133,7 @@ def test_a_missing_thing_is_added_from_nobody_and_from_whoever_has_it(
 
 
 def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Settings, own: str) -> None:
-    prompts = PromptSettings(max_side=64, views=1)
+    prompts = PromptOptions(max_side=64, views=1)
     small = turned(0.0)
     with open_service(api_settings.model_copy(update={"prompts": prompts})) as service:
         truth = _owner(service, own)

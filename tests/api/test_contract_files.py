@@ -10,8 +10,8 @@ from types import ModuleType
 
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
+from fastsplat.service.application.service import MAX_LISTED
 from fastsplat.service.application.stored import scene_of
-from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import SceneRecord
 from fastsplat_contract.proto_codec import to_proto
@@ -123,7 +123,7 @@ def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(
 
 
 def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:
-    most = CallSettings().max_listed
+    most = MAX_LISTED
     label = {"label": "x" * 200, "aliases": [], "pixels": 10**9, "views": 10**6, "gaussian_count": 10**9}
     record = SceneRecord(
         id="s",

@@ -15,7 +15,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
-from fastsplat.service.settings import Settings, StoreSettings
+from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CorruptImageError
@@ -47,7 +47,7 @@ def settings(tmp_path: Path) -> Settings:
         data_dir=tmp_path / "data",
         capture=CaptureSettings(max_upload_bytes=1000, max_entries=5),
         query=QuerySettings(backend="reference", max_poses=3),
-        store=StoreSettings(max_page_size=4, max_labels=3, max_gaussians=100),
+        store=StoreOptions(max_page_size=4, max_labels=3, max_gaussians=100),
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 from fastsplat.service.application.look_again_orders import look_again_job
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.settings import QuotaSettings, Settings, StoreSettings
+from fastsplat.service.settings import QuotaSettings, Settings, StoreOptions
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
@@ -63,7 +63,7 @@ def open_at(tmp_path: Path) -> Iterator[Callable[..., tuple[SceneService, str]]]
 def test_texts_that_cannot_be_looked_for_are_refused(
     open_at: Callable[..., tuple[SceneService, str]], texts: tuple[str, ...], reason: str, field: str, limit: str
 ) -> None:
-    service, scene_id = open_at(perception=_DETECTOR, store=StoreSettings(max_labels=3, max_label_chars=40))
+    service, scene_id = open_at(perception=_DETECTOR, store=StoreOptions(max_labels=3, max_label_chars=40))
     with pytest.raises(FastSplatError) as caught:
         service.look_again(scene_id, LookAgainIn(texts))
     assert (caught.value.reason, caught.value.field) == (reason, field)

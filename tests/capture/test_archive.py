@@ -115,7 +115,7 @@ def test_bomb(form, upload, settings, refused) -> None:
     zeros = bytes(16 << 20)
     packed = _zip([("zeros.jpg", zeros)]) if form == "zip" else _tar([(_member("zeros.jpg"), zeros)], "w:gz")
     folder = upload({f"photos.{form}": packed})
-    with refused(UnsafeArchiveError, "MAX_COMPRESSION_RATIO"):
+    with refused(UnsafeArchiveError, " times"):
         validate_upload(folder, settings)
 
 
@@ -145,7 +145,7 @@ def test_too_many_entries(form, upload, settings, refused) -> None:
     entries = [(f"{i}.txt", b"") for i in range(settings.max_entries + 1)]
     packed = _zip(entries) if form == "zip" else _tar([(_member(n), c) for n, c in entries])
     folder = upload({f"photos.{form}": packed})
-    with refused(LimitExceededError, "MAX_ENTRIES"):
+    with refused(LimitExceededError, " entries"):
         validate_upload(folder, settings)
 
 
@@ -195,7 +195,7 @@ def test_folders_count_as_entries(upload, photo, settings, refused) -> None:
     deep = "/".join("abcdefghij")
     entries = [(f"{number}/{deep}/a.txt", b"") for number in range(settings.max_entries // 10)]
     folder = upload({"photos.zip": _zip([*entries, ("a.jpg", photo(1)), ("b.jpg", photo(2))])})
-    with refused(LimitExceededError, "MAX_ENTRIES"):
+    with refused(LimitExceededError, " entries"):
         validate_upload(folder, settings)
 
 
@@ -207,13 +207,13 @@ def test_images_of_far_more_pixels_than_bytes_are_refused_before_they_are_decode
     folder = upload({"photos.zip": _zip([(f"{number}.png", black.getvalue()) for number in range(5)])})
     allowed = settings.model_copy(update={"max_compression_ratio": 10**9})
     monkeypatch.setattr(Image.Image, "load", lambda image: pytest.fail("it was decoded"))
-    with refused(LimitExceededError, "MAX_PIXELS_PER_BYTE"):
+    with refused(LimitExceededError, "pixels a byte"):
         validate_upload(folder, allowed)
 
 
 def test_more_pixels_than_an_upload_may_have(upload, photo, settings, refused) -> None:
     folder = upload({f"{number}.jpg": photo(number) for number in range(3)})
-    with refused(LimitExceededError, "MAX_PIXELS)"):
+    with refused(LimitExceededError, "6144 pixels"):
         validate_upload(folder, settings.model_copy(update={"max_pixels": 64 * 48 * 2}))
 
 

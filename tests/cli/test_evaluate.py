@@ -138,8 +138,12 @@ def test_photos_alone_become_a_scene_that_is_validated_without_the_test_views(
 
 
 def test_things_are_discovered_without_any_label(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_DISCOVERY__MIN_WEIGHT_PX", "4")
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__MIN_PIXELS", "8")
+    settings = load_settings()
+    small = {
+        "discovery": settings.discovery.model_copy(update={"min_weight_px": 4.0}),
+        "perception": settings.perception.model_copy(update={"min_pixels": 8}),
+    }
+    monkeypatch.setattr("fastsplat.cli.evaluate.load_settings", lambda: settings.model_copy(update=small))
     folder = made_data.nerfstudio(tmp_path / "made", 6, (1, 4))
     keep, json_file = tmp_path / "scene", tmp_path / "figures.json"
     result = run(folder, "--labels", "discovered", "--max-gaussians", 200, "--keep", keep, "--json", json_file)

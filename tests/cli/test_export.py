@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import load_settings
+from fastsplat.service.settings import StoreOptions, load_settings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.json_codec import to_plain
@@ -62,9 +62,8 @@ def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest
     result = CliRunner().invoke(app, ["things", "detections", scene_id])
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout) == to_plain(truth)
-    monkeypatch.setenv("FASTSPLAT_STORE__MAX_PAGE_SIZE", "1")
-    load_settings.cache_clear()
-    assert load_settings().store.max_page_size == 1
+    paged_by_one = load_settings().model_copy(update={"store": StoreOptions(max_page_size=1)})
+    monkeypatch.setattr("fastsplat.cli.local_service.load_settings", lambda: paged_by_one)
     paged = CliRunner().invoke(app, ["things", "detections", scene_id])
     assert json.loads(paged.stdout) == to_plain(truth)
 

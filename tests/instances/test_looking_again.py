@@ -31,7 +31,6 @@ _DETECTOR = PerceptionSettings(
     open_set_detector="yolo_world:yolo_world_s",
     prompt_encoder="label_table:clip_text_vocab",
     open_score_threshold=0.15,
-    open_score_floor=0.08,
 )
 
 

@@ -14,14 +14,12 @@ from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.photometric import correct
 from fastsplat_contract.camera import PosedCamera
 from tests.localization.textured_room import CAMERA, looking, renderer, textured_room, through_lens
 
-_SETTINGS = LocalizationSettings(max_side=480)
 _FOCAL = CAMERA.fx / CAMERA.width
 _BETWEEN = looking(0.11, height=1.15, away=2.45)
 
@@ -44,13 +42,13 @@ def landmarks(room: Scene, drawn: Renderer) -> Landmarks:
 def landmarks_of(scene: Scene, drawn: Renderer) -> Landmarks:
     """Of the scene's own pictures, in place of photos."""
     photos = [(posed, lambda posed=posed: drawn.colors(posed)) for posed in scene.cameras]
-    return find_landmarks(photos, drawn.geometry, _SETTINGS)
+    return find_landmarks(photos, drawn.geometry)
 
 
 def _place(
     picture: NDArray[np.uint8], landmarks: Landmarks, drawn: Renderer, focal: float | None = None
 ) -> PlacedPhoto:
-    (placed,) = place_photos([Photo(picture, focal)], landmarks, drawn.geometry, _SETTINGS)
+    (placed,) = place_photos([Photo(picture, focal)], landmarks, drawn.geometry)
     return placed
 
 
@@ -183,8 +181,8 @@ def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Lan
     rough[1] = rough[1].copy()
     rough[1][:3, 3] += 0.01
     photos = [Photo(first, _FOCAL), Photo(second, CAMERA.fx / 48)]
-    assert place_photos(photos[1:], landmarks, drawn.geometry, _SETTINGS)[0].refusal is not None
-    together = place_photos(photos, landmarks, drawn.geometry, _SETTINGS, rough)
+    assert place_photos(photos[1:], landmarks, drawn.geometry)[0].refusal is not None
+    together = place_photos(photos, landmarks, drawn.geometry, rough)
     for placed, posed in zip(together, poses, strict=True):
         percent, degrees = _errors(placed, posed, landmarks.size)
         assert percent < 1 and degrees < 0.5

@@ -8,7 +8,12 @@ from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.box_ops import box_iou, nms
-from fastsplat.service.perception.detection_voting import merge_spellings, region_votes, resolve_detections
+from fastsplat.service.perception.detection_voting import (
+    SAME_LABEL_IOU,
+    merge_spellings,
+    region_votes,
+    resolve_detections,
+)
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections
 
@@ -101,7 +106,7 @@ def test_no_two_boxes_for_one_thing_are_left(views: list[Detections]) -> None:
         for i in range(len(view)):
             for j in range(i):
                 same = view.labels[i] == view.labels[j]
-                assert overlap[i, j] <= (_SETTINGS.same_label_iou if same else _SETTINGS.rival_iou)
+                assert overlap[i, j] <= (SAME_LABEL_IOU if same else _SETTINGS.rival_iou)
 
 
 @given(st.lists(st.sampled_from(["Cup", "cups", "CUP ", "doll", "Dolls", "sofa"]), min_size=1, max_size=8))

@@ -140,7 +140,6 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
         prompt_encoder="label_table:clip_text_vocab",
         tags=("headset", "can opener"),
         threads=2,
-        open_score_floor=0.1,
     )
     photo = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     grey = np.full((120, 160, 3), 127, np.uint8)

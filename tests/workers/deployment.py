@@ -25,6 +25,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.progress import STAGES
+from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.database import resolve_url
 from fastsplat_contract.operations import Operation, SceneOptions
@@ -88,7 +89,7 @@ class Deployment:
     """One data folder with a service and the processes that a test starts."""
 
     def __init__(self, folder: Path, database_url: str, **changes: object) -> None:
-        jobs = JobSettings(poll_interval_s=0.1, heartbeat_interval_s=0.3, stalled_worker_timeout_s=3.0, niceness=1)
+        jobs = JobSettings(poll_interval_s=0.1, stalled_worker_timeout_s=3.0, niceness=1)
         self.settings = Settings(data_dir=folder / "data", database_url=database_url, jobs=jobs, auth="off", **changes)
         self.max_starts = jobs.max_starts
         self.service: SceneService = open_service(self.settings, _admit)
@@ -140,7 +141,9 @@ class Deployment:
             "FASTSPLAT_HTTP_PORT": self.http.rsplit(":", 1)[1],
             "FASTSPLAT_GRPC_PORT": "0",
             "FASTSPLAT_METRICS_PORT": "0",
-            "FASTSPLAT_JOBS": jobs.model_copy(update={"max_starts": self.max_starts}).model_dump_json(),
+            "FASTSPLAT_JOBS": jobs.model_copy(update={"max_starts": self.max_starts}).model_dump_json(
+                include=set(settings_of(JobSettings))
+            ),
             "PYTHONPATH": os.pathsep.join([str(_HERE), str(_HERE.parent.parent)]),
         }
 

@@ -34,12 +34,12 @@ def settings(tmp_path: Path, models_dir: Path) -> Settings:
 
 @pytest.fixture
 def worker(settings: Settings) -> Iterator[None]:
-    """A worker that renders few and small pictures around a splat."""
+    """A worker that renders few pictures around a splat."""
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(settings.data_dir),
         "FASTSPLAT_MODELS": str(settings.models),
-        "FASTSPLAT_SPLAT_IMPORT": json.dumps({"pictures": 3, "picture_side": 96, "code_steps": 60}),
+        "FASTSPLAT_SPLAT_IMPORT": json.dumps({"pictures": 3}),
     }
     command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
     process = subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)

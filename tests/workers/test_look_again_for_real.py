@@ -24,7 +24,6 @@ _PERCEPTION = {
     "open_set_detector": "yolo_world:yolo_world_s",
     "prompt_encoder": "label_table:clip_text_vocab",
     "open_score_threshold": 0.15,
-    "open_score_floor": 0.08,
 }
 
 
@@ -36,7 +35,7 @@ def service(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
     monkeypatch.setenv("FASTSPLAT_PERCEPTION", json.dumps(_PERCEPTION))
-    monkeypatch.setenv("FASTSPLAT_LOOK_AGAIN", json.dumps({"views": 1, "closer_views": 1}))
+    monkeypatch.setenv("FASTSPLAT_LOOK_AGAIN", json.dumps({"views": 1}))
     monkeypatch.setenv("FASTSPLAT_JOBS", json.dumps({"niceness": 0}))  # a busy machine must not keep the test waiting
     load_settings.cache_clear()
     command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]

@@ -64,7 +64,7 @@ def _work(settings: Settings) -> subprocess.Popen[bytes]:
         "FASTSPLAT_DATA_DIR": str(settings.data_dir),
         "FASTSPLAT_MODELS": str(settings.models),
         "FASTSPLAT_TRAINING": json.dumps(training),
-        "FASTSPLAT_PERCEPTION": _PERCEPTION.model_dump_json(exclude_defaults=True),
+        "FASTSPLAT_PERCEPTION": _PERCEPTION.model_dump_json(exclude_defaults=True, exclude={"closer_look"}),
         "FASTSPLAT_DISCOVERY": '{"things": "off"}',
         "FASTSPLAT_JOBS": '{"niceness": 0}',
     }

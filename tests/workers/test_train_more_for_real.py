@@ -20,6 +20,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.settings import settings_of
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene
@@ -56,11 +57,11 @@ def service(tmp_path: Path) -> Iterator[SceneService]:
 @pytest.fixture
 def start_worker(service: SceneService, tmp_path: Path) -> Iterator[Callable[[], subprocess.Popen[bytes]]]:
     """Starts a worker of the service's data folder; those that still run at the end are ended."""
-    changes = {"poll_interval_s": 0.1, "heartbeat_interval_s": 0.3, "stalled_worker_timeout_s": 2.0, "niceness": 0}
+    changes = {"poll_interval_s": 0.1, "stalled_worker_timeout_s": 2.0, "niceness": 0}
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(tmp_path / "data"),
-        "FASTSPLAT_TRAINING": _TRAINING.model_dump_json(exclude={"rates"}),
+        "FASTSPLAT_TRAINING": _TRAINING.model_dump_json(include=set(settings_of(TrainingSettings))),
         "FASTSPLAT_JOBS": json.dumps(changes),
     }
     workers: list[subprocess.Popen[bytes]] = []

@@ -109,7 +109,7 @@ class GroundingDino:
                 f"the labels {', '.join(prompts)[:100]}… are {len(encoding.ids)} tokens together",
                 field="labels",
                 limit=f"{_MAX_TOKENS} tokens a pass",
-                hint="Use shorter labels, or fewer in one pass (FASTSPLAT_PERCEPTION__PROMPTS_PER_PASS).",
+                hint="Use shorter labels, or fewer in one pass.",
             )
         spans = [
             [i for i, (start, end) in enumerate(encoding.offsets) if start < end and first <= start and end <= last]

@@ -16,7 +16,8 @@ from benchmarks.raster.garden import Scene
 
 def test_without_a_gpu_nothing_is_measured_or_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    monkeypatch.setattr("sys.argv", ["gpu", "--out", str(tmp_path / "gpu.json")])
+    monkeypatch.setattr("benchmarks.provenance.RESULTS", tmp_path)
+    monkeypatch.setattr("sys.argv", ["gpu"])
     with pytest.raises(SystemExit, match="NVIDIA GPU"):
         gpu.main()
     assert not list(tmp_path.iterdir())

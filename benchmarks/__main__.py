@@ -1,0 +1,76 @@
+"""The list of benchmarks, and their one entry: `python -m benchmarks [NAME [OPTION ...]]`, or `make bench NAME=...`.
+
+Every one guards figures that a document quotes, or fits constants that ship, and writes benchmarks/results/NAME.json by
+`benchmarks.provenance`. NAME --help says what it takes and does.
+"""
+
+from __future__ import annotations
+
+import os
+import runpy
+import sys
+from collections.abc import Sequence
+from typing import NamedTuple
+
+_MODELS = ("--models", os.environ.get("FASTSPLAT_MODELS", ".models"))
+_DATA = os.environ.get("FASTSPLAT_TEST_DATA", "FASTSPLAT_TEST_DATA")
+_TEST = ("--split", "test")
+
+
+class Benchmark(NamedTuple):
+    """One line of the list.
+
+    Attributes:
+        about: what it measures.
+        options: what its module is given before the options of the command line.
+        module: inside `benchmarks`; "": as it is named.
+    """
+
+    about: str
+    options: tuple[str, ...] = ()
+    module: str = ""
+
+
+BENCHMARKS = {
+    "absence": Benchmark("questions about what is there and what is not, to which nothing was fitted", _MODELS),
+    "assistant": Benchmark("200 questions with a known truth, asked through an assistant's tools", _MODELS),
+    "budgets": Benchmark("whether jobs end within their time budget", module="trade.budgets"),
+    "calibration": Benchmark(
+        "fits query/calibration.json, with --lexicon meaning.json", _MODELS, "calibration.calibrate"
+    ),
+    "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
+    "fairness": Benchmark("what one key's load costs another", module="serve.fairness"),
+    "flipped_bits": Benchmark(
+        "how reading ends when random bits of stored files flip", module="robustness.flipped_bits"
+    ),
+    "gpu": Benchmark(
+        "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
+    ),
+    "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
+    "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
+    "poses": Benchmark("photos placed by structure from motion, and their errors", ("--data", _DATA)),
+    "query": Benchmark("milliseconds of questions to a scene, in process", _MODELS),
+    "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
+    "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
+    "relations": Benchmark("questions about places, sizes and colors in drawn rooms"),
+    "serve": Benchmark("the API under load"),
+    "splat_import": Benchmark("seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene"),
+    "standing": Benchmark("standing questions at 10 poses a second for 10 minutes, a training beside"),
+    "things": Benchmark("things without a vocabulary", _TEST),
+    "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
+    "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),
+}
+
+
+def main(words: Sequence[str]) -> None:
+    """Lists the benchmarks, or runs one."""
+    if not words or words[0] not in BENCHMARKS:
+        print("\n".join(f"{name:14}{benchmark.about}" for name, benchmark in BENCHMARKS.items()))
+        sys.exit(f"no benchmark is called {words[0]!r}" if words else 0)
+    benchmark = BENCHMARKS[words[0]]
+    sys.argv[1:] = [*benchmark.options, *words[1:]]
+    runpy.run_module(f"benchmarks.{benchmark.module or words[0]}", run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
