@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs bench-localize
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench-raster bench-gpu bench-training bench-serve bench-trade bench-semantics bench-things bench-import bench-page bench-absence bench-default bench-methods bench-relations bench-assistant bench-choices page-picture sample docker-check clean bench-standing sample-scene docs bench-localize figures
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -134,6 +134,9 @@ bench-localize: setup  ## held-out photos localized in small scenes, photos of o
 
 bench-trade: setup  ## what time, memory and bytes buy: fills benchmarks/results/trade.json and draws it
 	$(BIN)/python -m benchmarks.trade --split test
+
+figures: setup  ## write the tables of figures in README and docs from benchmarks/results
+	$(BIN)/python -m benchmarks.figure_tables
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules
