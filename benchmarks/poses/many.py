@@ -43,7 +43,7 @@ def main() -> None:
                 **provenance(
                     start,
                     settings=options,
-                    chosen_on="rules of pairs and models: on some of these sets, see docs/poses.md",
+                    chosen_on="rules of pairs and models: on some of these sets, see docs/photos.md",
                 ),
                 "rows": rows,
             },
