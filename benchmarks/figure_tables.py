@@ -46,7 +46,7 @@ def write_tables(text: str, results: Path = RESULTS) -> str:
         KeyError: a region names no table, or a result file lacks a figure.
         OSError: a result file is missing.
     """
-    return _REGION.sub(lambda found: found[1] + render(TABLES[found[2]], results) + found[3], text)
+    return _REGION.sub(lambda found: f"{found[1]}\n{render(TABLES[found[2]], results)}\n{found[3]}", text)
 
 
 def render(table: Table, results: Path = RESULTS) -> str:
@@ -96,20 +96,21 @@ def _megabytes(count: float) -> str:
 
 
 def _summary(default: Document, things: Document, absence: Document, standing: Document) -> Iterator[Row]:
-    sample, found = default["sample"], things["rows"]
+    """Of README alone: its links begin at the repository's root."""
+    sample, found, figures = default["sample"], things["rows"], absence["figures"]
+    alone = "docs/method.md#from-photos-alone"
     seconds = sum(sample["stage_seconds"].values())
-    yield "from the sample's 26 photos and poses to a scene, default models, 4,000 steps", f"{seconds:.0f} s"
-    yield (
-        "pictures of test views, sample and tabletop",
-        " and ".join(f"{default[name]['figures']['psnr']:.1f} dB" for name in ("sample", "tabletop")),
-    )
+    yield f"[sample photos with poses to a scene]({alone}), default models, 4,000 steps", f"{seconds:.0f} s"
     names = ("sample", "tabletop")
+    pictures = " and ".join(f"{default[name]['figures']['psnr']:.1f} dB" for name in names)
+    yield f"[PSNR of unseen views]({alone}), two scenes", pictures
     recall = " and ".join(_count(found[name]["things_recall_50"], found[name]["things_true"]) for name in names)
-    yield "things found that can be clicked and named", recall
-    figures = absence["figures"]
+    yield f"[things found]({alone}), ready to be named by a click", recall
     said = " and ".join(f"{figures[each]['value'] * 100:.0f} %" for each in ("found_and_named", "rightly_absent"))
-    yield "words that no name is equal to: found and rightly named; rightly said to be absent", said
-    yield "answers to 30 camera poses a second, beside a training", f"95 % within {standing['p95_ms']:.0f} ms"
+    reliable = "docs/asking.md#how-far-an-answer-can-be-relied-on"
+    yield f"[asked in other words: found; absent things said to be absent]({reliable})", said
+    within = f"95 % within {standing['p95_ms']:.0f} ms"
+    yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
 
 
 def _training(document: Document) -> Iterator[Row]:
