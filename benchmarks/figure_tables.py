@@ -113,12 +113,6 @@ def _summary(default: Document, things: Document, absence: Document, standing: D
     yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
 
 
-def _training(document: Document) -> Iterator[Row]:
-    curve = document["curve"]
-    for point in (curve[0], curve[2], curve[5], curve[11], curve[-1]):
-        yield f"{point['elapsed_s']:.0f}", f"{point['iteration']:,.0f}", f"{point['psnr']:.1f} dB"
-
-
 def _raster(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         if row["backend"] == "cpu" and row["threads"] == 2 and row.get("backward_ms") and row["gaussians"] != 20000:
@@ -236,7 +230,6 @@ _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB
 
 TABLES: Mapping[str, Table] = {
     "summary": Table(("default_path", "things", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
-    "training": Table(("training_tabletop_240s",), ("seconds", "steps", "PSNR of test views"), _training),
     "raster": Table(("raster",), ("instructions", "Gaussians", "picture", "forward, ms", "backward, ms"), _raster),
     "frontier": Table(("trade",), _TRADE_HEAD, lambda trade: _trade(trade, ("frontier",), "tabletop")),
     "factors": Table(
