@@ -12,7 +12,7 @@ PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs
+.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -83,6 +83,9 @@ bench: setup  ## run the benchmark NAME=..., with ARGS="..."; without a name the
 
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture
+
+figures: setup  ## write the tables of figures in README and docs from benchmarks/results
+	$(BIN)/python -m benchmarks.figure_tables
 
 clean:  ## remove what make made (models stay)
 	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -18,7 +18,16 @@ from tests.docs.page_blocks import ROOT, blocks_of
 
 _DOCUMENTS = ("README.md", "DEVELOPMENT.md")
 _PAGES = tuple(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")))
-_MADE = (".venv", ".models/", "api/web/dist/", "demo-output/", "fastsplat-data", "benchmarks/results/", "site/")
+_MADE = (
+    ".venv",
+    ".models/",
+    "api/web/dist/",
+    "demo-output/",
+    "fastsplat-data",
+    "benchmarks/results/",
+    "docker/secrets",
+    "site/",
+)
 """Beginnings of paths that commands make."""
 _FOLDERS = ("api", "service", "client", "workers")
 _OF_A_PROCESS = {"FASTSPLAT_RASTER_THREADS", "FASTSPLAT_RASTER_ISA", "FASTSPLAT_TEST_DATA"}

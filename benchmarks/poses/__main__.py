@@ -18,7 +18,7 @@ from benchmarks.provenance import RESULTS, begin, parser_of, write_results
 
 _SETS = "kitchen/1,kitchen/2,kitchen/3,plush/1,plush/2,plush/3,tabletop/1,tabletop/2,tabletop/3,skull/1,skull/2,skull/3"
 _RESULT = RESULTS / "poses.json"
-_CHOSEN_ON = "rules of pairs and models: on some of these sets, see docs/poses.md"
+_CHOSEN_ON = "rules of pairs and models: on some of these sets, see docs/photos.md"
 
 
 def main() -> None:

@@ -47,7 +47,7 @@ class Evidence:
 def refusal_of(evidence: Evidence) -> LocalizeRefusal | None:
     """Why a pose is not to be believed; None where it is.
 
-    The thresholds are chosen on validation photos of three scenes and photos of other places, see docs/localizing.md.
+    The thresholds are chosen on validation photos of three scenes and photos of other places, see docs/measuring.md.
     """
     if evidence.inliers < LEAST_INLIERS:
         return "few_matches"

@@ -16,7 +16,7 @@ _LEAST_PX = 0.3
 _LEAST_TOLD = 1e-9
 _SHARED = 6.0
 """Times this is a variance larger than of independent errors: places of one photo of the scene are off together. Chosen
-on validation photos, see docs/localizing.md."""
+on validation photos, see docs/measuring.md."""
 
 
 def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estimated: bool) -> F64:

@@ -33,7 +33,7 @@ _CLEAR = 0.03
 _DEVIATION_PX = 1.0
 _FITS_PX = 3.0
 _DEPTH_DEVIATION = 0.04
-"""Of the scene's own depth, as a share of it; see docs/localizing.md."""
+"""Of the scene's own depth, as a share of it; see docs/measuring.md."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,8 @@
 """What a thing looks like, as numbers by which it is known again in another scene: inner features of the closed-set
 detector, averaged inside the thing's mask on pictures cut around it.
 
-What the features are worth, and what the detector's own labels, the segmenter's embedding and colors are not, is
-measured in docs/names.md.
+How often the features name the right thing, and the detector's classes, the segmenter's embedding and colors do not, is
+in docs/naming.md.
 """
 
 from __future__ import annotations

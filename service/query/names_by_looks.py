@@ -15,7 +15,7 @@ _RIVAL = 0.5
 _SCORES, _PROBABILITIES = (0.86, 1.05, 1.2), (0.8, 0.85, 0.95)
 """From the first score on a name is suggested; between them the probability is interpolated. Chosen where 95 % of the
 suggestions on the demo's sample, on the same things elsewhere and on photos of something else were right; what came of
-it on things that nothing was chosen on is in docs/names.md."""
+it on things that nothing was chosen on is in docs/naming.md."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ and then a few looks at every view fit all codes to pixels and to those labels a
 
 The more pixels a Gaussian fills, the less it is held to one label: pixels say enough of it. What few views show has no
 Gaussians of its own; large ones draw it that other views show as something else, and held to that they would lose it,
-the more the longer the run was (`docs/trade.md`, "Long runs").
+the more the longer the run was.
 """
 
 from __future__ import annotations

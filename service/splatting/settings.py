@@ -37,7 +37,7 @@ class LearningRates(Options):
     """Of the constant color."""
     sh_rest_share: float = Field(0.4, gt=0, le=1)
     """Of the other spherical harmonics, as a share of `sh_dc`. 3DGS's 0.05 leaves highlights to geometry: to Gaussians
-    below a glossy table (`docs/trade.md`, "Colour against geometry")."""
+    below a glossy table (`docs/method.md`, "Depth terms and highlights")."""
     codes: float = Field(1e-2, gt=0)
     """Of the semantic codes."""
     weight: float = Field(5e-3, gt=0)

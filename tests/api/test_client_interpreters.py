@@ -85,8 +85,8 @@ def test_the_contract_and_the_client_pass_their_tests_there(python: Path, tmp_pa
 
 
 def test_the_readmes_example_runs_there(python: Path, faces: Faces, scene_id: str, tmp_path: Path) -> None:
-    first, *_ = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    example = first.replace('"tea"', '"mug"')
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    (example,) = (block.replace('"tea"', '"mug"') for block in blocks if "fastsplat_client" in block)
     url = "http://localhost:8000"
     assert url in example
     (tmp_path / "fastsplat-data").mkdir()

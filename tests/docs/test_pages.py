@@ -33,8 +33,8 @@ def test_what_is_not_executed_is_the_lesser_part() -> None:
     assert len(left_out) <= len(code) / 4, [f"{block}: {block.reason}" for block in left_out]
 
 
-def test_each_way_to_the_photos_of_the_first_scene_leads_to_the_folder_that_its_blocks_use(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "first_scene.md").read_text()
+def test_each_way_to_the_photos_of_the_quickstart_leads_to_the_folder_that_its_blocks_use(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "quickstart.md").read_text()
     ways = re.findall(r"`((?:mkdir [^`]+)?cp -r demo/sample[^`]*)`", page)
     (checked,) = re.findall(r"fastsplat check (\S+)", page)
     assert len(ways) == 2

@@ -1,1 +1,1 @@
-"""Protocols of other papers, under their names, beside the measures of this project. See docs/evaluation.md."""
+"""Protocols of other papers, under their names, beside the measures of this project. See docs/method.md."""

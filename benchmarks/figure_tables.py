@@ -1,0 +1,282 @@
+"""The tables of figures in README and docs, written from `benchmarks/results/*.json`: `make figures`.
+
+A page has a region `<!-- figures: NAME -->` ... `<!-- end -->` for each table; what is between is replaced. Below a
+table stand the result files that it was made of, with their commits and dates.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "benchmarks" / "results"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+
+_REGION = re.compile(r"(<!-- figures: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+Row = Sequence[str]
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of figures.
+
+    Attributes:
+        files: the result files that it is made of, by their names without the ending.
+        head: titles of its columns.
+        rows: makes the rows from the files' contents, in the order of `files`.
+    """
+
+    files: tuple[str, ...]
+    head: tuple[str, ...]
+    rows: Callable[..., Iterator[Row]]
+
+
+def write_tables(text: str, results: Path = RESULTS) -> str:
+    """A page with all its tables written anew.
+
+    Raises:
+        KeyError: a region names no table, or a result file lacks a figure.
+        OSError: a result file is missing.
+    """
+    return _REGION.sub(lambda found: f"{found[1]}\n{render(TABLES[found[2]], results)}\n{found[3]}", text)
+
+
+def render(table: Table, results: Path = RESULTS) -> str:
+    """The Markdown of one table and the line about its sources.
+
+    Raises:
+        KeyError, OSError: as `write_tables`.
+    """
+    documents = [json.loads((results / f"{name}.json").read_text()) for name in table.files]
+    lines = [table.head, ["---"] * len(table.head), *table.rows(*documents)]
+    said = "; ".join(_source(name, document) for name, document in zip(table.files, documents, strict=True))
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines) + f"\n<sub>{said}</sub>\n"
+
+
+def _source(name: str, document: Document) -> str:
+    """Where the figures of one result file come from: its commits and dates."""
+    runs = sorted({(str(run["date"])[:10], run.get("commit", "commit not recorded")) for run in _runs(document)})
+    return f"`benchmarks/results/{name}.json`: " + ", ".join(f"{commit} ({day})" for day, commit in runs)
+
+
+def _runs(value: object) -> Iterator[Document]:
+    """The records in a result file that say when they were taken, outermost first."""
+    if isinstance(value, Mapping):
+        if "date" in value:
+            yield value
+        else:
+            for each in value.values():
+                yield from _runs(each)
+
+
+def _count(share: float, of: int) -> str:
+    """A share of a small sample as a count."""
+    return f"{round(share * of)} of {of}"
+
+
+def _right(tally: Document) -> str:
+    return _count(tally["right"], tally["questions"])
+
+
+def _with_interval(figure: Document) -> str:
+    low, high = figure["interval"]
+    return f"{figure['value']:.2f} ({low:.2f} to {high:.2f})"
+
+
+def _megabytes(count: float) -> str:
+    return f"{count / 1e6:.1f} MB"
+
+
+def _summary(default: Document, things: Document, absence: Document, standing: Document) -> Iterator[Row]:
+    """Of README alone: its links begin at the repository's root."""
+    sample, found, figures = default["sample"], things["rows"], absence["figures"]
+    alone = "docs/method.md#from-photos-alone"
+    seconds = sum(sample["stage_seconds"].values())
+    yield f"[sample photos with poses to a scene]({alone}), default models, 4,000 steps", f"{seconds:.0f} s"
+    names = ("sample", "tabletop")
+    pictures = " and ".join(f"{default[name]['figures']['psnr']:.1f} dB" for name in names)
+    yield f"[PSNR of unseen views]({alone}), two scenes", pictures
+    recall = " and ".join(_count(found[name]["things_recall_50"], found[name]["things_true"]) for name in names)
+    yield f"[things found]({alone}), ready to be named by a click", recall
+    said = " and ".join(f"{figures[each]['value'] * 100:.0f} %" for each in ("found_and_named", "rightly_absent"))
+    reliable = "docs/asking.md#how-far-an-answer-can-be-relied-on"
+    yield f"[asked in other words: found; absent things said to be absent]({reliable})", said
+    within = f"95 % within {standing['p95_ms']:.0f} ms"
+    yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
+
+
+def _raster(document: Document) -> Iterator[Row]:
+    for row in document["rows"]:
+        if row["backend"] == "cpu" and row["threads"] == 2 and row.get("backward_ms") and row["gaussians"] != 20000:
+            size = f"{row['width']}×{row['height']}"
+            yield row["isa"], f"{row['gaussians']:,}", size, f"{row['forward_ms']:.0f}", f"{row['backward_ms']:.0f}"
+
+
+def _trade(document: Document, factors: Sequence[str], data: str) -> Iterator[Row]:
+    for row in document["rows"]:
+        if row["data"] == data and row["factor"].startswith(tuple(factors)):
+            factor = "" if row["factor"].startswith("frontier") else f"{row['factor']}: "
+            cells = [f"{row['psnr']:.1f}", f"{row['miou']:.3f}", f"{row['boundary_iou']:.3f}"]
+            cells += [f"{row['cpu_s']:.0f}", _megabytes(row["bytes"]), f"{row['peak_mb']:.0f}"]
+            yield f"{factor}{row['value']}, {row['iterations']:,} steps", *cells
+
+
+def _perception(document: Document) -> Iterator[Row]:
+    for row in document["rows"]:
+        if "perception_cpu_s" in row:
+            cells = (f"{row['miou']:.2f}", f"{row['perception_cpu_s']:.0f}", f"{row['peak_mb']:.0f}")
+            yield f"{row['factor']}: {row['value']}", *cells
+
+
+def _default_path(document: Document) -> Iterator[Row]:
+    for name, run in document.items():
+        figures = run["figures"]
+        cells = [f"{run['names_right']} of {run['names']}", f"{figures['miou']:.2f}", f"{figures['clicks_miou']:.2f}"]
+        stages = run["stage_seconds"]
+        cells += [f"{figures['psnr']:.1f} dB", f"{stages['perception']:.0f}", f"{stages['training']:.0f}"]
+        yield name, *cells
+
+
+def _things(document: Document) -> Iterator[Row]:
+    for name, row in document["rows"].items():
+        if "things_true" in row:
+            found = [_count(row[f"things_recall_{share}"], row["things_true"]) for share in (50, 75)]
+            yield name, *found, _count(row["things_precision"], row["things_judged"]), f"{row['clicks_miou']:.2f}"
+
+
+def _absence(document: Document) -> Iterator[Row]:
+    figures, asked = document["figures"], document["questions"]
+    for title, name, wanted in (
+        ("found and rightly named", "found_and_named", "≥ 0.92"),
+        ("rightly said to be absent", "rightly_absent", "≥ 0.88"),
+        ("area under the ROC of presence", "auroc", "≥ 0.97"),
+        ("calibration error of the leading answer", "leading_ece", "≤ 0.04"),
+        ("label sets of 90 % that hold an acceptable label", "label_sets_covered", "0.87 to 0.93"),
+    ):
+        yield title, _with_interval(figures[name]), wanted
+    for title, name in (
+        ("asked by a synonym", "synonym"),
+        ("by a kind", "kind"),
+        ("by a use", "use"),
+        ("absent: things of elsewhere", "far"),
+        ("absent: things of a household", "household"),
+        ("absent: near misses", "near"),
+    ):
+        yield title, _count(figures[name]["value"], asked[name]), ""
+
+
+def _relations(document: Document) -> Iterator[Row]:
+    yield "decided by how things stand", _right(document["decided"]), "answered rightly"
+    yield "", str(document["wrong"]), "answered wrongly"
+    yield "", str(document["wrongly_refused"]), "refused"
+    yield "not decided by it", _right(document["rightly_refused"]), "refused"
+
+
+def _standing(document: Document) -> Iterator[Row]:
+    yield "poses answered", f"{document['answered']:,} of {document['sent']:,}"
+    yield "poses passed over for a newer one", str(document["dropped"])
+    yield (
+        "latency: median, 95 %, longest",
+        ", ".join(f"{document[f'{each}_ms']:.0f} ms" for each in ("p50", "p95", "max")),
+    )
+    yield "longest pause between two answers", f"{document['longest_gap_s']:.2f} s"
+    memory = document["server_mib"]
+    yield "memory of the server, before and after", f"{memory['start']:.0f} and {memory['end']:.0f} MiB"
+
+
+def _serve(document: Document) -> Iterator[Row]:
+    phases = {row["phase"]: row for row in document["rows"]}
+    rest, many = phases["overhead of rest"], phases["50 clients"]
+    yield (
+        "a small question: in process, REST, gRPC (median)",
+        ", ".join(f"{rest['p50_ms'][each]:.1f} ms" for each in ("in_process", "rest", "grpc")),
+    )
+    yield (
+        "50 clients at once",
+        f"{many['count'] / many['seconds']:.0f} answers a second, 99 % within {many['p99_ms']:.0f} ms",
+    )
+    cold = phases["a cold scene of 1M Gaussians"]["seconds"]
+    yield "first answer of a scene of a million Gaussians", f"{max(cold):.1f} s"
+    growth = phases["mixed requests"]
+    yield f"memory after {growth['requests']:,} mixed requests", f"{growth['growth'] * 100:+.1f} %"
+
+
+def _page(document: Document) -> Iterator[Row]:
+    for row in document["rows"]:
+        drawn = "browser, WebGL without a GPU" if row["webgl"] else "server"
+        seconds = f"{row['scene_shown_s']:.1f} s", f"{row['enter_to_glow_s']:.1f} s"
+        loaded = _megabytes(sum(row["bytes"].values()))
+        yield f"{row['scene']}, {row['gaussians']:,}", drawn, *seconds, f"{row['frames_per_s']:.0f}", loaded
+
+
+def _localization(document: Document) -> Iterator[Row]:
+    for name, run in document.items():
+        held, others = run["held_out"], run["others"]
+        errors = f"{held['size_percent_median']:.3f} % of the size, {held['degrees_median']:.3f}°"
+        inside = _count(held["inside_95"], held["photos"])
+        wrong = f"{others['accepted']} of {others['photos']}"
+        yield name, f"{held['right']} of {held['photos']}", errors, inside, wrong
+
+
+_TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")
+
+TABLES: Mapping[str, Table] = {
+    "summary": Table(("default_path", "things", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
+    "raster": Table(("raster",), ("instructions", "Gaussians", "picture", "forward, ms", "backward, ms"), _raster),
+    "frontier": Table(("trade",), _TRADE_HEAD, lambda trade: _trade(trade, ("frontier",), "tabletop")),
+    "factors": Table(
+        ("trade",),
+        _TRADE_HEAD,
+        lambda trade: _trade(
+            trade,
+            ("base", "resolution", "Gaussians", "harmonics", "code size", "label mode", "surplus", "fixed"),
+            "tabletop",
+        ),
+    ),
+    "perception": Table(("trade",), ("the sample, detected labels", "mIoU", "CPU s", "peak MB"), _perception),
+    "default_path": Table(
+        ("default_path",),
+        ("", "names right", "mIoU by them", "IoU of a click", "PSNR", "perception, s", "training, s"),
+        _default_path,
+    ),
+    "things": Table(
+        ("things",), ("", "found at IoU 0.5", "at IoU 0.75", "found things that are right", "IoU of a click"), _things
+    ),
+    "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
+    "relations": Table(("relations",), ("questions", "", ""), _relations),
+    "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
+    "serve": Table(("serve",), ("", ""), _serve),
+    "page": Table(
+        ("page",),
+        ("scene, Gaussians", "drawn by", "shown after", "from Enter to glow", "frames a second", "loaded"),
+        _page,
+    ),
+    "localization": Table(
+        ("localization",),
+        ("scene", "photos placed rightly", "median error", "inside the 95 % region", "photos of other places accepted"),
+        _localization,
+    ),
+}
+"""By the names that regions of pages use."""
+
+
+def main() -> None:
+    """Write the tables of all pages anew, and print the pages that changed."""
+    for page in PAGES:
+        before = page.read_text()
+        after = write_tables(before)
+        if after != before:
+            page.write_text(after)
+            print(page.relative_to(ROOT), file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,49 @@
+"""Tables of figures in the pages are those of the result files, and say where they come from."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from benchmarks.figure_tables import PAGES, RESULTS, TABLES, render, write_tables
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_tables_of_a_page_are_those_of_the_result_files(page: Path) -> None:
+    assert write_tables(page.read_text()) == page.read_text(), f"{page.name} is out of date: run make figures"
+
+
+def test_every_table_stands_in_a_page_and_every_region_is_closed() -> None:
+    text = "".join(page.read_text() for page in PAGES)
+    named = re.findall(r"<!-- figures: (\S+) -->", text)
+    assert set(named) == set(TABLES)
+    assert len(named) == text.count("<!-- end -->")
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_says_the_dates_and_commits_of_its_files(name: str) -> None:
+    table = TABLES[name]
+    said = render(table).splitlines()[-1]
+    for file in table.files:
+        assert f"{file}.json`: " in said
+    assert re.search(r"\d{4}-\d\d-\d\d", said)
+
+
+def test_a_page_follows_its_result_file(tmp_path: Path) -> None:
+    shutil.copytree(RESULTS, tmp_path, dirs_exist_ok=True)
+    page = "text\n<!-- figures: standing -->\nold\n<!-- end -->\nmore\n"
+    before = write_tables(page, tmp_path)
+    document = json.loads((tmp_path / "standing.json").read_text())
+    (tmp_path / "standing.json").write_text(json.dumps({**document, "dropped": 4711, "commit": "0123abc"}))
+    after = write_tables(before, tmp_path)
+    assert "4711" not in before and "| 4711 |" in after and "0123abc (" in after
+    assert after.startswith("text\n") and after.endswith("<!-- end -->\nmore\n") and "old" not in after
+
+
+def test_a_region_that_names_no_table_is_refused() -> None:
+    with pytest.raises(KeyError, match="nothing"):
+        write_tables("<!-- figures: nothing -->\n<!-- end -->\n")
