@@ -7,6 +7,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
+
+import pytest
 
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
@@ -37,15 +40,20 @@ def test_the_generated_code_is_that_of_the_proto(tmp_path: Path) -> None:
         assert (tmp_path / name).read_text() == (generator.OUTPUT / name).read_text(), f"{name} is stale: make protos"
 
 
-def test_the_openapi_file_is_that_of_the_routes() -> None:
+@pytest.fixture(scope="module")
+def described() -> dict[str, Any]:
+    """What the routes say of themselves."""
+    return openapi.describe()
+
+
+def test_the_openapi_file_is_that_of_the_routes(described: dict[str, Any]) -> None:
     committed = json.loads(openapi.COMMITTED.read_text())
-    assert committed == openapi.describe(), "openapi.json is stale: python -m fastsplat.api.rest.openapi"
+    assert committed == described, "openapi.json is stale: python -m fastsplat.api.rest.openapi"
 
 
-def test_every_operation_documents_its_problems() -> None:
-    document = openapi.describe()
-    assert "Problem" in document["components"]["schemas"]
-    for path, methods in document["paths"].items():
+def test_every_operation_documents_its_problems(described: dict[str, Any]) -> None:
+    assert "Problem" in described["components"]["schemas"]
+    for path, methods in described["paths"].items():
         for operation in methods.values():
             assert path == "/livez" or "application/problem+json" in operation["responses"]["4XX"]["content"]
             assert "422" not in operation["responses"]
@@ -112,10 +120,10 @@ _TWINS = {
 }
 
 
-def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone() -> None:
+def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(described: dict[str, Any]) -> None:
     """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC; who has found gRPC need not
     ask where it is."""
-    routes = {f"{method.upper()} {path}" for path, methods in openapi.describe()["paths"].items() for method in methods}
+    routes = {f"{method.upper()} {path}" for path, methods in described["paths"].items() for method in methods}
     elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
     assert set(_TWINS) == routes - elsewhere
     rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
