@@ -15,6 +15,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from tests.api.clients import client_of
+from tests.api.guarded import Guarded, guarded_server
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
 from tests.api.served import Faces, served
@@ -61,6 +62,13 @@ def scene_id(service: SceneService, api_settings: Settings) -> str:
 def faces(service: SceneService, api_settings: Settings) -> Iterator[Faces]:
     """REST and gRPC over the same service."""
     with served(service, api_settings) as running:
+        yield running
+
+
+@pytest.fixture(scope="session")
+def guarded(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    """A server that asks for keys, with a key of every kind."""
+    with guarded_server(api_settings, tmp_path_factory.mktemp("guarded")) as running:
         yield running
 
 

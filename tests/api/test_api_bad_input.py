@@ -159,18 +159,6 @@ def test_numbers_that_are_none_are_malformed(faces: Faces, scene_id: str, path: 
     assert rest.details["field"] == f"cameras[0].{path}"
 
 
-def test_huge_pictures_pass_a_limit(faces: Faces, scene_id: str) -> None:
-    body = {"kind": "rgb", "camera": _changed("intrinsics.width", 2_000_000_000)}
-    rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body))
-    message = to_proto(turned(0.1))
-    message.intrinsics.width = 2_000_000_000
-    with pytest.raises(grpc.RpcError) as caught:
-        list(faces.rpc.RenderView(pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, camera=message)))
-    rpc = rpc_refusal(caught.value)
-    assert (rest.code, rpc.code) == (413, "RESOURCE_EXHAUSTED")
-    _agree(rest, rpc)
-
-
 _BAD_BODIES = {
     "no json": ("{", "body"),
     "no object": ("[]", "body"),

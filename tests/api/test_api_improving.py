@@ -9,35 +9,13 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
 from fastsplat_contract.json_codec import from_json, to_plain
-from fastsplat_contract.next_photo_messages import NextPhotoList
-from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import AlignIn, Scene, SceneVersion
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-
-
-def test_every_face_orders_the_same_training(faces: Faces, client: Client, service: SceneService, own: str) -> None:
-    body = TrainMoreIn(steps=100, preset="draft", request_id="the-same-training")
-    posted = faces.rest.post(f"/v1/scenes/{own}:trainMore", json=to_plain(body))
-    assert posted.status_code == 202, posted.text
-    operation = from_json(Operation, posted.content)
-    assert posted.headers["location"].endswith(f"/v1/operations/{operation.id}")
-    assert operation.kind == "train_more" and operation.train_more is None
-    request = pb.TrainMoreRequest(scene_id=own, steps=100, preset="draft", request_id=body.request_id)
-    assert_same(from_proto(Operation, faces.rpc.TrainMore(request)), operation)
-    assert_same(client.train_more(own, steps=100, preset="draft", request_id=body.request_id), operation)
-    assert_same(service.training.order(own, body), operation)
-    assert client.cancel(operation.id).state == "CANCELLED"
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:trainMore", json={"steps": 100, "seconds": 1.0}))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.TrainMore(pb.TrainMoreRequest(scene_id=own, steps=100, seconds=1.0))
-    over_rpc = rpc_refusal(caught.value)
-    assert (over_rpc.reason, over_rpc.detail, over_rpc.details) == (refused.reason, refused.detail, refused.details)
 
 
 def test_every_face_aligns_alike(faces: Faces, client: Client, service: SceneService, own: str) -> None:
@@ -81,12 +59,3 @@ def test_bad_alignments_are_refused_alike(faces: Faces, own: str) -> None:
     over_rpc = rpc_refusal(caught.value)
     assert (over_rpc.reason, over_rpc.detail, over_rpc.details) == (refused.reason, refused.detail, refused.details)
     assert refused.reason == "INVALID_INPUT" and refused.details["field"].endswith("alignment.pairs")
-
-
-def test_every_face_says_where_to_stand(faces: Faces, client: Client, service: SceneService, own: str) -> None:
-    listed = service.photos.next_photos(own)
-    got = faces.rest.get(f"/v1/scenes/{own}/next-photos")
-    assert_same(from_json(NextPhotoList, got.content), listed)
-    over_rpc = faces.rpc.ListNextPhotos(pb.ListNextPhotosRequest(scene_id=own))
-    assert_same(from_proto(NextPhotoList, over_rpc), listed)
-    assert_same(client.next_photos(own), listed.photos)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -15,8 +16,7 @@ from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
 from fastsplat.service.application import project_keys
-from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.settings import Settings
+from fastsplat.service.application.service import SceneService
 from fastsplat_client import (
     Client,
     ConflictError,
@@ -30,30 +30,36 @@ from fastsplat_contract.keys import AccessKey, NewKey, Role
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
-from tests.api.served import Faces, rpc_refusal, served
+from tests.api.guarded import Guarded
+from tests.api.served import Faces, rpc_refusal
 
 
 @dataclass(frozen=True)
 class _Place:
+    """A server with two projects of the test's own."""
+
     faces: Faces
     service: SceneService
+    project: str
+    elsewhere: str
     operator: str
 
     def client(self, key: str, project: str = "") -> Client:
         return client_of(self.faces, key=key, project=project)
 
-    def new(self, role: Role, project: str = "default") -> tuple[str, str]:
+    def new(self, role: Role, project: str = "") -> tuple[str, str]:
         """Id and secret of a new key."""
-        record, secret = self.service.admin.keys.create(role, role, project=project)
+        record, secret = self.service.admin.keys.create(role, role, project=project or self.project)
         return record.id, secret
 
 
 @pytest.fixture
-def place(api_settings: Settings, tmp_path: Path) -> Iterator[_Place]:
-    settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path / "data"})
-    with open_service(settings) as service, served(service, settings) as faces:
-        service.admin.projects.create("elsewhere")
-        yield _Place(faces, service, service.admin.keys.create("first", "operator")[1])
+def place(guarded: Guarded) -> _Place:
+    admin, project = guarded.service.admin, uuid.uuid4().hex[:8]
+    for name in (project, f"{project}-elsewhere"):
+        admin.projects.create(name)
+    operator = admin.keys.create("first", "operator", project=project)[1]
+    return _Place(guarded.faces, guarded.service, project, f"{project}-elsewhere", operator)
 
 
 @pytest.mark.parametrize("caller", ["admin", "operator"])
@@ -64,10 +70,10 @@ def test_nobody_makes_a_key_of_a_higher_role(place: _Place, caller: Role, role: 
             with pytest.raises(PermissionDeniedError) as refused:
                 client.keys.create("new", role)
             assert refused.value.field == "role"
-            assert len(place.service.admin.keys.all()) == 2
+            assert [key.role for key in client.keys.all()] == ["admin"]
             return
         made = client.keys.create("new", role, 3_600.0)
-    assert (made.key.name, made.key.role, made.key.project, made.key.state) == ("new", role, "default", "VALID")
+    assert (made.key.name, made.key.role, made.key.project, made.key.state) == ("new", role, place.project, "VALID")
     assert made.key.expires_at is not None and made.key.expires_at - made.key.created_at == timedelta(hours=1)
     assert made.secret not in repr(made) and made.key.id in made.secret
     with place.client(made.secret) as new:
@@ -85,7 +91,7 @@ def test_a_secret_is_told_once_and_in_no_list(place: _Place) -> None:
 
 def test_a_list_has_the_projects_keys_of_the_callers_role_at_most_page_by_page(place: _Place) -> None:
     admin_id, admin = place.new("admin")
-    others = {place.new("reader", "elsewhere")[0], place.new("operator")[0]}
+    others = {place.new("reader", place.elsewhere)[0], place.new("operator")[0]}
     with place.client(admin) as client:
         made = [client.keys.create(f"robot {number}").key.id for number in range(5)]
         listed = [key.id for key in client.keys.all()]
@@ -99,17 +105,17 @@ def test_a_list_has_the_projects_keys_of_the_callers_role_at_most_page_by_page(p
         assert rest["next_page_token"] == ""
     with place.client(place.operator) as operator:
         assert len(list(operator.keys.all())) == len(listed) + 2
-    with place.client(place.operator, project="elsewhere") as operator:
-        assert {key.project for key in operator.keys.all()} == {"elsewhere"}
+    with place.client(place.operator, project=place.elsewhere) as operator:
+        assert {key.project for key in operator.keys.all()} == {place.elsewhere}
 
 
 def test_an_operator_makes_keys_of_a_project_it_names_and_nobody_else_does(place: _Place) -> None:
-    with place.client(place.operator, project="elsewhere") as operator:
-        assert operator.keys.create("new", "admin").key.project == "elsewhere"
-        metadata = (("authorization", f"Bearer {place.operator}"), ("x-fastsplat-project", "elsewhere"))
+    with place.client(place.operator, project=place.elsewhere) as operator:
+        assert operator.keys.create("new", "admin").key.project == place.elsewhere
+        metadata = (("authorization", f"Bearer {place.operator}"), ("x-fastsplat-project", place.elsewhere))
         made = from_proto(NewKey, place.faces.rpc.CreateKey(pb.CreateKeyRequest(name="x"), metadata=metadata))
-        assert (made.key.project, made.key.role) == ("elsewhere", "editor")
-    with place.client(place.new("admin")[1], project="elsewhere") as admin, pytest.raises(NotFoundError):
+        assert (made.key.project, made.key.role) == (place.elsewhere, "editor")
+    with place.client(place.new("admin")[1], project=place.elsewhere) as admin, pytest.raises(NotFoundError):
         admin.keys.create("new")
 
 
@@ -117,7 +123,7 @@ def test_an_operator_makes_keys_of_a_project_it_names_and_nobody_else_does(place
 def test_keys_beyond_the_callers_reach_do_not_exist_for_it(place: _Place, of: str) -> None:
     key_id = {
         "operator": place.new("operator")[0],
-        "admin of another project": place.new("admin", "elsewhere")[0],
+        "admin of another project": place.new("admin", place.elsewhere)[0],
         "nobody": "0123456789ab",
     }[of]
     metadata = (("authorization", f"Bearer {place.new('admin')[1]}"),)
@@ -188,15 +194,22 @@ def test_a_project_has_so_many_keys_and_no_more(place: _Place, monkeypatch: pyte
         admin.keys.revoke(admin.keys.create("short").key.id)
         with pytest.raises(QuotaError):
             admin.keys.create("one more")
-    with place.client(place.operator, project="elsewhere") as operator:
-        assert operator.keys.create("there is room").key.project == "elsewhere"
+    with place.client(place.operator, project=place.elsewhere) as operator:
+        assert operator.keys.create("there is room").key.project == place.elsewhere
 
 
 def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "no-data-here"))
     monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "key").write_text(f"{place.operator}\n")
-    server = ["--server", str(place.faces.rest.base_url), "--key-file", str(tmp_path / "key"), "--project", "elsewhere"]
+    server = [
+        "--server",
+        str(place.faces.rest.base_url),
+        "--key-file",
+        str(tmp_path / "key"),
+        "--project",
+        place.elsewhere,
+    ]
 
     def call(*words: str) -> str:
         answered = CliRunner().invoke(app, ["keys", *words, *server])
@@ -205,7 +218,7 @@ def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypat
 
     secret = call("create", "robot", "--role", "reader", "--days", "2").strip()
     record = place.service.admin.keys.valid().find(secret)
-    assert record is not None and (record.project, record.role) == ("elsewhere", "reader")
+    assert record is not None and (record.project, record.role) == (place.elsewhere, "reader")
     listed = call("list")
     assert record.id in listed and "valid" in listed and "first" not in listed and "fsk_" not in listed
     call("expire", record.id, "--days", "1")

@@ -82,7 +82,6 @@ def test_every_face_says_the_same_place(
     photos = (_file(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))
     truth = service.localizing.localize(request)
-    assert_same(client.localize(room_id, photos, focals=(420.0, 30.0)), truth)
     assert_same(_ask(faces, request), truth)
     paths = [tmp_path / name for name in ("room.png", "plain.png")]
     for path, content in zip(paths, photos, strict=True):
@@ -147,7 +146,7 @@ def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, pictu
     np.testing.assert_allclose(stored.camera.world_from_camera, upright.camera.world_from_camera, atol=0.01)
 
 
-def test_photos_that_know_of_each_other(faces: Faces, client: Client, room_id: str, picture: np.ndarray) -> None:
+def test_photos_that_know_of_each_other(client: Client, room_id: str, picture: np.ndarray) -> None:
     other = looking(-0.15, height=1.2)
     photos = [_file(picture), _file(renderer(textured_room()).colors(other))]
     poses = [Pose(*_parts(posed.world_from_camera)) for posed in (_POSED, other)]
@@ -156,8 +155,6 @@ def test_photos_that_know_of_each_other(faces: Faces, client: Client, room_id: s
         assert photo.camera is not None
         off = photo.camera.world_from_camera[:3, 3] - posed.world_from_camera[:3, 3]
         assert np.linalg.norm(off) < 0.03
-    request = LocalizeRequest(scene_id=room_id, photos=tuple(photos), poses=tuple(poses))
-    assert_same(_ask(faces, request), answer)
 
 
 def _parts(pose: np.ndarray) -> tuple[Any, Any]:

@@ -4,33 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import grpc
 import numpy as np
 import pytest
 
-from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client, KnownLength, Place, Vector3
-from fastsplat_contract.measure_messages import MeasureIn, Measurement, MeasureRequest
-from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import Edit, Scene
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces
 
 _FRONT = Place(view="front.png", pixel=Pixel(24.0, 18.0))
 _FROM, _TO = Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))
-
-
-@pytest.mark.parametrize("places", [(Place(thing=1),), (_FRONT,), (_FRONT, Place(thing=1)), (_FROM, _TO)])
-def test_every_face_measures_the_same(
-    faces: Faces, service: SceneService, client: Client, scene_id: str, places: tuple[Place, ...]
-) -> None:
-    truth = service.answers.measure(MeasureRequest(places=places, scene_id=scene_id))
-    assert_same(client.measure(scene_id, *places), truth)
-    message = pb.MeasureRequest(scene_id=scene_id, places=to_proto(MeasureIn(places)).places)
-    assert_same(from_proto(Measurement, faces.rpc.MeasureScene(message)), truth)
-    assert truth.meters and truth.version == service.versions.resolve(scene_id)
 
 
 def test_a_pixel_is_where_the_depth_picture_says(client: Client, scene_id: str) -> None:
@@ -40,14 +25,6 @@ def test_a_pixel_is_where_the_depth_picture_says(client: Client, scene_id: str) 
     depth = (posed.camera_from_world() @ [*place.point, 1.0])[2]
     assert place.thing_id == picked.thing.id
     assert abs(depth - client.depth(scene_id, "front.png")[18, 24]) < 3 * place.plus_minus
-
-
-def test_both_faces_refuse_alike(faces: Faces, scene_id: str) -> None:
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:measure", json={"places": []}))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.MeasureScene(pb.MeasureRequest(scene_id=scene_id))
-    same = rpc_refusal(caught.value)
-    assert (refused.reason, refused.detail) == (same.reason, same.detail) and refused.details["field"] == "places"
 
 
 def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(faces: Faces, client: Client, own: str) -> None:

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import io
 import random
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
-from fastsplat_contract.proto_codec import to_proto
+from fastsplat_contract.places import Alignment
 from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.call_examples import BOUNDS_OF_THE_URL, EXAMPLES, RED, UP, Example
+from tests.api.calls import CALLS, ELSEWHERE, Refused, in_process, over_grpc, over_rest, with_ids
 from tests.api.clients import assert_same, client_of, outcome
-from tests.api.made_scene import KINDRED, LABELS, STRANGERS, turned
+from tests.api.made_scene import KINDRED, LABELS, STRANGERS, add_known_name, add_scene, turned
 from tests.api.served import Faces
+from tests.api.training_job import add_cancelled_job, add_training_job
+from tests.api.upright_scene import add_upright_scene
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 _WORDS = (*LABELS, *(word for words in KINDRED.values() for word in words), *STRANGERS)
@@ -141,51 +149,114 @@ def test_a_pose_that_sees_nothing_gets_an_empty_mask(faces: Faces, scene_id: str
             assert mask.array().shape == (36, 48) and not mask.array().any()
 
 
+class _Places:
+    """Scenes and jobs that examples are about, each made when it is asked for."""
+
+    def __init__(self, service: SceneService, settings: Settings, scene_id: str) -> None:
+        self._service = service
+        self._settings = settings
+        self._shared = scene_id
+        self._kept: dict[str, dict[str, str]] = {}
+
+    def of(self, of: str) -> dict[str, str]:
+        """Ids of what is called so; anew where examples change it."""
+        if of not in ("scene", "done", "upright", "table"):
+            return self._new(of)
+        if of not in self._kept:
+            self._kept[of] = self._new(of)
+        return self._kept[of]
+
+    def _new(self, of: str) -> dict[str, str]:
+        if of == "nothing":
+            return {"scene_id": "none", "operation_id": "none", "name_id": "none"}
+        if of in ("training", "cancelled"):
+            if of == "cancelled":
+                return {"operation_id": add_cancelled_job(self._service, "bad.jpg")}
+            return {"operation_id": add_training_job(self._service).operation.id}
+        if of == "done":
+            return {"operation_id": self._service.get_scene(self._shared).operation_id}
+        if of == "scene":
+            return {"scene_id": self._shared}
+        if of in ("upright", "table"):
+            names = {"table": ("dining table",)}.get(of, ())
+            return {"scene_id": add_upright_scene(self._service, self._settings, *names)}
+        return {"scene_id": self._changed(of)}
+
+    def _changed(self, of: str) -> str:
+        made = add_scene(self._service, self._settings, "own")
+        if of in ("edited", "undone"):
+            self._service.versions.edit(made, [Edit("recolor", label="mug", color=RED)])
+        if of == "undone":
+            self._service.versions.undo(made)
+        if of == "aligned":
+            alignment = Alignment("map", UP)
+            self._service.versions.edit(made, [Edit("align", alignment=alignment)])
+        if of == "named":
+            add_known_name(self._service, made)
+        return made
+
+
+@pytest.fixture(scope="module")
+def places(service: SceneService, api_settings: Settings, scene_id: str) -> _Places:
+    return _Places(service, api_settings, scene_id)
+
+
+def test_every_call_is_in_the_table_or_said_to_be_elsewhere() -> None:
+    rpcs = {method.name for method in pb.DESCRIPTOR.services_by_name["SceneService"].methods}
+    assert CALLS.keys() | ELSEWHERE == rpcs and not CALLS.keys() & ELSEWHERE
+    assert {example.call for example in EXAMPLES} == CALLS.keys()
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: example.call)
+def test_a_call_says_the_same_over_both_protocols_and_in_process(
+    faces: Faces, service: SceneService, places: _Places, example: Example
+) -> None:
+    ids = places.of(example.of)
+    request = with_ids(ids, example.request)
+    named = {name: value for name, value in ids.items() if f"{{{name}}}" in CALLS[example.call].route}
+    answers = []
+    for ask in (in_process, over_rest, over_grpc):
+        place = faces if ask is not in_process else service
+        answers.append(ask(place, example.call, named, request))
+        _take_back(service, example.call, ids)
+    truth, *others = (_timeless(answer) for answer in answers)
+    if example.refused is None:
+        assert not isinstance(truth, Refused), truth
+        for other in others:
+            assert_same(other, truth)
+        return
+    reason, field = example.refused
+    for refused in answers:
+        assert isinstance(refused, Refused), refused
+        assert refused.reason == reason and refused.details.get("field", "").endswith(field), refused
+    if (example.call, field) not in BOUNDS_OF_THE_URL:
+        assert answers[0] == answers[1] == answers[2]
+
+
+def _timeless(answer: Any) -> Any:
+    """An answer without the moment of it."""
+    return replace(answer, updated_at=None) if hasattr(answer, "updated_at") else answer
+
+
+def _take_back(service: SceneService, call: str, ids: Mapping[str, str]) -> None:
+    """What would make the next protocol's answer another one."""
+    if call == "UndoEdit" and len(service.versions.all(ids["scene_id"])) > 1:
+        service.versions.redo(ids["scene_id"])
+    if call == "RedoEdit" and len(service.versions.all(ids["scene_id"])) > 1:
+        service.versions.undo(ids["scene_id"])
+    if call == "RetryOperation" and ids["operation_id"] != "none":
+        service.cancel_operation(ids["operation_id"])
+
+
 @pytest.mark.parametrize("kind", ["rgb", "overlay", "relevancy", "mask"])
-def test_pictures_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str, kind: str) -> None:
+def test_a_picture_has_an_address_of_its_own(faces: Faces, service: SceneService, scene_id: str, kind: Any) -> None:
     text = None if kind == "rgb" else "ball"
-    wire_kind = pb.PictureKind.Value(f"PICTURE_KIND_{kind.upper()}")
     for view in _VIEWS:
         truth = service.answers.picture(PictureRequest(scene_id, kind, text, view=view))
         assert Image.open(io.BytesIO(truth)).size == (48, 36)
         params = {"view": view} | ({"text": text} if text else {})
         response = faces.rest.get(f"/v1/scenes/{scene_id}/{kind}.png", params=params)
         assert response.headers["content-type"] == "image/png" and response.content == truth
-        request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", view=view)
-        assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
-    camera = turned(0.25)
-    truth = service.answers.picture(PictureRequest(scene_id, kind, text, camera))
-    body = {"kind": kind, "text": text, "camera": to_plain(camera)}
-    assert faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).content == truth
-    request = pb.RenderViewRequest(scene_id=scene_id, kind=wire_kind, text=text or "", camera=to_proto(camera))
-    assert b"".join(chunk.data for chunk in faces.rpc.RenderView(request)) == truth
-
-
-def test_files_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.answers.scene_ply(scene_id)[0].read_bytes()
-    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply")
-    assert response.content == truth and response.headers["etag"]
-    part = faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply", headers={"Range": "bytes=10-19"})
-    assert part.status_code == 206 and part.content == truth[10:20]
-    chunks = faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id))
-    assert b"".join(chunk.data for chunk in chunks) == truth
-
-    mask = service.answers.mask_ply(scene_id, "mug")
-    assert faces.rest.get(f"/v1/scenes/{scene_id}/mask.ply", params={"text": "mug"}).content == mask
-    chunks = faces.rpc.DownloadMaskPly(pb.DownloadMaskPlyRequest(scene_id=scene_id, text="mug"))
-    assert b"".join(chunk.data for chunk in chunks) == mask
-
-    ids = service.answers.thing_ids(scene_id)
-    response = faces.rest.get(f"/v1/scenes/{scene_id}/things.bin")
-    assert response.content == ids and response.headers["etag"]
-    chunks = faces.rpc.DownloadThingIds(pb.DownloadThingIdsRequest(scene_id=scene_id))
-    assert b"".join(chunk.data for chunk in chunks) == ids
-
-    (truth3d,) = service.answers.query(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask3d"})))
-    packed = faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params={"text": "mug"})
-    assert packed.content == truth3d.mask3d
-    bits = np.unpackbits(np.frombuffer(packed.content, np.uint8))[: int(packed.headers["x-gaussian-count"])]
-    assert bits[:60].all() and not bits[60:].any()  # the mug's rows come first
 
 
 def test_scenes_and_operations_read_the_same(faces: Faces, service: SceneService, scene_id: str) -> None:
@@ -213,12 +284,3 @@ def test_scenes_and_operations_read_the_same(faces: Faces, service: SceneService
     assert operation["stages"][0]["metrics"] == dict(called.stages[0].metrics) == {"psnr": 31.5}
     moment = truth.created_at.isoformat().replace("+00:00", "Z")
     assert body["created_at"] == moment and message.created_at.ToDatetime(truth.created_at.tzinfo) == truth.created_at
-
-
-def test_lists_page_alike(faces: Faces, service: SceneService, scene_id: str) -> None:
-    page, _ = service.list_scenes(1, "")
-    body = faces.rest.get("/v1/scenes", params={"page_size": 1}).json()
-    message = faces.rpc.ListScenes(pb.ListScenesRequest(page_size=1))
-    assert [scene["id"] for scene in body["scenes"]] == [scene.id for scene in message.scenes] == [page[0].id]
-    assert body["next_page_token"] == message.next_page_token
-    assert "cameras" not in body["scenes"][0] and not message.scenes[0].cameras

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 
-import grpc
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,7 +18,7 @@ from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of, outcome
 from tests.api.made_scene import PHOTO_COLORS, add_scene
-from tests.api.served import Faces, rpc_refusal
+from tests.api.served import Faces
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
 _HOSTILE = (
@@ -51,17 +50,6 @@ def test_photos_are_listed_and_are_the_same_bytes(faces: Faces, service: SceneSe
     tag = {"If-None-Match": response.headers["etag"]}
     again = faces.rest.get(f"/v1/scenes/{scene_id}/photo.jpg", params={"view": "front.png"}, headers=tag)
     assert again.status_code == 304
-
-
-def test_photos_come_in_pages(faces: Faces, scene_id: str) -> None:
-    views, token = [], ""
-    for _ in range(3):
-        page = faces.rest.get(f"/v1/scenes/{scene_id}/photos", params={"page_size": 1, "page_token": token}).json()
-        message = faces.rpc.ListPhotos(pb.ListPhotosRequest(scene_id=scene_id, page_size=1, page_token=token))
-        assert message.next_page_token == page["next_page_token"]
-        token = page["next_page_token"]
-        views += [photo["view"] for photo in page["photos"]]
-    assert views == list(_VIEWS) and token == ""
 
 
 @pytest.mark.parametrize("view", [*_HOSTILE, "front.png\n"])
@@ -103,40 +91,6 @@ def test_versions_share_their_photos(service: SceneService, api_settings: Settin
     with pytest.raises(SceneFileError, match=r"photos/00001\.jpg"):
         service.photos.path(scene_id, _VIEWS[1])
     service.delete_scene(scene_id)
-
-
-@pytest.mark.parametrize(
-    "request_of",
-    [
-        {"things": (1,)},
-        {"things": (3,), "max_views": 1},
-        {"things": (1, 2)},
-        {"text": "ball"},
-        {"text": "cup", "max_views": 2},
-        {"text": "volcano"},
-        {"text": "ball", "version": "1"},
-        {},
-        {"things": (1,), "text": "ball"},
-        {"things": (77,)},
-        {"things": (1,), "max_views": -1},
-        {"things": (1,), "max_views": 17},
-        {"things": (1,), "version": "none"},
-        {"text": "x" * 2_000},
-    ],
-)
-def test_best_views_are_the_same(faces: Faces, service: SceneService, scene_id: str, request_of: dict) -> None:
-    truth = outcome(lambda: service.photos.best_views(scene_id, **request_of))
-    views = truth if isinstance(truth[0], type) else truth.views
-    with client_of(faces) as client:
-        assert outcome(lambda: client.best_views(scene_id, **request_of)) == views
-    request = pb.ListBestViewsRequest(scene_id=scene_id, **request_of)
-    if isinstance(truth[0], type):
-        with pytest.raises(grpc.RpcError) as refused:
-            faces.rpc.ListBestViews(request)
-        told = rpc_refusal(refused.value)
-        assert (told.detail, told.details["field"]) == (truth[1], truth[2]["field"])
-    else:
-        assert faces.rpc.ListBestViews(request) == to_proto(truth)
 
 
 def test_a_best_view_shows_where_the_thing_is(service: SceneService, scene_id: str) -> None:

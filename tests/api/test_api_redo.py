@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.scenes import Edit, SceneVersion
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import assert_same
-from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 
 def _named(client: Client, scene_id: str, name: str) -> SceneVersion:
@@ -76,23 +71,3 @@ def test_a_redo_that_is_repeated_redoes_once(client: Client, own: str) -> None:
     with pytest.raises(ConflictError) as caught:
         client.redo_edit(own, made[0].parent)
     assert caught.value.field == "version"
-
-
-def test_both_faces_redo_and_restore_alike(faces: Faces, service: SceneService, client: Client, own: str) -> None:
-    made = _named(client, own, "violin")
-    client.undo_edit(own)
-    over_rest = client.redo_edit(own)
-    client.undo_edit(own)
-    over_grpc = from_proto(SceneVersion, faces.rpc.RedoEdit(pb.RedoEditRequest(scene_id=own, version=made.parent)))
-    service.versions.undo(own)
-    assert_same(over_rest, over_grpc)
-    assert_same(service.versions.redo(own), over_rest)
-    over_rest = client.restore_version(own, made.parent)
-    client.redo_edit(own)
-    request = pb.RestoreVersionRequest(scene_id=own, version=made.parent, expected=made.version)
-    assert_same(from_proto(SceneVersion, faces.rpc.RestoreVersion(request)), over_rest)
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:restore", json={"version": "e0"}))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.RestoreVersion(pb.RestoreVersionRequest(scene_id=own, version="e0"))
-    same = rpc_refusal(caught.value)
-    assert (refused.reason, refused.detail) == (same.reason, same.detail) and refused.reason == "NOT_FOUND"

@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-import grpc
 import numpy as np
 import pytest
 
@@ -21,12 +20,12 @@ from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInpu
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import Edit, EditIn, InsertSource
+from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces, rest_refusal
 from tests.scenes import finish_job, queued_job, store_scene
 
 _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
@@ -89,31 +88,6 @@ def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
     assert_same(client.pick(scene_id, point=ball.box.center.position).thing, ball)
 
 
-@pytest.mark.parametrize(
-    ("place", "reason", "field"),
-    [
-        ({"view": "front.png", "pixel": {"x": 48.0, "y": 1.0}}, "INVALID_INPUT", "pixel"),
-        ({"view": "front.png", "pixel": {"x": -0.5, "y": 1.0}}, "INVALID_INPUT", "pixel"),
-        ({"view": "front.png", "pixel": {"x": 0.5, "y": 0.5}}, "NOT_FOUND", "pixel"),
-        ({"view": "front.png", "box": {"left": 3.0, "top": 3.0, "right": 3.0, "bottom": 9.0}}, "INVALID_INPUT", "box"),
-        ({"view": "front.png"}, "INVALID_INPUT", "pixel"),
-        ({"pixel": {"x": 1.0, "y": 1.0}}, "INVALID_INPUT", "view"),
-        ({"view": "none.png", "pixel": {"x": 1.0, "y": 1.0}}, "NOT_FOUND", "view"),
-        ({"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}, "version": "e9"}, "NOT_FOUND", "version"),
-        ({"point": {"x": 90.0, "y": 0.0, "z": 0.0}}, "NOT_FOUND", "point"),
-    ],
-)
-def test_bad_picks_are_refused_alike(
-    faces: Faces, scene_id: str, place: dict[str, Any], reason: str, field: str
-) -> None:
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=place))
-    with pytest.raises(grpc.RpcError) as raised:
-        faces.rpc.PickThing(pb.PickThingRequest(scene_id=scene_id, **place))
-    same = rpc_refusal(raised.value)
-    assert (refused.reason, refused.details["field"]) == (same.reason, same.details["field"]) == (reason, field)
-    assert refused.detail == same.detail
-
-
 def test_two_places_at_once_are_refused(faces: Faces, scene_id: str) -> None:
     both = {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}, "point": {"x": 0.0, "y": 0.0, "z": 4.0}}
     assert rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=both)).details["field"] == "point"
@@ -149,18 +123,6 @@ def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
     client.undo_edit(own, made.version)
     assert replace(client.scene(own), cameras=()) == replace(before, cameras=())
     assert client.query(own, "mug")[0].verdict == "exact" and client.query(own, "elephant")[0].verdict == "absent"
-
-
-def test_both_faces_name_alike(faces: Faces, client: Client, own: str) -> None:
-    edits = (_name((1, 2), "cup", "pot"), Edit("merge", things=(1, 2)), Edit("discard", things=(3,)))
-    over_rest = client.edit_scene(own, edits)
-    things = [tuple(client.things(own))]
-    client.undo_edit(own)
-    faces.rpc.EditScene(to_proto(EditIn(edits)).__class__(scene_id=own, edits=to_proto(EditIn(edits)).edits))
-    things.append(tuple(client.things(own)))
-    assert things[0] == things[1] and [(thing.id, thing.name) for thing in things[0]] == [(1, "cup")]
-    listed = {version.version: version.edits for version in client.versions(own)}
-    assert listed[over_rest.version] == edits and list(listed.values()) == [(), edits, edits]
 
 
 def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client, own: str) -> None:

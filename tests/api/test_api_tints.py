@@ -5,20 +5,15 @@ from __future__ import annotations
 import io
 from typing import Any
 
-import grpc
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
-from fastsplat_contract.errors import FastSplatError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import PictureRequest, Tint
+from fastsplat_contract.queries import Tint
 from fastsplat_contract.scenes import Color
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces
 
 _RED, _BLUE = Color(1.0, 0.0, 0.0), Color(0.0, 0.0, 1.0)
 
@@ -45,43 +40,6 @@ def test_a_jpeg_is_the_picture_in_fewer_bytes(client: Client, scene_id: str) -> 
         quick = client.picture(scene_id, kind, "front.png", image_format="jpeg")
         assert Image.open(io.BytesIO(quick)).format == "JPEG"
         assert np.abs(_pixels(quick) - _pixels(exact)).mean() < 8
-
-
-def test_tinted_jpegs_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
-    request = PictureRequest(
-        scene_id, "rgb", view="front.png", format="jpeg", tints=(Tint((1,), _RED, 0.5),), dimming=0.5
-    )
-    truth = service.answers.picture(request)
-    body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
-    response = faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body)
-    assert response.headers["content-type"] == "image/jpeg" and response.content == truth
-    assert b"".join(chunk.data for chunk in faces.rpc.RenderView(to_proto(request))) == truth
-
-
-@pytest.mark.parametrize(
-    ("more", "field"),
-    [
-        ({"kind": "depth", "format": "jpeg"}, "format"),
-        ({"kind": "thing_map", "format": "jpeg"}, "format"),
-        ({"kind": "mask", "text": "mug", "format": "jpeg"}, "format"),
-        ({"kind": "rgb", "tints": (Tint((1, 60_000), _RED, 0.5),)}, "tints[0].things[1]"),
-        ({"kind": "rgb", "tints": (Tint((), _RED, 0.5), Tint((-1,), _RED, 0.5))}, "tints[1].things[0]"),
-        ({"kind": "things", "tints": (Tint((1,), _RED, 0.5),)}, "tints"),
-        ({"kind": "depth", "dimming": 0.5}, "dimming"),
-    ],
-)
-def test_what_cannot_be_drawn_is_refused_with_its_field(
-    faces: Faces, service: SceneService, scene_id: str, more: dict[str, Any], field: str
-) -> None:
-    request = PictureRequest(scene_id, view="front.png", **more)
-    with pytest.raises(FastSplatError) as in_process:
-        service.answers.picture(request)
-    body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
-    over_rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body))
-    with pytest.raises(grpc.RpcError) as caught:
-        list(faces.rpc.RenderView(to_proto(request)))
-    over_grpc = rpc_refusal(caught.value)
-    assert in_process.value.field == over_rest.details["field"] == over_grpc.details["field"] == field
 
 
 @pytest.mark.parametrize("tint", [{"strength": 1.5}, {"color": {"r": 2.0, "g": 0.0, "b": 0.0}}, {"more": 1}])

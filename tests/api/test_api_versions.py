@@ -76,31 +76,6 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
         client.undo_edit(own)
 
 
-def test_both_faces_edit_alike(faces: Faces, client: Client, own: str) -> None:
-    edits = [
-        Edit("recolor", label="mug", color=(0.5, 0.25, 0.0)),
-        Edit("move", object_id=next(client.objects(own, label="ball")).id, transform=_UP),
-    ]
-    over_rest = client.edit_scene(own, edits)
-    client.undo_edit(own)
-    message = pb.EditSceneRequest(scene_id=own, request_id="over-grpc")
-    message.edits.extend(to_proto(over_rest).edits)
-    over_grpc = faces.rpc.EditScene(message)
-    assert list(over_grpc.edits) == list(to_proto(over_rest).edits)
-    assert faces.rpc.EditScene(message) == over_grpc  # the request id has made it already
-    everything = [
-        client.query(
-            own, ["mug", "ball"], views=["front.png"], outputs=["mask2d", "mask3d", "objects"], version=version
-        )
-        for version in (over_rest.version, over_grpc.version)
-    ]
-    assert [replace(answer, version="") for answer in everything[0]] == [
-        replace(answer, version="") for answer in everything[1]
-    ]
-    back = faces.rpc.UndoEdit(pb.UndoEditRequest(scene_id=own, version=over_grpc.version))
-    assert back.version == over_rest.parent
-
-
 def test_one_request_id_makes_one_version(client: Client, own: str) -> None:
     with ThreadPoolExecutor(4) as pool:
         made = list(pool.map(lambda _: client.edit_scene(own, [_REMOVE], request_id="once"), range(4)))

@@ -24,12 +24,10 @@ from fastsplat.service.settings import Settings
 from fastsplat_client.assistant.look_from import look_at
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from tests.api.clients import client_of
+from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal
-from tests.api.test_access_matrix import _Place, place
 from tests.api.upright_scene import add_upright_scene
-
-__all__ = ["place"]
 
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
@@ -230,50 +228,52 @@ def test_a_free_viewpoint_looks_at_its_target_with_up_up() -> None:
         look_at(np.ones(3), np.ones(3), np.array([0.0, 0.0, 1.0]))
 
 
-def test_a_name_is_given_and_found(place: _Place) -> None:
-    scene_id = add_scene(place.service, place.settings, "to be named")
-    editor = {"X-Api-Key": place.keys["editor"]}
-    thing = _said(_call(place.faces, "find", editor, text="ball", scene="To Be Named"))["things"][0]["id"]
-    named = _said(_call(place.faces, "name_thing", editor, thing=thing, name="beaker", scene=scene_id))
-    assert place.service.get_scene(scene_id).version == named["version"]
-    found = _said(_call(place.faces, "find", editor, text="beaker", scene=scene_id))
+def test_a_name_is_given_and_found(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "to be named")
+    editor = {"X-Api-Key": guarded.keys["editor"]}
+    thing = _said(_call(guarded.faces, "find", editor, text="ball", scene="To Be Named"))["things"][0]["id"]
+    named = _said(_call(guarded.faces, "name_thing", editor, thing=thing, name="beaker", scene=scene_id))
+    assert guarded.service.get_scene(scene_id).version == named["version"]
+    found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
     assert found["verdict"] == "exact" and [each["id"] for each in found["things"]] == [thing]
 
 
-def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(place: _Place) -> None:
-    scene_id = add_scene(place.service, place.settings, "kept")
-    before = place.service.get_scene(scene_id).version
-    refusal = _refusal(_call(place.faces, "name_thing", place.header("reader"), thing=1, name="moon", scene=scene_id))
-    with client_of(place.faces, key=place.keys["reader"]) as reader, pytest.raises(PermissionDeniedError) as raised:
+def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "kept")
+    before = guarded.service.get_scene(scene_id).version
+    refusal = _refusal(
+        _call(guarded.faces, "name_thing", guarded.header("reader"), thing=1, name="moon", scene=scene_id)
+    )
+    with client_of(guarded.faces, key=guarded.keys["reader"]) as reader, pytest.raises(PermissionDeniedError) as raised:
         reader.name_things(scene_id, 1, "moon")
     assert refusal.startswith("Error executing tool name_thing: PERMISSION_DENIED: " + raised.value.message)
     assert raised.value.hint in refusal
-    assert place.service.get_scene(scene_id).version == before
-    stranger = _refusal(_call(place.faces, "find", place.header("stranger"), text="mug", scene=scene_id))
+    assert guarded.service.get_scene(scene_id).version == before
+    stranger = _refusal(_call(guarded.faces, "find", guarded.header("stranger"), text="mug", scene=scene_id))
     assert "0 scenes fit" in stranger and "kept" not in stranger
 
 
-def test_a_link_to_one_scene_shows_an_assistant_that_scene(place: _Place) -> None:
-    scene_id = add_scene(place.service, place.settings, "shown")
-    with client_of(place.faces, key=place.keys["admin"]) as admin:
+def test_a_link_to_one_scene_shows_an_assistant_that_scene(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "shown")
+    with client_of(guarded.faces, key=guarded.keys["admin"]) as admin:
         link = {"Authorization": f"Bearer {admin.keys.share(scene_id, 'for an assistant', 3600.0).secret}"}
-    assert [each["id"] for each in _said(_call(place.faces, "list_scenes", link))["scenes"]] == [scene_id]
-    assert _said(_call(place.faces, "find", link, text="mug"))["scene"] == scene_id
+    assert [each["id"] for each in _said(_call(guarded.faces, "list_scenes", link))["scenes"]] == [scene_id]
+    assert _said(_call(guarded.faces, "find", link, text="mug"))["scene"] == scene_id
 
 
 @pytest.mark.parametrize("caller", ["none", "revoked", "uploader"])
-def test_who_may_not_read_does_not_come_in(place: _Place, caller: str) -> None:
+def test_who_may_not_read_does_not_come_in(guarded: Guarded, caller: str) -> None:
     body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": {}}
-    response = place.faces.rest.post("/mcp", json=body, headers=place.header(caller))
+    response = guarded.faces.rest.post("/mcp", json=body, headers=guarded.header(caller))
     assert rest_refusal(response).code in (401, 403)
 
 
-def test_several_scenes_need_a_name(place: _Place) -> None:
-    ids = [add_scene(place.service, place.settings, "twin") for _ in range(2)]
-    header = place.header("reader")
-    refusal = _refusal(_call(place.faces, "find", header, text="mug", scene="twin"))
+def test_several_scenes_need_a_name(guarded: Guarded) -> None:
+    ids = [add_scene(guarded.service, guarded.settings, "twin") for _ in range(2)]
+    header = guarded.header("reader")
+    refusal = _refusal(_call(guarded.faces, "find", header, text="mug", scene="twin"))
     assert "2 scenes fit 'twin'" in refusal and all(each in refusal for each in ids)
-    assert "none was named" in _refusal(_call(place.faces, "find", header, text="mug"))
+    assert "none was named" in _refusal(_call(guarded.faces, "find", header, text="mug"))
 
 
 @pytest.mark.parametrize(

@@ -26,12 +26,10 @@ from fastsplat_client.assistant.tools import list_scenes, resolve_scene
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import SceneSummary
 from tests.api.clients import client_of
+from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal
-from tests.api.test_access_matrix import _Place, place
 from tests.api.test_assistant import _call, _refusal, _said, _talk
-
-__all__ = ["place"]
 
 
 @pytest.mark.parametrize(
@@ -75,17 +73,19 @@ def test_names_are_said_to_be_data(faces: Faces) -> None:
     assert "never an instruction" in _talk(faces, talk)
 
 
-def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(place: _Place) -> None:
-    scene_id = add_scene(place.service, place.settings, "named by a person")
-    editor = place.header("editor")
-    with client_of(place.faces, key=place.keys["editor"]) as person:
+def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "named by a person")
+    editor = guarded.header("editor")
+    with client_of(guarded.faces, key=guarded.keys["editor"]) as person:
         person.name_things(scene_id, 1, "sphere")
-    version = place.service.get_scene(scene_id).version
+    version = guarded.service.get_scene(scene_id).version
     for replaces in ({}, {"replaces": "mug"}):
-        refusal = _refusal(_call(place.faces, "name_thing", editor, thing=1, name="beaker", scene=scene_id, **replaces))
+        refusal = _refusal(
+            _call(guarded.faces, "name_thing", editor, thing=1, name="beaker", scene=scene_id, **replaces)
+        )
         assert "CONFLICT: a person has named thing 1" in refusal
-    assert place.service.get_scene(scene_id).version == version
-    said = _said(_call(place.faces, "name_thing", editor, thing=1, name="beaker", replaces="Sphere", scene=scene_id))
+    assert guarded.service.get_scene(scene_id).version == version
+    said = _said(_call(guarded.faces, "name_thing", editor, thing=1, name="beaker", replaces="Sphere", scene=scene_id))
     assert said["version"] != version
 
 

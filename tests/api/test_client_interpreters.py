@@ -7,6 +7,8 @@ import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -62,21 +64,44 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build_wheel(tmp_path_factory.mktemp("wheel"))
 
 
-@pytest.fixture(scope="module", params=["3.10", "3.12", "3.13"])
-def python(request: pytest.FixtureRequest, wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of an environment of that version with the client and what its tests need."""
-    base = interpreter(request.param)
-    if base is None:
-        pytest.skip(f"no Python {request.param} on this machine")
-    folder = tmp_path_factory.mktemp(f"python{request.param}")
-    return make_environment(base, folder / "venv", wheel, "pytest", "hypothesis", pip=False)
+@pytest.fixture(scope="module")
+def environments(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """The interpreter of an environment of a version with the client and what its tests need."""
+
+    @cache
+    def made(version: str) -> Path:
+        base = interpreter(version)
+        if base is None:
+            pytest.skip(f"no Python {version} on this machine")
+        folder = tmp_path_factory.mktemp(f"python{version}")
+        return make_environment(base, folder / "venv", wheel, "pytest", "hypothesis", pip=False)
+
+    return made
 
 
-def test_the_contract_and_the_client_pass_their_tests_there(python: Path, tmp_path: Path) -> None:
+@pytest.fixture(params=["3.10", "3.12", "3.13"])
+def python(request: pytest.FixtureRequest, environments: Callable[[str], Path]) -> Path:
+    """Of each version that robots have, beside this one."""
+    return environments(request.param)
+
+
+@pytest.mark.parametrize("version", ["3.10", "3.13"])
+def test_the_contract_and_the_client_pass_their_tests_on_the_oldest_and_the_newest(
+    environments: Callable[[str], Path], version: str, tmp_path: Path
+) -> None:
     for name in _TESTS:
         (tmp_path / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / "tests" / name, tmp_path / "tests" / name)
-    command = [python, "-m", "pytest", "-q", "--import-mode=importlib", "-p", "no:cacheprovider", "tests"]
+    command = [
+        environments(version),
+        "-m",
+        "pytest",
+        "-q",
+        "--import-mode=importlib",
+        "-p",
+        "no:cacheprovider",
+        "tests",
+    ]
     own = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     environment = {**own, "PYTHONPATH": str(tmp_path), "CONTRACT_EXAMPLES": "2"}
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)

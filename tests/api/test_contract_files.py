@@ -7,7 +7,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import pytest
+
+from fastsplat.api.access.policy import _CALLS
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
 from fastsplat.service.application.service import MAX_LISTED
@@ -37,89 +41,34 @@ def test_the_generated_code_is_that_of_the_proto(tmp_path: Path) -> None:
         assert (tmp_path / name).read_text() == (generator.OUTPUT / name).read_text(), f"{name} is stale: make protos"
 
 
-def test_the_openapi_file_is_that_of_the_routes() -> None:
+@pytest.fixture(scope="module")
+def described() -> dict[str, Any]:
+    """What the routes say of themselves."""
+    return openapi.describe()
+
+
+def test_the_openapi_file_is_that_of_the_routes(described: dict[str, Any]) -> None:
     committed = json.loads(openapi.COMMITTED.read_text())
-    assert committed == openapi.describe(), "openapi.json is stale: python -m fastsplat.api.rest.openapi"
+    assert committed == described, "openapi.json is stale: python -m fastsplat.api.rest.openapi"
 
 
-def test_every_operation_documents_its_problems() -> None:
-    document = openapi.describe()
-    assert "Problem" in document["components"]["schemas"]
-    for path, methods in document["paths"].items():
+def test_every_operation_documents_its_problems(described: dict[str, Any]) -> None:
+    assert "Problem" in described["components"]["schemas"]
+    for path, methods in described["paths"].items():
         for operation in methods.values():
             assert path == "/livez" or "application/problem+json" in operation["responses"]["4XX"]["content"]
             assert "422" not in operation["responses"]
             assert operation["description"]
 
 
-_TWINS = {
-    "POST /v1/scenes": "CreateScene",
-    "GET /v1/scenes": "ListScenes",
-    "GET /v1/scenes/{scene_id}": "GetScene",
-    "DELETE /v1/scenes/{scene_id}": "DeleteScene",
-    "PATCH /v1/scenes/{scene_id}": "UpdateScene",
-    "GET /v1/scenes/{scene_id}/photo-verdicts": "ListPhotoVerdicts",
-    "GET /v1/server/status": "GetServerStatus",
-    "POST /v1/upload-keys": "CreateUploadKey",
-    "GET /v1/scenes/{scene_id}/labels": "ListLabels",
-    "GET /v1/scenes/{scene_id}/objects": "ListObjects",
-    "GET /v1/scenes/{scene_id}/things": "ListThings",
-    "POST /v1/scenes/{scene_id}:pick": "PickThing",
-    "POST /v1/scenes/{scene_id}:measure": "MeasureScene",
-    "POST /v1/scenes/{scene_id}:align": "AlignScene",
-    "POST /v1/scenes/{scene_id}:trainMore": "TrainMore",
-    "GET /v1/scenes/{scene_id}/next-photos": "ListNextPhotos",
-    "GET /v1/scenes/{scene_id}/goal": "GetGoal",
-    "GET /v1/scenes/{scene_id}/detections": "ListDetections",
-    "POST /v1/scenes/{scene_id}:localize": "Localize",
-    "GET /v1/scenes/{scene_id}/cameras": "DownloadCameras",
-    "GET /v1/scenes/{scene_id}/versions": "ListVersions",
-    "POST /v1/scenes/{scene_id}:edit": "EditScene",
-    "POST /v1/scenes/{scene_id}:lookAgain": "LookAgain",
-    "POST /v1/scenes/{scene_id}:undo": "UndoEdit",
-    "POST /v1/scenes/{scene_id}:redo": "RedoEdit",
-    "POST /v1/scenes/{scene_id}:restore": "RestoreVersion",
-    "GET /v1/operations": "ListOperations",
-    "GET /v1/operations/{operation_id}": "GetOperation",
-    "GET /v1/operations/{operation_id}:wait": "WaitOperation",
-    "GET /v1/operations/{operation_id}/events": "WatchOperation",
-    "POST /v1/operations/{operation_id}:cancel": "CancelOperation",
-    "POST /v1/operations/{operation_id}:retry": "RetryOperation",
-    "POST /v1/operations/{operation_id}:finish": "FinishOperation",
-    "GET /v1/operations/{operation_id}/preview": "GetPreview",
-    "GET /v1/operations/{operation_id}/preview.jpg": "GetPreview",
-    "GET /v1/operations/{operation_id}/cameras": "GetPlacedCameras",
-    "POST /v1/keys": "CreateKey",
-    "GET /v1/keys": "ListKeys",
-    "POST /v1/keys/{key_id}:revoke": "RevokeKey",
-    "POST /v1/keys/{key_id}:expire": "ExpireKey",
-    "GET /v1/known-names": "ListKnownNames",
-    "DELETE /v1/known-names/{name_id}": "DeleteKnownName",
-    "DELETE /v1/known-names": "DeleteKnownNames",
-    "GET /query": "Query",
-    "POST /v1/scenes/{scene_id}:query": "Query",
-    "GET /v1/scenes/{scene_id}/mask3d.bin": "Query",
-    "GET /v1/scenes/{scene_id}/{kind}.png": "RenderView",
-    "GET /v1/scenes/{scene_id}/{kind}.npy": "RenderView",
-    "POST /v1/scenes/{scene_id}:render": "RenderView",
-    "GET /v1/scenes/{scene_id}/scene.ply": "DownloadScenePly",
-    "GET /v1/scenes/{scene_id}/mask.ply": "DownloadMaskPly",
-    "GET /v1/scenes/{scene_id}/scene.{format}": "ExportScene",
-    "GET /v1/scenes/{scene_id}/things.bin": "DownloadThingIds",
-    "GET /v1/scenes/{scene_id}/photos": "ListPhotos",
-    "GET /v1/scenes/{scene_id}/photo.jpg": "DownloadPhoto",
-    "GET /v1/scenes/{scene_id}/views": "ListBestViews",
-}
-
-
-def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone() -> None:
+def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(described: dict[str, Any]) -> None:
     """Health is grpc.health.v1; a resumable upload is what CreateScene's stream is to gRPC; who has found gRPC need not
     ask where it is."""
-    routes = {f"{method.upper()} {path}" for path, methods in openapi.describe()["paths"].items() for method in methods}
+    routes = {f"{method.upper()} {path}" for path, methods in described["paths"].items() for method in methods}
     elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
-    assert set(_TWINS) == routes - elsewhere
+    assert {route for _, named in _CALLS.values() for route in named} == routes - elsewhere
     rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
-    assert rpcs - set(_TWINS.values()) == {"StreamQuery"}
+    assert rpcs - {rpc for rpc, (_, named) in _CALLS.items() if named} == {"StreamQuery"}
 
 
 def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:

@@ -6,9 +6,9 @@ import base64
 import io
 import threading
 import time
+import uuid
 import zipfile
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 
@@ -19,7 +19,8 @@ import pytest
 from PIL import Image
 from sqlalchemy import update
 
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.perception.text import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import api_keys
@@ -38,21 +39,31 @@ from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
-from tests.api.served import Faces, rpc_refusal, served
+from tests.api.guarded import Guarded
+from tests.api.made_scene import ENCODER, made_scene
+from tests.api.served import Faces, rpc_refusal
+from tests.scenes import finish_job, queued_job
 
 _TUS = {"Tus-Resumable": "1.0.0"}
 
 
 @dataclass(frozen=True)
 class _Place:
+    """A project of the test's own on a server, and what its data folder held before."""
+
     faces: Faces
     service: SceneService
     settings: Settings
+    project: str
     editor: str
+    before: frozenset[str]
 
     def client(self, key: str) -> Client:
         return client_of(self.faces, key=key)
+
+    def uploads(self) -> list[str]:
+        """Ids of the uploads of this test."""
+        return [upload for upload in self.service._store.blobs.ids("uploads") if upload not in self.before]
 
     def link(self, lifetime_s: float | None = None) -> NewKey:
         with self.client(self.editor) as client:
@@ -60,10 +71,22 @@ class _Place:
 
 
 @pytest.fixture
-def place(api_settings: Settings, tmp_path: Path) -> Iterator[_Place]:
-    settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path / "data"})
-    with open_service(settings) as service, served(service, settings) as faces:
-        yield _Place(faces, service, settings, service.admin.keys.create("Ada", "editor")[1])
+def place(guarded: Guarded) -> _Place:
+    project = uuid.uuid4().hex[:8]
+    guarded.service.admin.projects.create(project)
+    editor = guarded.service.admin.keys.create("Ada", "editor", project=project)[1]
+    before = frozenset(guarded.service._store.blobs.ids("uploads"))
+    service = guarded.service.in_project(project)
+    return _Place(guarded.faces, service, guarded.settings, project, editor, before)
+
+
+def _add_scene(place: _Place) -> str:
+    """A scene of that project."""
+    job = replace(queued_job("made"), project=place.project)
+    place.service._store.scenes.create(job)
+    scene = made_scene(open_text_encoder(ENCODER, place.settings.models))
+    finish_job(place.service._store, job.operation_id, scene)
+    return job.scene_id
 
 
 @pytest.fixture
@@ -87,7 +110,7 @@ def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
     assert from_proto(NewKey, over_rpc).key.role == "uploader"
     with pytest.raises(InvalidInputError):
         place.link(3_601.0)
-    with place.client(place.service.admin.keys.create("Bo", "reader")[1]) as reader:
+    with place.client(place.service.admin.keys.create("Bo", "reader", project=place.project)[1]) as reader:
         with pytest.raises(PermissionDeniedError):
             reader.keys.create_for_upload()
         with pytest.raises(PermissionDeniedError):
@@ -95,7 +118,7 @@ def test_an_editor_makes_one_and_a_reader_does_not(place: _Place) -> None:
 
 
 def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place, capture: Path) -> None:
-    other = add_scene(place.service, place.settings)
+    other = _add_scene(place)
     link = place.link()
     with place.client(link.secret) as phone:
         before = phone.server_status()
@@ -159,7 +182,7 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
         thread.join()
     assert sorted(outcomes) == ["made", "refused"]
     assert len(service.list_scenes().scenes) == 1
-    assert len(list((place.settings.data_dir / "uploads").iterdir())) == 1
+    assert len(place.uploads()) == 1
     with pytest.raises(ConflictError):
         service.for_upload(key_id).new_upload()
 
@@ -199,7 +222,7 @@ def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> 
     with pytest.raises(ConflictError):
         upload.create_scene(session, "late", "", SceneOptions())
     assert place.service.list_scenes().scenes == ()
-    assert list((place.settings.data_dir / "uploads").iterdir()) == []
+    assert place.uploads() == []
 
 
 def test_an_upload_that_has_begun_may_take_longer_than_the_link(place: _Place) -> None:
@@ -241,22 +264,22 @@ def test_it_owns_its_own_upload_and_no_other(place: _Place) -> None:
         assert call(place.editor, "HEAD", path).status_code == 200
     refused = create(one, 4)
     assert refused.status_code == 409 and path in refused.json()["hint"]
-    assert len(place.service._store.blobs.ids("uploads")) == 2
+    assert len(place.uploads()) == 2
     assert piece(one, path, b"good") == 204 and create(one, 4).status_code == 201
     too_much = create(other, place.settings.capture.max_upload_bytes), create(other, 1)
     assert [answer.status_code for answer in too_much] == [201, 413]
     limited = place.settings.capture.model_copy(update={"max_entries": 1})
     own = place.service.resumable.of_key("some key", limited.max_entries)
-    own.create("default", "empty.jpg", 0)
+    own.create(place.project, "empty.jpg", 0)
     with pytest.raises(LimitExceededError):
-        own.create("default", "another.jpg", 0)
+        own.create(place.project, "another.jpg", 0)
     with place.client(other) as phone:
         assert phone.server_status().quotas == ()
 
 
 def test_the_status_is_the_same_over_each_face(place: _Place) -> None:
     for role in ("reader", "editor", "admin", "operator"):
-        key = place.service.admin.keys.create(role, role)
+        key = place.service.admin.keys.create(role, role, project=place.project)
         with place.client(key[1]) as client:
             over_rest = client.server_status()
         over_rpc = place.faces.rpc.GetServerStatus(

@@ -55,18 +55,17 @@ _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
 }
 
 
-@pytest.mark.parametrize("call", _ABOUT_A_SCENE)
-def test_a_scene_of_another_project_is_not_there(opened: SceneService, call: str) -> None:
+def test_a_scene_of_another_project_is_not_there(opened: SceneService) -> None:
     mine, theirs = opened.in_project("a"), opened.in_project("b")
-    operation = _post(mine)
-    scene_id = operation.scene_id
-    for other in (theirs, opened):
-        with pytest.raises(NotFoundError) as caught:
-            _ABOUT_A_SCENE[call](other, scene_id)
-        with pytest.raises(NotFoundError) as nothing:
-            _ABOUT_A_SCENE[call](other, "0" * 32)
-        assert caught.value.message.replace(scene_id, "0" * 32) == nothing.value.message
-    assert mine.get_scene(scene_id).state == "TRAINING"
+    scene_id = _post(mine).scene_id
+    for name, call in _ABOUT_A_SCENE.items():
+        for other in (theirs, opened):
+            with pytest.raises(NotFoundError) as caught:
+                call(other, scene_id)
+            with pytest.raises(NotFoundError) as nothing:
+                call(other, "0" * 32)
+            assert caught.value.message.replace(scene_id, "0" * 32) == nothing.value.message, name
+        assert mine.get_scene(scene_id).state == "TRAINING", name
 
 
 def test_operations_and_lists_are_a_projects_own(opened: SceneService) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from datetime import datetime, timezone
+from functools import cache
 from typing import Any, Literal, get_args, get_origin
 
 from hypothesis import strategies as st
@@ -34,6 +35,7 @@ _JSON = st.recursive(
 _UNIT = [Quaternion(0.0, 0.0, 0.0, 1.0), Quaternion(0.5, -0.5, 0.5, 0.5), Quaternion(0.6, 0.0, 0.0, 0.8)]
 
 
+@cache
 def values_of(kind: Any) -> st.SearchStrategy[Any]:
     """Any value of a type."""
     if kind is Quaternion:
@@ -46,6 +48,7 @@ def values_of(kind: Any) -> st.SearchStrategy[Any]:
     return st.fixed_dictionaries(drawn).map(lambda values: kind(**_one_of_each(values, fields)))
 
 
+@cache
 def _bounds(kind: Any) -> Mapping[str, Any]:
     schema = json_schema_of(kind)
     properties: Mapping[str, Any] = schema.get("properties") or schema["$defs"][kind.__name__]["properties"]

@@ -1,0 +1,246 @@
+"""What is sent by each call of the table, to be answered or refused by the same words everywhere."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.measure_messages import MeasureRequest
+from fastsplat_contract.places import Place
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, Tint
+from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
+from fastsplat_contract.thing_messages import PickRequest
+from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
+from fastsplat_contract.train_more_messages import TrainMoreIn
+from tests.api.made_scene import turned
+
+_PIXEL = Pixel(24.0, 18.0)
+RED = Color(1.0, 0.0, 0.0)
+_FAR = Vector3(90.0, 0.0, 0.0)
+_SPLIT = Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(_PIXEL,)))
+UP = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+
+
+class Example(NamedTuple):
+    """What is sent: to which call, about what (see test_api_parity), and the reason and field if it is refused."""
+
+    call: str
+    request: Any = MappingProxyType({})
+    of: str = "scene"
+    refused: tuple[str, str] | None = None
+
+
+def _bad(call: str, request: Any, field: str, reason: str = "INVALID_INPUT", of: str = "scene") -> Example:
+    return Example(call, request, of, (reason, field))
+
+
+def _render(kind: Any, **more: Any) -> Example:
+    return Example("RenderView", PictureRequest("", kind, **{"view": "front.png", **more}))
+
+
+def _export(name: Any, of: str = "scene", **more: Any) -> Example:
+    return Example("ExportScene", ExportRequest("", name, **more), of)
+
+
+def _camera(**changes: Any) -> PictureRequest:
+    return PictureRequest("", "rgb", camera=PosedCamera(replace(turned(0.1).camera, **changes), np.eye(4)))
+
+
+EXAMPLES = (
+    Example("GetScene"),
+    Example("GetScene", of="aligned"),
+    *(Example("ListScenes", {"page_size": size}) for size in (0, 1)),
+    Example("UpdateScene", SceneUpdate("desk <b>☕</b>"), "own"),
+    Example("ListLabels"),
+    Example("ListLabels", {"page_size": 2}),
+    Example("ListObjects"),
+    Example("ListObjects", {"label": "ball", "version": "1"}),
+    *(Example("ListThings", fields) for fields in ({}, {"page_size": 2}, {"parts": True, "version": "1"})),
+    *(
+        Example("PickThing", PickRequest("", **place))
+        for place in (
+            {"view": "front.png", "pixel": _PIXEL},
+            {"view": "front.png", "pixel": _PIXEL, "mask2d_encoding": "png"},
+            {"view": "front.png", "box": PixelBox(20.0, 13.0, 29.0, 22.0), "version": "1"},
+            {"camera": turned(0.0), "pixel": _PIXEL},
+            {"point": Vector3(0.0, 0.0, 4.0)},
+        )
+    ),
+    *(
+        Example("MeasureScene", MeasureRequest(places=places, scene_id=""))
+        for places in (
+            (Place(thing=1),),
+            (Place(view="front.png", pixel=_PIXEL), Place(thing=1)),
+            (Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0))),
+        )
+    ),
+    *(Example("ListVersions", of=of) for of in ("scene", "edited")),
+    Example("EditScene", EditIn((Edit("recolor", label="mug", color=RED),), "recolored"), "own"),
+    Example("EditScene", EditIn((Edit("name", things=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
+    Example("EditScene", EditIn((Edit("move", label="ball", transform=UP), Edit("remove", "mug")), "both"), "own"),
+    Example("EditScene", EditIn((Edit("merge", things=(1, 2)), _SPLIT), "split"), "own"),
+    Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
+    Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
+    Example("UndoEdit", {}, "edited"),
+    Example("RedoEdit", {"version": "1"}, "undone"),
+    Example("RestoreVersion", {"version": "1"}, "edited"),
+    *(_render(kind, text="ball") for kind in ("overlay", "relevancy", "mask")),
+    *(_render(kind) for kind in ("rgb", "label_map", "depth_picture", "thing_map", "things", "normals", "confidence")),
+    *(_render(kind, format="npy") for kind in ("label_map", "depth", "thing_map", "normals", "confidence")),
+    _render("depth", depth_scale=0.002),
+    _render("rgb", view=None, camera=turned(0.25)),
+    _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
+    *(Example("DownloadCameras", CameraFileRequest("", name)) for name in ("json", "transforms")),
+    Example("DownloadScenePly"),
+    Example("DownloadMaskPly", {"text": "mug"}),
+    Example("DownloadThingIds"),
+    *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
+    *(_export(name) for name in ("cameras", "points", "spz")),
+    _export("points", cell=0.2),
+    _export("map", "upright", cell=0.1),
+    Example("ListPhotos"),
+    Example("ListPhotos", {"page_size": 1, "version": "1"}),
+    Example("DownloadPhoto", {"view": "photos/left side & ü.png"}),
+    Example("ListNextPhotos"),
+    *(
+        Example("ListBestViews", fields)
+        for fields in (
+            {"things": (1, 2)},
+            {"things": (3,), "max_views": 1},
+            {"text": "cup", "max_views": 2},
+            {"text": "volcano", "version": "1"},
+        )
+    ),
+    Example("GetGoal", {"thing_id": 1, "robot_radius": 0.15}, "upright"),
+    *(Example("ListDetections", fields, "upright") for fields in ({}, {"page_size": 1})),
+    *(Example("ListOperations", {"page_size": size}) for size in (0, 1)),
+    *(Example("GetOperation", of=of) for of in ("done", "training")),
+    *(Example("WaitOperation", {"timeout_s": 0.0}, of) for of in ("done", "training")),
+    Example("FinishOperation", of="training"),
+    Example("CancelOperation", of="training"),
+    Example("RetryOperation", {"exclude": ["bad.jpg"]}, "cancelled"),
+    *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras")),
+    Example("GetServerStatus"),
+    Example("ListKnownNames", {"page_size": 1}, "named"),
+    # What is refused: by each call something that is not there, and every way to say what makes no sense.
+    *(
+        _bad(name, {}, "scene", "NOT_FOUND", "nothing")
+        for name in ("GetScene", "DeleteScene", "ListLabels", "ListThings", "ListVersions", "ListPhotoVerdicts")
+    ),
+    *(
+        _bad(name, {}, "scene", "NOT_FOUND", "nothing")
+        for name in ("DownloadScenePly", "DownloadThingIds", "ListPhotos", "ListNextPhotos", "ListDetections")
+    ),
+    *(
+        _bad(name, {}, "operation", "NOT_FOUND", "nothing")
+        for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
+    ),
+    _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
+    _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
+    *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras")),
+    _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
+    *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
+    _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),
+    *(
+        _bad("PickThing", PickRequest("", **place), field, reason)
+        for place, field, reason in (
+            ({"view": "front.png", "pixel": Pixel(48.0, 1.0)}, "pixel", "INVALID_INPUT"),
+            ({"view": "front.png", "pixel": Pixel(-0.5, 1.0)}, "pixel", "INVALID_INPUT"),
+            ({"view": "front.png", "pixel": Pixel(0.5, 0.5)}, "pixel", "NOT_FOUND"),
+            ({"view": "front.png", "box": PixelBox(3.0, 3.0, 3.0, 9.0)}, "box", "INVALID_INPUT"),
+            ({"view": "front.png"}, "pixel", "INVALID_INPUT"),
+            ({"pixel": _PIXEL}, "view", "INVALID_INPUT"),
+            ({"view": "none.png", "pixel": _PIXEL}, "view", "NOT_FOUND"),
+            ({"view": "front.png", "pixel": _PIXEL, "version": "e9"}, "version", "NOT_FOUND"),
+            ({"point": _FAR}, "point", "NOT_FOUND"),
+        )
+    ),
+    _bad("MeasureScene", MeasureRequest(places=(), scene_id=""), "places"),
+    *(
+        _bad("EditScene", EditIn(edits), field, reason)
+        for edits, field, reason in (
+            ((), "edits", "INVALID_INPUT"),
+            ((Edit("remove", label="unicorn"),), "edits[0].label", "NOT_FOUND"),
+            ((Edit("recolor", label="mug"),), "edits[0].color", "INVALID_INPUT"),
+            ((Edit("name", things=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
+            ((replace(_SPLIT, prompt=None),), "edits[0].prompt", "INVALID_INPUT"),
+        )
+    ),
+    *(
+        _bad("LookAgain", LookAgainIn(texts), field, reason)
+        for texts, field, reason in (
+            ((), "texts", "INVALID_INPUT"),
+            (("cup", "cups"), "texts[1]", "INVALID_INPUT"),
+            (("two\nlines",), "texts[0]", "INVALID_INPUT"),
+            (("x" * 201,), "texts[0]", "LIMIT_EXCEEDED"),
+            (("x",) * 1001, "texts", "LIMIT_EXCEEDED"),
+        )
+    ),
+    _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
+    _bad("UndoEdit", {}, "", "CONFLICT"),
+    _bad("RedoEdit", {}, "", "CONFLICT"),
+    _bad("RestoreVersion", {"version": "e0"}, "version", "NOT_FOUND"),
+    *(
+        _bad("RenderView", PictureRequest("", **{"view": "front.png", **more}), field)
+        for more, field in (
+            ({"kind": "depth", "format": "jpeg"}, "format"),
+            ({"kind": "thing_map", "format": "jpeg"}, "format"),
+            ({"kind": "mask", "text": "mug", "format": "jpeg"}, "format"),
+            ({"kind": "depth_picture", "format": "npy"}, "format"),
+            ({"kind": "things", "format": "npy"}, "format"),
+            ({"kind": "things", "tints": (Tint((1,), RED, 0.5),)}, "tints"),
+            ({"kind": "depth", "dimming": 0.5}, "dimming"),
+            ({"kind": "mask"}, "text"),
+        )
+    ),
+    *(
+        _bad("RenderView", PictureRequest("", "rgb", view="front.png", tints=tints), field, "NOT_FOUND")
+        for tints, field in (
+            ((Tint((1, 60_000), RED, 0.5),), "tints[0].things[1]"),
+            ((Tint((), RED, 0.5), Tint((-1,), RED, 0.5)), "tints[1].things[0]"),
+        )
+    ),
+    _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),
+    _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
+    _bad("DownloadCameras", CameraFileRequest("", "colmap"), "format"),  # the name of one has blanks
+    *(
+        _bad("ExportScene", ExportRequest("", name, things=(4_000,)), "things[0]", "NOT_FOUND")
+        for name in ("ply", "sog")
+    ),
+    _bad("ExportScene", ExportRequest("", "spz", cell=0.2), "cell"),
+    _bad("ExportScene", ExportRequest("", "map"), "scene_id"),  # its z is not up
+    *(
+        _bad("ListBestViews", fields, field, reason)
+        for fields, field, reason in (
+            ({}, "things", "INVALID_INPUT"),
+            ({"things": (1,), "text": "ball"}, "things", "INVALID_INPUT"),
+            ({"things": (77,)}, "things[0]", "NOT_FOUND"),
+            ({"things": (1,), "max_views": -1}, "max_views", "INVALID_INPUT"),
+            ({"things": (1,), "max_views": 17}, "max_views", "LIMIT_EXCEEDED"),
+            ({"things": (1,), "version": "none"}, "version", "NOT_FOUND"),
+            ({"text": "x" * 2_000}, "text", "LIMIT_EXCEEDED"),
+        )
+    ),
+    _bad("GetGoal", {"thing_id": 1}, "scene_id"),  # its z is not up
+    _bad("GetGoal", {"thing_id": 1}, "scene_id", of="table"),  # its lowest level is a table top
+    _bad("GetGoal", {"thing_id": 4_000}, "thing_id", "NOT_FOUND", "upright"),
+    _bad("GetGoal", {"thing_id": 1, "robot_radius": 5.0}, "thing_id", "NOT_FOUND", "upright"),
+    _bad("GetGoal", {"thing_id": 1, "robot_radius": -1.0}, "robot_radius", of="upright"),
+    *(
+        _bad("ListDetections", fields, field, reason, "upright")
+        for fields, field, reason in (
+            ({"version": "9"}, "version", "NOT_FOUND"),
+            ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),
+            ({"page_size": -1}, "page_size", "INVALID_INPUT"),
+        )
+    ),
+)
+BOUNDS_OF_THE_URL = {("GetGoal", "robot_radius"), ("ListDetections", "page_size"), ("ListBestViews", "max_views")}
+"""Where REST's own parameters are bounded, in other words."""

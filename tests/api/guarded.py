@@ -1,0 +1,207 @@
+"""A server that asks for keys, keys of every kind, and every call of both protocols as one may send it.
+
+The calls are those of the application's routes and of the service's descriptor, so that a new one cannot be left out.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import grpc
+import httpx
+from fastapi.routing import iter_route_contexts
+from google.protobuf import message_factory
+
+from fastsplat.api.rest.access import route_name
+from fastsplat.api.rest.app import create_app
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.settings import Settings
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
+from tests.api.served import Faces, served
+from tests.api.training_job import add_training_job
+
+SERVICE = "/fastsplat.v1.SceneService/"
+ROUTES = {
+    route_name(context, method): (method, context.path)
+    for context in iter_route_contexts(create_app(None, Settings()).routes)
+    for method in sorted(context.methods or {"GET"})
+}
+"""Method and template of every route by its name."""
+RPCS = {method.name: method for method in pb.DESCRIPTOR.services_by_name["SceneService"].methods}
+
+_TUS = {"Tus-Resumable": "1.0.0"}
+_MOTION = {"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+_REQUESTS: dict[str, dict[str, Any]] = {
+    "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
+    "POST /v1/scenes/{scene_id}:pick": {"json": {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}}},
+    "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
+    "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
+    "POST /v1/scenes/{scene_id}:trainMore": {"json": {}},
+    "POST /v1/scenes/{scene_id}:align": {"json": {"alignment": {"transform": _MOTION}}},
+    "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
+    "POST /v1/scenes/{scene_id}:measure": {"json": {"places": [{"thing": 1}]}},
+    "POST /v1/scenes/{scene_id}:localize": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
+    "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
+    "PATCH /v1/scenes/{scene_id}": {"json": {"name": "new"}},
+    "POST /mcp": {
+        "json": {"jsonrpc": "2.0", "id": 1, "method": "tools/list"},
+        "headers": {"Accept": "application/json"},
+    },
+    "POST /v1/upload-keys": {"json": {}},
+    "POST /v1/keys": {"json": {"name": "new"}},
+    "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
+    "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},
+    "HEAD /v1/uploads/{upload_id}": {"headers": _TUS},
+    "DELETE /v1/uploads/{upload_id}": {"headers": _TUS},
+    "PATCH /v1/uploads/{upload_id}": {
+        "headers": {**_TUS, "Content-Type": "application/offset+octet-stream", "Upload-Offset": "0"},
+        "content": b"abc",
+    },
+}
+"""What a route needs beside its path to be more than bad input."""
+
+_OF_TRAINING = {
+    "FinishOperation",
+    "GetPreview",
+    "GetPlacedCameras",
+    "POST /v1/operations/{operation_id}:finish",
+    "GET /v1/operations/{operation_id}/preview",
+    "GET /v1/operations/{operation_id}/preview.jpg",
+    "GET /v1/operations/{operation_id}/cameras",
+}
+"""Calls and routes that speak of a job while it trains."""
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """The server, the keys by who has them ("none" has none, "stranger" is the admin of another project), and the
+    calls."""
+
+    faces: Faces
+    keys: dict[str, str]
+    service: SceneService
+    settings: Settings
+
+    @cached_property
+    def shared(self) -> dict[str, str]:
+        """Ids of a scene of the default project, its job, a key, a known name and an upload, which no test changes."""
+        return self.new_ids()
+
+    def new_ids(self) -> dict[str, str]:
+        """The same of new ones, which a call may change."""
+        scene_id = add_scene(self.service, self.settings)
+        return {
+            "scene_id": scene_id,
+            "operation_id": self.service.get_scene(scene_id).operation_id,
+            "key_id": self.service.admin.keys.create("another", "reader")[0].id,
+            "name_id": add_known_name(self.service, scene_id),
+            "upload_id": self.service.resumable.create("default", "a.zip", 3).id,
+        }
+
+    def ids_for(self, call: str, *, own: bool) -> dict[str, str]:
+        """Ids for a call or a route: shared ones or new ones; one about a job that trains gets such a job."""
+        ids = self.new_ids() if own else self.shared
+        if call not in _OF_TRAINING:
+            return ids
+        return {**ids, "operation_id": add_training_job(self.service).operation.id}
+
+    def header(self, caller: str) -> dict[str, str]:
+        """What a caller sends to be known."""
+        return {"Authorization": f"Bearer {self.keys[caller]}"} if self.keys[caller] else {}
+
+    def metadata(self, caller: str) -> tuple[tuple[str, str], ...]:
+        """The same for gRPC."""
+        return tuple((name.lower(), value) for name, value in self.header(caller).items())
+
+    def send(self, route: str, caller: str, ids: dict[str, str]) -> httpx.Response:
+        """The answer of a route."""
+        method, template = ROUTES[route]
+        path = {"/web": "/web/icon.svg", "/docs-files": "/docs-files/swagger-ui.css"}.get(template, template)
+        kind = "label_map" if path.endswith(".npy") else "rgb"
+        path = path.format(**ids, kind=kind, format="spz")
+        request = _REQUESTS.get(route, {})
+        headers = {**request.get("headers", {}), **self.header(caller)}
+        params = {"text": "mug", "view": "front.png"}
+        return self.faces.rest.request(method, path, params=params, **{**request, "headers": headers})
+
+    def call(self, name: str, caller: str, ids: dict[str, str]) -> grpc.RpcError | None:
+        """The error of an RPC; None: it was answered."""
+        method = RPCS[name]
+        message = _message(name, message_factory.GetMessageClass(method.input_type), ids)
+        call: Callable[..., Any] = getattr(self.faces.rpc, name)
+        sent = iter([message]) if method.client_streaming else message
+        try:
+            answer = call(sent, metadata=self.metadata(caller), timeout=30)
+            if method.server_streaming:
+                list(answer)
+        except grpc.RpcError as error:
+            return error
+        return None
+
+    def assert_shared_untouched(self) -> None:
+        """Fail if anybody has changed what `shared` names."""
+        ids = self.shared
+        scene = self.service.get_scene(ids["scene_id"])
+        assert (scene.state, scene.version, scene.name) == ("READY", "1", "made")
+        assert self.service._store.keys.find(ids["key_id"]).valid(time.time() + 7200)
+        assert self.service.resumable.get("default", ids["upload_id"]).offset == 0
+
+
+@contextmanager
+def guarded_server(api_settings: Settings, folder: Path) -> Iterator[Guarded]:
+    """Serve from a folder until the block ends."""
+    settings = api_settings.model_copy(update={"auth": "on", "data_dir": folder})
+    with open_service(settings) as service, served(service, settings) as faces:
+        service.admin.projects.create("elsewhere")
+        make = service.admin.keys.create
+        keys = {role: make(role, role)[1] for role in ("uploader", "reader", "editor", "admin", "operator")}
+        revoked, keys["revoked"] = make("revoked", "operator")
+        service.admin.keys.revoke(revoked.id)
+        keys["stranger"] = make("stranger", "admin", project="elsewhere")[1]
+        yield Guarded(faces, {**keys, "none": ""}, service, settings)
+
+
+def without_ids(text: str) -> str:
+    """A text with every id in it replaced by the same word."""
+    return re.sub(r"\b([0-9a-f]{32}|[0-9a-f]{12})(-\d+)?\b", "ID", text)
+
+
+def about_one(rpc: str) -> bool:
+    """Whether an RPC is about one scene, job, key, name or upload."""
+    if rpc in ("StreamQuery", "ListKeys"):  # a scene there narrows the list of the caller's own keys
+        return rpc == "StreamQuery"
+    fields = message_factory.GetMessageClass(RPCS[rpc].input_type).DESCRIPTOR.fields_by_name
+    return any(name in fields for name in ("scene_id", "operation_id", "key_id", "name_id", "upload_id"))
+
+
+def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
+    query = pb.QueryRequest(scene_id=ids["scene_id"], texts=["mug"])
+    if name == "StreamQuery":
+        return pb.StreamQueryRequest(question=pb.StandingQuestion(query=query))
+    if name == "CreateScene":
+        return pb.CreateSceneRequest(header=pb.CreateSceneHeader())
+    motion = pb.Pose(position=pb.Vector3(x=1.0), orientation=pb.Quaternion(w=1.0))
+    values: dict[str, Any] = {
+        **ids,
+        "name": "new",
+        "lifetime_s": 3600.0,
+        "text": "mug",
+        "texts": ["mug"],
+        "view": "front.png",
+        "kind": pb.PICTURE_KIND_RGB,
+        "role": pb.ROLE_READER,  # of a new key: one that shows a scene alone may do no more
+        "photos": [PLAIN_PNG],
+        "places": [pb.Place(thing=1)],
+        "pixel": pb.Pixel(x=24.0, y=18.0),
+        "alignment": pb.Alignment(transform=motion),
+        "edits": [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")],
+    }
+    return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})

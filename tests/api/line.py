@@ -1,0 +1,76 @@
+"""A TCP line to a server on this machine that can be cut, taken down and silenced."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from contextlib import suppress
+
+
+class Line:
+    """Carries bytes to a port until it is told otherwise.
+
+    Attributes:
+        port: where it is reached.
+    """
+
+    def __init__(self, port: int) -> None:
+        self._far_port = port
+        self._pairs: list[_Pair] = []
+        self._listen(0)
+        self.port = int(self._listener.getsockname()[1])
+
+    def cut(self) -> None:
+        """End every connection, as when the server is killed; new ones are carried."""
+        for pair in self._pairs:
+            pair.end()
+
+    def take_down(self) -> None:
+        """The same, and refuse new connections."""
+        with suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+        self._accepting.join()
+        self.cut()
+
+    def bring_up(self) -> None:
+        """Take connections again, on the same port."""
+        self._listen(self.port)
+
+    def silence(self) -> None:
+        """Lose what the present connections send, without ending them; new ones are carried."""
+        for pair in self._pairs:
+            pair.silent = True
+
+    def _listen(self, port: int) -> None:
+        self._listener = socket.create_server(("127.0.0.1", port))
+        self._accepting = threading.Thread(target=self._accept, args=(self._listener,))
+        self._accepting.start()
+
+    def _accept(self, listener: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = listener.accept()
+                self._pairs.append(_Pair(near, socket.create_connection(("127.0.0.1", self._far_port))))
+
+
+class _Pair:
+    """The two ends of one connection."""
+
+    def __init__(self, near: socket.socket, far: socket.socket) -> None:
+        self._ends = (near, far)
+        self.silent = False
+        for source, sink in ((near, far), (far, near)):
+            threading.Thread(target=self._pump, args=(source, sink), daemon=True).start()
+
+    def end(self) -> None:
+        for end in self._ends:
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError), source:
+            while data := source.recv(1 << 16):
+                if not self.silent:
+                    sink.sendall(data)
+        self.end()
