@@ -19,6 +19,8 @@ from fastsplat_contract.queries import QueryRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
 
+pytestmark = pytest.mark.xdist_group("web-workers")
+
 _SAMPLE = Path(__file__).parents[2] / "demo/sample/images"
 _PHOTOS = sorted(_SAMPLE.glob("*.jpg"))[::2]
 _NEEDED = ("minilm_l6_int8", "mobile_sam", "picodet_416")
@@ -120,7 +122,6 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     expect(page.get_by_text("Here it is")).to_be_visible()
     _shows(page, "answer$")
     expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
-    page.wait_for_timeout(1_500)
     shown = canvas_pixels(page)
     address = page.url
     _ask(page, "")
