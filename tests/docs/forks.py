@@ -3,6 +3,7 @@ of its own, forked from one that has imported what `fastsplat` does and has done
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -85,10 +86,13 @@ class PythonSession:
 
 def _serve(address: str) -> None:
     """Fork for each connection until killed."""
+    import torch  # noqa: F401  commands that measure or draw load it late
+
     import fastsplat.cli.main
     import fastsplat.service.application.service
     import fastsplat.service.library
 
+    gc.freeze()  # otherwise the end of each fork would copy and free what all share
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how a connection has ended
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(address)
