@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser
@@ -12,15 +11,6 @@ from playwright.sync_api import Browser
 from fastsplat.api.rest.page import BUILT_PAGE
 from tests.web.browser import chromium, without_webgl
 from tests.web.places import Place, guarded_settings, page_settings, running, small_settings
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests of one browser stay in one process."""
-    for item in items:
-        in_browser = item.path.parent == Path(__file__).parent and "browser" in getattr(item, "fixturenames", ())
-        if in_browser and item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group("web"))
 
 
 # Of the package, not of the session: while the browser runs, Playwright holds the thread's event loop, and tests of

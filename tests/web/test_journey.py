@@ -19,8 +19,6 @@ from fastsplat_contract.queries import QueryRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera, scene_up
 
-pytestmark = pytest.mark.xdist_group("web-workers")
-
 _SAMPLE = Path(__file__).parents[2] / "demo/sample/images"
 _PHOTOS = sorted(_SAMPLE.glob("*.jpg"))[::2]
 _NEEDED = ("minilm_l6_int8", "mobile_sam", "picodet_416")

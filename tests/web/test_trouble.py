@@ -15,8 +15,6 @@ from tests.web.browser import visiting
 from tests.workers.deployment import Deployment
 from tests.workers.standby import APIS, WORKERS
 
-pytestmark = pytest.mark.xdist_group("web-workers")
-
 
 @pytest.fixture
 def deployment(tmp_path: Path) -> Iterator[Deployment]:
