@@ -1,4 +1,4 @@
-"""A server with a small trained scene, as the pages of the documentation presuppose one."""
+"""A server with a trained scene, as the pages of the documentation presuppose one."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ import pytest
 
 import fastsplat
 from demo.service_process import running_service
+from fastsplat.service.library.sample import unpack_sample
 from fastsplat_client import Client
+from tests.docs.forks import forks
 from tests.docs.page_blocks import ROOT
 from tests.docs.page_reader import PageReader
 
 _BIN = Path(sys.executable).parent
 _VIEWS = 8
 _SMALL = {
-    "FASTSPLAT_TRAINING__ITERATIONS": "200",
+    "FASTSPLAT_TRAINING__ITERATIONS": "40",
     "FASTSPLAT_TRAINING__TIME_BUDGET_S": "600",  # the iterations are over before
     "FASTSPLAT_TRAINING__MAX_GAUSSIANS": "6000",
     "FASTSPLAT_TRAINING__MAX_SIDE": "160",
@@ -41,8 +43,8 @@ class Home:
 
     Attributes:
         data_dir: its data folder.
-        scene_id: a trained scene of the sample's views.
-        trained: that scene's first version.
+        scene_id: the sample scene of the package.
+        trained: that scene's version.
         key: one that may do everything.
         ports: what stands in place of 8000 and 8001.
         environment: of a reader's shell.
@@ -61,7 +63,7 @@ class Home:
         return f"http://localhost:{self.ports[8000]}"
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def small_environment(models_dir: Path) -> Iterator[dict[str, str]]:
     """Variables of a process whose trainings are short, with the default models; this process has them, too."""
     with pytest.MonkeyPatch.context() as patch:
@@ -73,7 +75,14 @@ def small_environment(models_dir: Path) -> Iterator[dict[str, str]]:
         yield dict(os.environ)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
+def programs(small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder whose `fastsplat` begins with its imports done."""
+    with forks(tmp_path_factory.mktemp("forks")) as folder:
+        yield folder
+
+
+@pytest.fixture(scope="package")
 def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Some of the sample's photos with their poses and label maps: a capture that trains in seconds."""
     source, target = ROOT / "demo" / "sample", tmp_path_factory.mktemp("capture") / "photos"
@@ -89,11 +98,12 @@ def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-@pytest.fixture(scope="module")
-def home(photos: Path, small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
+@pytest.fixture(scope="package")
+def home(small_environment: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
     """`fastsplat serve` over a data folder with one scene, which every page begins with."""
     data_dir = tmp_path_factory.mktemp("home") / "fastsplat-data"
-    with fastsplat.train(photos, data_dir, name="desk", progress=lambda operation: None) as scene:
+    unpack_sample(data_dir)
+    with fastsplat.open_scene(data_dir) as scene:
         scene_id, trained = scene.id, scene.info.version
     ports = {8000: _free_port(), 8001: _free_port()}
     with running_service(
@@ -108,7 +118,7 @@ def home(photos: Path, small_environment: dict[str, str], tmp_path_factory: pyte
 
 
 @pytest.fixture
-def new_reader(home: Home, photos: Path, tmp_path: Path) -> Iterator[Callable[[str], PageReader]]:
+def new_reader(home: Home, photos: Path, programs: Path, tmp_path: Path) -> Iterator[Callable[[str], PageReader]]:
     """Makes a reader in a folder like a checkout, before a server whose only scene is as it was trained."""
     readers: list[PageReader] = []
 
@@ -121,7 +131,7 @@ def new_reader(home: Home, photos: Path, tmp_path: Path) -> Iterator[Callable[[s
         (folder / ".venv" / "bin").symlink_to(_BIN)
         (folder / "fastsplat-data").symlink_to(home.data_dir)
         shutil.copytree(photos, folder / "photos")
-        readers.append(PageReader(folder, home.environment, home.ports))
+        readers.append(PageReader(folder, home.environment, home.ports, programs))
         return readers[-1]
 
     try:

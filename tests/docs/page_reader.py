@@ -6,13 +6,10 @@ import os
 import re
 import signal
 import subprocess
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 
-import nbformat
-from nbclient import NotebookClient
-from nbclient.exceptions import CellExecutionError
-
+from tests.docs.forks import PythonSession
 from tests.docs.page_blocks import Block
 
 _HANGS_S = 540
@@ -33,18 +30,19 @@ class PageReader:
         folder: where the page's commands run.
         environment: all variables of both sessions.
         ports: what stands in place of which port.
+        programs: the folder of `forks`, first in the path.
     """
 
-    def __init__(self, folder: Path, environment: dict[str, str], ports: dict[int, int]) -> None:
+    def __init__(self, folder: Path, environment: dict[str, str], ports: dict[int, int], programs: Path) -> None:
         self._folder = folder
         self._state = folder.with_name(f"{folder.name}.state")
-        self._environment = {**environment, "_STATE": str(self._state)}
+        self._printed = folder.with_name(f"{folder.name}.printed")
+        path = f"{programs}{os.pathsep}{environment['PATH']}"
+        self._environment = {**environment, "_STATE": str(self._state), "PATH": path}
         self._ports = ports
         self._groups: list[int] = []
-        self._notebook = nbformat.v4.new_notebook()
-        self._client = NotebookClient(self._notebook, timeout=_HANGS_S, kernel_name="python3")
-        self._kernel = ExitStack()
-        self._kernel_runs = False
+        self._programs = programs
+        self._python: PythonSession | None = None
 
     def run(self, block: Block) -> None:
         """Run a block.
@@ -60,14 +58,14 @@ class PageReader:
 
     def close(self) -> None:
         """End both sessions and what the page left running."""
-        self._kernel.close()
+        if self._python:
+            self._python.close()
         for group in self._groups:
             with suppress(ProcessLookupError):
                 os.killpg(group, signal.SIGTERM)
 
     def _run_in_shell(self, code: str, where: str) -> None:
-        printed = self._folder.with_name(f"{self._folder.name}.printed")
-        with printed.open("wb") as sink:  # no pipe: what goes on in the background would keep it open
+        with self._printed.open("ab") as sink:  # no pipe: what goes on in the background would keep it open
             process = subprocess.Popen(
                 ["bash", "-c", _SCRIPT + code],
                 cwd=self._folder,
@@ -80,22 +78,18 @@ class PageReader:
             self._groups.append(process.pid)
             status = process.wait(_HANGS_S)
         if status:
-            raise AssertionError(f"{where} ended with {status}:\n{code}\n{printed.read_text(errors='replace')[-4000:]}")
+            raise AssertionError(f"{where} ended with {status}:\n{code}\n{self._last_printed()}")
 
     def _run_in_python(self, code: str, where: str) -> None:
-        if not self._kernel_runs:
-            self._kernel.enter_context(self._client.setup_kernel(cwd=str(self._folder), env=self._environment))
-            self._kernel_runs = True
-        self._execute(f"import os as _os; _os.environ.update({self._exported()!r})", where)
-        self._execute(code, where)
+        if self._python is None:
+            with self._printed.open("ab") as sink:
+                self._python = PythonSession(self._programs, self._folder, self._environment, sink)
+        raised = self._python.run(code, where, self._exported(), _HANGS_S)
+        if raised:
+            raise AssertionError(f"{where} failed:\n{code}\n{self._last_printed()}\n{raised}")
 
-    def _execute(self, code: str, where: str) -> None:
-        cells = self._notebook.cells
-        cells.append(nbformat.v4.new_code_cell(code))
-        try:
-            self._client.execute_cell(cells[-1], len(cells) - 1)
-        except CellExecutionError as error:
-            raise AssertionError(f"{where} failed:\n{_plain(str(error))}") from None
+    def _last_printed(self) -> str:
+        return self._printed.read_text(errors="replace")[-4000:]
 
     def _exported(self) -> dict[str, str]:
         """Variables that the shell has by now."""
@@ -107,8 +101,3 @@ class PageReader:
     def _mapped(self, address: re.Match[str]) -> str:
         host, port = address.group(1), int(address.group(2))
         return f"{host}:{self._ports.get(port, port)}"
-
-
-def _plain(text: str) -> str:
-    """Without the colors of a terminal."""
-    return re.sub(r"\x1b\[[0-9;]*m", "", text)

@@ -34,8 +34,9 @@ def test_what_is_not_executed_is_the_lesser_part() -> None:
 
 
 def test_each_way_to_the_photos_of_the_quickstart_leads_to_the_folder_that_its_blocks_use(tmp_path: Path) -> None:
-    page = (ROOT / "docs" / "quickstart.md").read_text()
-    ways = re.findall(r"`((?:mkdir [^`]+)?cp -r demo/sample[^`]*)`", page)
+    way_to_photos = re.compile(r"`((?:mkdir [^`]+)?cp -r demo/sample[^`]*)`")
+    (page,) = (text for path in PAGES if way_to_photos.search(text := path.read_text()))
+    ways = way_to_photos.findall(page)
     (checked,) = re.findall(r"fastsplat check (\S+)", page)
     assert len(ways) == 2
     for number, way in enumerate(ways):
@@ -48,12 +49,21 @@ def test_each_way_to_the_photos_of_the_quickstart_leads_to_the_folder_that_its_b
 
 @pytest.mark.parametrize(
     ("language", "code"),
-    [("sh", "[ -z nothing ]"), ("sh", "false | cat"), ("sh", "echo $NOT_SET"), ("python", "raise ValueError('no')")],
+    [
+        ("sh", "[ -z nothing ]"),
+        ("sh", "false | cat"),
+        ("sh", "echo $NOT_SET"),
+        ("sh", "fastsplat no-such-command | cat"),
+        ("sh", "kill -9 $(fastsplat --version > /dev/null && echo $$)"),
+        ("python", "raise ValueError('no')"),
+        ("python", "import sys; sys.exit(1)"),
+        ("python", "import os; os._exit(0)"),
+    ],
 )
 def test_a_block_that_fails_fails_its_page(
-    language: str, code: str, tmp_path: Path, small_environment: dict[str, str]
+    language: str, code: str, tmp_path: Path, small_environment: dict[str, str], programs: Path
 ) -> None:
-    reader = PageReader(_folder(tmp_path), small_environment, {})
+    reader = PageReader(_folder(tmp_path), small_environment, {}, programs)
     try:
         with pytest.raises(AssertionError, match=r"page\.md:7"):
             reader.run(Block("page.md", 7, language, code, ""))
@@ -61,8 +71,10 @@ def test_a_block_that_fails_fails_its_page(
         reader.close()
 
 
-def test_sessions_keep_what_was_defined_in_them(tmp_path: Path, small_environment: dict[str, str]) -> None:
-    reader = PageReader(_folder(tmp_path), small_environment, {8000: 4711})
+def test_sessions_keep_what_was_defined_in_them(
+    tmp_path: Path, small_environment: dict[str, str], programs: Path
+) -> None:
+    reader = PageReader(_folder(tmp_path), small_environment, {8000: 4711}, programs)
     blocks = [
         ("sh", "say() { echo \"$WORD\"; }\nWORD='two words'\nmkdir inner && cd inner"),
         ("sh", "say > said.txt\necho localhost:8000 localhost:9 >> said.txt"),

@@ -18,6 +18,12 @@ _ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000
 _SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 _WIDE = {"width": 1000, "height": 700}
+_DRAWN = """async (pause) => {
+  for (let frame = 0; frame < 3; frame++) await new Promise(requestAnimationFrame);
+  await new Promise((done) => setTimeout(done, pause));
+}"""
+_NOTED_MS = 400
+"""Later than the page notes in its address where its camera came to rest: 250 ms after its last motion."""
 
 # The page's policy forbids inline scripts, so that this is not run as one: the browser injects it before any page.
 _LISTENER = """
@@ -88,6 +94,23 @@ class Visit:
         expect(self.page.locator("#things-title")).to_be_visible()
         return canvas
 
+    def at_rest(self) -> None:
+        """Return when what was asked of the camera is done and noted in the address."""
+        self.page.evaluate(_DRAWN, _NOTED_MS)
+
+    def reload_with_clock(self) -> None:
+        """Load the page anew, with a clock that `requests_within` can put forward."""
+        self.page.clock.install()
+        self.page.reload()
+
+    def requests_within(self, seconds: float) -> list[str]:
+        """What the page asks for, of its own accord, while its clock is put forward by so much."""
+        before = len(self._requests)
+        self.page.clock.run_for(1000 * seconds)
+        with self.page.expect_request("**/livez"):  # after all that were made before it
+            self.page.evaluate("void fetch('livez')")
+        return [url for url in self._requests[before:] if not url.endswith("/livez")]
+
     def check(self, origin: str) -> None:
         """Nothing in the console but what the test expects, no report of the security policy, no other host."""
         unexpected = [text for text in self._errors if not any(part in text for part in self.expected)]
@@ -99,7 +122,7 @@ class Visit:
     def check_accessible(self) -> None:
         """axe-core finds nothing against WCAG 2.2 A and AA, nor against its own best practices."""
         self.page.evaluate((_ROOT / "api/web/node_modules/axe-core/axe.min.js").read_text())
-        result: dict[str, Any] = self.page.evaluate("axe.run()")
+        result: dict[str, Any] = self.page.evaluate("axe.run({ resultTypes: ['violations'] })")
         told = [
             f"{violation['id']}: {node['html']} {node['failureSummary']}"
             for violation in result["violations"]
@@ -110,6 +133,23 @@ class Visit:
     def fits(self) -> bool:
         """Whether nothing is wider than the window."""
         return bool(self.page.evaluate("document.documentElement.scrollWidth <= window.innerWidth"))
+
+
+def drawn(page: Page, box: Any) -> bytes:
+    """A PNG of a rectangle of the page, once three pictures in a row are alike: software WebGL draws late."""
+    alike, picture = 0, b""
+    for _ in range(200):
+        page.evaluate(_DRAWN, 50)
+        before, picture = picture, page.screenshot(clip=box)
+        alike = alike + 1 if picture == before else 0
+        if alike == 2:
+            return picture
+    raise AssertionError("the page does not come to rest")
+
+
+def drawn_canvas(page: Page) -> bytes:
+    """The same of the 3D picture, with what lies over it."""
+    return drawn(page, page.locator("canvas").bounding_box())
 
 
 @contextmanager

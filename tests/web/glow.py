@@ -19,6 +19,7 @@ from PIL import Image
 from playwright.sync_api import Page
 
 from fastsplat_contract.camera import Camera, PosedCamera
+from tests.web.browser import drawn_canvas
 from tests.web.table import looking
 
 GLOWS = 0.4
@@ -36,8 +37,7 @@ def canvas_pixels(page: Page) -> NDArray[np.float64]:
       sheet.replaceSync(".viewer-tools, .viewer-note { display: none }");
       document.adoptedStyleSheets = [sheet];
     }""")
-    page.wait_for_timeout(1_500)  # software WebGL draws late
-    picture = page.locator("canvas").screenshot()
+    picture = drawn_canvas(page)
     page.evaluate("() => { document.adoptedStyleSheets = []; }")
     return pixels_of(picture) / 255
 

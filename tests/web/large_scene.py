@@ -29,7 +29,7 @@ from tests.api.made_scene import ENCODER, LABELS
 from tests.api.served import serving
 from tests.scenes import labelled_scene, store_scene
 from tests.web.browser import chromium, visiting
-from tests.web.conftest import page_settings
+from tests.web.places import page_settings
 from tests.web.table import looking
 
 _PATIENCE_S = 900.0

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 
-import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from fastsplat.service.application.service import open_service
 from fastsplat_contract.scenes import Edit
-from tests.api.served import serving
-from tests.web.browser import visiting
-from tests.web.conftest import Place, page_settings
-from tests.web.table import add_table
+from tests.web.browser import Visit, visiting
+from tests.web.places import Place
 
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"
 
@@ -27,7 +22,7 @@ def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
     expect(page.get_by_text("Here it is")).to_be_visible()
     expect(page.get_by_role("heading", name=selected)).to_be_visible()
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
-    page.wait_for_timeout(500)
+    Visit(page).at_rest()
     assert f"view={view}" in page.url
 
 
@@ -40,7 +35,7 @@ def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, 
         expect(page.get_by_text("Here it is")).to_be_visible()
         ball = _thing(place, place.scene_id, "ball")
         expect(page).to_have_url(re.compile(f"q=mug.*view=.*things={ball}$"))
-        page.wait_for_timeout(1_000)  # the camera is at rest
+        visit.at_rest()
         address, view = page.url, re.findall("view=([^&]+)", page.url)[0]
         page.reload()
         _expect_all(page, "mug", "ball", view)
@@ -63,11 +58,10 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
         page.get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
-        page.wait_for_timeout(1_000)
+        visit.at_rest()
         expect(page.get_by_role("searchbox")).to_have_value("story book")
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
         assert "violin" in {thing.name for thing in place.service.answers.list_things(scene_id).things}
-    place.service.delete_scene(scene_id)
 
 
 def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None:
@@ -88,7 +82,6 @@ def test_an_older_version_has_an_address(place: Place, browser: Browser) -> None
         page.go_back()
         expect(page.get_by_text("This is an older version.")).to_be_visible()
         expect(page.get_by_role("heading", name="ball")).to_be_visible()
-    place.service.delete_scene(scene_id)
 
 
 def test_an_address_that_is_changed_by_hand_is_followed(place: Place, browser: Browser) -> None:
@@ -101,7 +94,7 @@ def test_an_address_that_is_changed_by_hand_is_followed(place: Place, browser: B
         expect(page.get_by_role("searchbox")).to_have_value("submarine")
         expect(page.get_by_text("Not here")).to_be_visible()
         expect(page.get_by_role("heading", name="mug")).to_be_visible()
-        page.wait_for_timeout(1_000)
+        visit.at_rest()
         assert f"view={_VIEW}" in page.url
         page.goto(f"{place.url}/#/scenes/{place.scene_id}")
         expect(page.get_by_role("searchbox")).to_have_value("")
@@ -117,7 +110,7 @@ def test_a_question_on_its_way_does_not_bring_back_the_address_that_was_left(pla
         page.keyboard.press("Enter")
         page.get_by_role("link", name="Scenes").click()
         expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
-        page.wait_for_timeout(1_500)
+        visit.at_rest()
         assert page.url == f"{place.url}/#/"
 
 
@@ -133,20 +126,9 @@ def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_bac
         assert page.url == f"{place.url}/#/"
 
 
-@pytest.fixture(scope="module")
-def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, str, str]]:
-    """The address of a server that wants keys, a key, and a scene."""
-    settings = page_settings(tmp_path_factory.mktemp("addresses"), auth="on")
-    with open_service(settings) as service, serving(service, settings) as ports:
-        key = service.admin.keys.create("a person", "admin")[1]
-        yield f"http://127.0.0.1:{ports.http}", key, add_table(service, settings)
-
-
-def test_an_address_outlives_signing_in_and_signing_out_is_of_all_tabs(
-    guarded: tuple[str, str, str], browser: Browser
-) -> None:
-    url, key, scene_id = guarded
-    with visiting(browser, url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
+def test_an_address_outlives_signing_in_and_signing_out_is_of_all_tabs(guarded: Place, browser: Browser) -> None:
+    key = guarded.new_key("admin")
+    with visiting(browser, guarded.url, f"#/scenes/{guarded.scene_id}?q=mug&view={_VIEW}") as visit:
         page = visit.page
         visit.expected.append("401")
         page.get_by_label("Access key").fill(key)

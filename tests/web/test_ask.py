@@ -13,19 +13,11 @@ from playwright.sync_api import Browser, expect
 
 from tests.api.proxy import proxied
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place
 from tests.web.glow import page_view
+from tests.web.places import Place
 
 _VIEW = "0.9_-2.6_1.9_0_0_0.2"  # of the tests' own: position and target
 _OTHER_SIDE = "-0.9_2.6_1.9_0_0_0.2"
-
-
-_AT_REST = """() => new Promise((done) => {
-    let frames = 3;
-    const next = () => (frames-- ? requestAnimationFrame(next) : setTimeout(done, 500));
-    next();
-})"""
-"""Later than the page notes where its camera came to rest: two frames and 250 ms after its last motion."""
 
 
 def _wait_for(visit: Visit, what: str) -> None:
@@ -77,7 +69,7 @@ def test_an_address_with_a_question_can_be_sent(place: Place, browser: Browser) 
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball&view={_VIEW}") as visit:
         expect(visit.page.get_by_role("searchbox")).to_have_value("ball")
         expect(visit.page.get_by_text("Here it is")).to_be_visible()
-        visit.page.wait_for_timeout(500)
+        visit.at_rest()
         assert f"view={_VIEW}" in visit.page.url  # nothing flies away from the view that was sent
 
 
@@ -109,7 +101,7 @@ def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
             mouse.move(360, 330, steps=4)
             mouse.up(button=button)
             expect(visit.page).not_to_have_url(before)
-            visit.page.evaluate(_AT_REST)  # a slow machine may note the address in the middle of the way, too
+            visit.at_rest()  # a slow machine may note the address in the middle of the way, too
             return page_view(visit.page)
 
         start = page_view(visit.page)
@@ -142,7 +134,7 @@ def test_the_camera_moves_by_touch(place: Place, browser: Browser) -> None:
             touch("touchMove", (150 - 10 * step, 300), (250 + 10 * step, 300))
         touch("touchEnd")
         expect(visit.page).not_to_have_url(re.compile(_VIEW))
-        visit.page.evaluate(_AT_REST)
+        visit.at_rest()
         pinched = page_view(visit.page)
         ratio = np.linalg.norm(pinched[:3] - pinched[3:]) / np.linalg.norm(start[:3] - start[3:])
         assert 0.4 < ratio < 0.65  # the fingers are twice as far apart

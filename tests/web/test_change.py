@@ -2,27 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import re
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from PIL import Image
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from fastsplat.service.scene.types import Gaussians
-from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place
+from tests.web.browser import Visit, drawn_canvas, visiting
+from tests.web.glow import pixels_of
+from tests.web.places import Place
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 
 def _picture(page: Page) -> NDArray[np.float64]:
     """The 3D picture without what lies over it, [H, W, 3] of 0..255."""
-    page.wait_for_timeout(1_500)  # software WebGL draws late
     page.evaluate("document.querySelectorAll('.viewer-tools, .gizmo').forEach((one) => (one.style.opacity = 0))")
-    picture = np.asarray(Image.open(io.BytesIO(page.locator("canvas").screenshot())).convert("RGB"), dtype=np.float64)
+    picture = pixels_of(drawn_canvas(page))
     page.evaluate("document.querySelectorAll('.viewer-tools, .gizmo').forEach((one) => (one.style.opacity = 1))")
     return picture
 
@@ -45,7 +43,6 @@ def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
-        page.wait_for_timeout(500)
         menu.get_by_role("button", name="Move or turn").click()
         here = _picture(page)
         handle = page.get_by_role("button", name="Shift along z")
@@ -100,7 +97,7 @@ def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -
 
 
 def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, browser: Browser, own: str) -> None:
-    count = len(_gaussians(place, own))
+    count, trained = len(_gaussians(place, own)), place.service.versions.resolve(own)
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
@@ -108,15 +105,15 @@ def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, brow
         menu.get_by_role("button", name="Recolor").click()
         expect(page.get_by_text("Recolored.")).to_be_visible()
         assert place.service.versions.all(own)[-1].edits[0].color == (1.0, 0.0, 1.0)
+        recolored = place.service.versions.resolve(own)
         menu.get_by_role("button", name="Remove").click()
         expect(page.get_by_text("Removed.")).to_be_visible()
         expect(page.locator(".thing-list li")).to_have_count(2)
         assert len(_gaussians(place, own)) < count - 500
-        for _ in range(2):
+        for version in (recolored, trained):
             page.locator("canvas").focus()
             page.keyboard.press("Control+z")
-            expect(page.get_by_text("Undone.")).to_be_visible()
-            page.wait_for_timeout(300)
+            expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(f"^{version} "))
         expect(page.locator(".thing-list li")).to_have_count(3)
     assert len(_gaussians(place, own)) == count
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from playwright.sync_api import Browser, expect
 
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 _CLICK_AND_TYPE = """(button, text) => new Promise((resolve) => {
   const drawn = new MutationObserver(() => {  // called in the turn in which something is drawn, before it is painted

@@ -12,8 +12,8 @@ from playwright.sync_api import Browser, expect
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.queries import PictureRequest, QueryRequest
 from tests.web.browser import visiting
-from tests.web.conftest import Place
 from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, pixels_of
+from tests.web.places import Place
 
 _VIEWS = ("0.9_-2.6_1.9_0_0_0.2", "-1.7_-2.3_1.1_0_0_0.2", "0.2_-1.9_2.6_0_0_0.2")
 _NAMES = ("mug", "ball", "story book")

@@ -6,7 +6,7 @@ from playwright.sync_api import Browser, expect
 
 from tests.scenes import queued_job
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 
 def test_stages_are_shown_as_they_run_and_a_failure_with_its_hint(place: Place, browser: Browser) -> None:
@@ -32,4 +32,3 @@ def test_stages_are_shown_as_they_run_and_a_failure_with_its_hint(place: Place, 
         visit.check_accessible()
         page.goto(f"{place.url}/#/")
         expect(page.get_by_role("link", name="a job")).to_contain_text("Failed")
-    place.service.delete_scene(job.scene_id)

@@ -120,7 +120,6 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     expect(page.get_by_text("Here it is")).to_be_visible()
     _shows(page, "answer$")
     expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
-    page.wait_for_timeout(1_500)
     shown = canvas_pixels(page)
     address = page.url
     _ask(page, "")

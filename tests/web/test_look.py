@@ -17,8 +17,9 @@ from fastsplat.service.capture.scene_photos import photo_path
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.queries import PictureRequest
-from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place
+from tests.web.browser import Visit, drawn, visiting
+from tests.web.glow import pixels_of
+from tests.web.places import Place
 from tests.web.table import looking
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
@@ -39,16 +40,8 @@ def _menu(visit: Visit) -> Locator:
 
 
 def _shot(visit: Visit, box: dict[str, float]) -> NDArray[np.float64]:
-    """float64 [H, W, 3]: what the page shows in a rectangle; drawn twice alike, so that it has come to rest."""
-    before = b""
-    for _ in range(50):
-        now = visit.page.screenshot(clip=box)
-        if now == before:
-            break
-        before = now
-        visit.page.wait_for_timeout(150)
-    with Image.open(io.BytesIO(now)) as image:
-        return np.asarray(image.convert("RGB"), dtype=np.float64)
+    """float64 [H, W, 3]: what the page shows in a rectangle."""
+    return pixels_of(drawn(visit.page, box))
 
 
 def _compared(visit: Visit, share: int) -> NDArray[np.float64]:
@@ -250,4 +243,3 @@ def test_a_scene_without_photos_compares_with_nothing_and_says_so(place: Place, 
         expect(visit.page.locator(".compare-bar")).to_contain_text("No photo is stored with this scene")
         assert visit.fits()
         visit.check_accessible()
-    place.service.delete_scene(scene_id)

@@ -2,25 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
-import pytest
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.perception.settings import PerceptionSettings
-from tests.api.made_scene import ENCODER
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import MARKUP, Place, page_settings, place_with
+from tests.web.places import MARKUP, Place
 
-
-@pytest.fixture(params=["grounding_dino_tiny", ""])
-def served_with(
-    request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[tuple[str, Place]]:
-    """The configured open-set detector, a server with it, and a scene."""
-    perception = PerceptionSettings(text_encoder=ENCODER, open_set_detector=request.param)
-    with place_with(page_settings(tmp_path_factory.mktemp("look"), perception=perception)) as place:
-        yield request.param, place
+_PHONE = {"width": 390, "height": 844}
 
 
 def _look(visit: Visit, names: str) -> None:
@@ -29,16 +16,8 @@ def _look(visit: Visit, names: str) -> None:
     visit.page.get_by_role("button", name="Look again").click()
 
 
-def test_names_are_looked_for_where_the_server_can(served_with: tuple[str, Place], browser: Browser) -> None:
-    detector, place = served_with
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
-        if not detector:
-            visit.expected.append("409")
-            _look(visit, "trophy")
-            expect(visit.page.get_by_role("alert")).to_contain_text("no open-set detector", ignore_case=True)
-            expect(visit.page.get_by_role("alert")).to_contain_text("FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR")
-            visit.check_accessible()
-            return
+def test_names_are_looked_for(place: Place, browser: Browser, own: str) -> None:
+    with visiting(browser, place.url, f"#/scenes/{own}", viewport=_PHONE) as visit:
         _look(visit, f"trophy, {MARKUP}")
         note = visit.page.locator(".improve [role=status]")
         expect(note).to_contain_text("Waiting for a worker.")
@@ -49,3 +28,12 @@ def test_names_are_looked_for_where_the_server_can(served_with: tuple[str, Place
         assert record is not None and list(record["texts"]) == ["trophy", MARKUP]
         place.service.cancel_operation(job.id)
         expect(note).to_contain_text("It was cancelled.")
+
+
+def test_a_server_that_cannot_look_says_what_it_lacks(small: Place, browser: Browser) -> None:
+    with visiting(browser, small.url, f"#/scenes/{small.new_scene()}", viewport=_PHONE) as visit:
+        visit.expected.append("409")
+        _look(visit, "trophy")
+        expect(visit.page.get_by_role("alert")).to_contain_text("no open-set detector", ignore_case=True)
+        expect(visit.page.get_by_role("alert")).to_contain_text("FASTSPLAT_PERCEPTION__OPEN_SET_DETECTOR")
+        visit.check_accessible()

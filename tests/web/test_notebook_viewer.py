@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat.service.library.local_scene import LocalScene
 from tests.web.browser import PATIENCE_MS
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 
 def test_a_cell_shows_the_scene_and_answers(place: Place, browser: Browser, tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.queries import QueryRequest
 from tests.api.made_scene import LABELS
 from tests.web.browser import Visit
-from tests.web.conftest import MARKUP, Place
 from tests.web.glow import canvas_pixels, glowing, overlap, page_camera
+from tests.web.places import MARKUP, Place
 from tests.web.table import add_table
 from tests.web.test_ask import _VIEW, _wait_for
 

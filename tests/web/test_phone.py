@@ -3,56 +3,42 @@
 from __future__ import annotations
 
 import re
-import socket
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import pytest
 from playwright.sync_api import Browser, expect
 from sqlalchemy import update
 
-from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import api_keys
 from fastsplat_contract.keys import UploadKeyIn
-from tests.api.served import serving
+from fastsplat_contract.scenes import SceneSummary
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place, page_settings
 from tests.web.photos import write_photos
+from tests.web.places import Place
 
 _PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
 
 
-@dataclass(frozen=True)
-class _Guarded:
-    url: str
-    elsewhere: str
-    service: SceneService
-    editor: str
+def _elsewhere(guarded: Place) -> str:
+    """Where a phone finds the page."""
+    return guarded.settings.page_address
 
 
-@pytest.fixture(scope="module")
-def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Guarded]:
-    """A server that wants keys and says where phones reach it."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
-    url, elsewhere = f"http://127.0.0.1:{port}", f"http://localhost:{port}"  # for a phone of the test's own machine
-    settings = page_settings(tmp_path_factory.mktemp("phone"), auth="on", http_port=port, page_address=elsewhere)
-    with open_service(settings) as service, serving(service, settings):
-        yield _Guarded(url, elsewhere, service, service.admin.keys.create("Ada", "editor")[1])
+def _posted(guarded: Place) -> list[SceneSummary]:
+    """Scenes that came by phone."""
+    return [scene for scene in guarded.service.list_scenes().scenes if scene.id != guarded.scene_id]
 
 
-def _link(guarded: _Guarded, visit: Visit, folder: Path) -> str:
+def _link(guarded: Place, visit: Visit, folder: Path) -> str:
     """What the QR code on the page for new scenes says."""
     visit.expected.append("401")
-    visit.page.get_by_label("Access key").fill(guarded.editor)
+    visit.page.get_by_label("Access key").fill(guarded.new_key("editor"))
     visit.page.get_by_role("button", name="Sign in").click()
     expect(visit.page.get_by_text("A phone cannot reach this page at 127.0.0.1.")).to_be_visible()
     visit.check_accessible()
-    visit.page.get_by_role("button", name=f"Show a QR code for {guarded.elsewhere}/").click()
+    visit.page.get_by_role("button", name=f"Show a QR code for {_elsewhere(guarded)}/").click()
     code = visit.page.get_by_role("img", name="QR code of the link")
     expect(code).to_be_visible()
     visit.check_accessible()
@@ -65,16 +51,14 @@ def _link(guarded: _Guarded, visit: Visit, folder: Path) -> str:
     return text
 
 
-def test_a_phone_posts_one_scene_by_the_code_and_follows_it(
-    guarded: _Guarded, browser: Browser, tmp_path: Path
-) -> None:
+def test_a_phone_posts_one_scene_by_the_code_and_follows_it(guarded: Place, browser: Browser, tmp_path: Path) -> None:
     with visiting(browser, guarded.url, "#/new", color_scheme="dark") as desk:
         link = _link(guarded, desk, tmp_path)
-    assert link.startswith(f"{guarded.elsewhere}/#/phone?key=fsk_")
-    with visiting(browser, guarded.elsewhere, _behind(link), **_PHONE) as phone:
+    assert link.startswith(f"{_elsewhere(guarded)}/#/phone?key=fsk_")
+    with visiting(browser, _elsewhere(guarded), _behind(link), **_PHONE) as phone:
         page = phone.page
         expect(page.get_by_role("heading", name="New scene")).to_be_visible()
-        assert page.url == f"{guarded.elsewhere}/#/phone"  # the key is in no history
+        assert page.url == f"{_elsewhere(guarded)}/#/phone"  # the key is in no history
         expect(page.get_by_role("link", name="Scenes")).to_have_count(0)
         camera = page.get_by_label("Take photos")
         expect(camera).to_have_attribute("capture", "environment")
@@ -91,16 +75,15 @@ def test_a_phone_posts_one_scene_by_the_code_and_follows_it(
         key = link.partition("key=")[2]
         assert not [url for url in phone.requests if key in url]
         phone.expected.append("401")
-        page.goto(f"{guarded.elsewhere}/#/")  # the link opens nothing else
+        page.goto(f"{_elsewhere(guarded)}/#/")  # the link opens nothing else
         expect(page.get_by_text("This server needs an access key.")).to_be_visible()
-    assert [scene.name for scene in guarded.service.list_scenes().scenes] == ["by phone"]
-    with visiting(browser, guarded.elsewhere, _behind(link), **_PHONE) as second:
+    assert [scene.name for scene in _posted(guarded)] == ["by phone"]
+    with visiting(browser, _elsewhere(guarded), _behind(link), **_PHONE) as second:
         expect(second.page.get_by_role("heading", name="Your photos have arrived")).to_be_visible()
-        assert len(guarded.service.list_scenes().scenes) == 1
-    guarded.service.delete_scene(guarded.service.list_scenes().scenes[0].id)
+        assert len(_posted(guarded)) == 1
 
 
-def test_of_two_phones_with_one_link_the_later_is_told(guarded: _Guarded, browser: Browser, tmp_path: Path) -> None:
+def test_of_two_phones_with_one_link_the_later_is_told(guarded: Place, browser: Browser, tmp_path: Path) -> None:
     made = guarded.service.keys.create_for_upload(UploadKeyIn())
     address = f"#/phone?key={made.secret}"
     with visiting(browser, guarded.url, address, **_PHONE) as one, visiting(browser, guarded.url, address) as other:
@@ -114,11 +97,10 @@ def test_of_two_phones_with_one_link_the_later_is_told(guarded: _Guarded, browse
         other.page.get_by_role("button", name="Upload").click()
         expect(other.page.get_by_role("alert")).to_contain_text("one upload")
         other.check_accessible()
-    (scene,) = guarded.service.list_scenes().scenes
-    guarded.service.delete_scene(scene.id)
+    assert len(_posted(guarded)) == 1
 
 
-def test_a_link_that_has_expired_says_so(guarded: _Guarded, browser: Browser) -> None:
+def test_a_link_that_has_expired_says_so(guarded: Place, browser: Browser) -> None:
     made = guarded.service.keys.create_for_upload(UploadKeyIn())
     with transaction(guarded.service._store.engine) as connection:
         connection.execute(update(api_keys).where(api_keys.c.id == made.key.id).values(expires_at=time.time() - 1))

@@ -8,7 +8,7 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from tests.scenes import finish_job, queued_job
 from tests.web.browser import visiting
-from tests.web.conftest import MARKUP, Place
+from tests.web.places import MARKUP, Place
 from tests.web.table import table
 
 _SHAKEN = PhotoVerdict(f"{MARKUP}.jpg", False, "few_matches", ("blurred",), "", 0.3, 0.8, 9, "Hold the camera still.")
@@ -46,7 +46,6 @@ def test_verdicts_are_there_during_the_job_and_stay_with_the_scene(place: Place,
         with visiting(browser, place.url, f"#/scenes/{job.scene_id}", color_scheme=scheme) as visit:
             expect(visit.page.locator(".photo-list > li")).to_have_count(2)
             visit.check_accessible()
-    place.service.delete_scene(job.scene_id)
 
 
 def test_a_scene_of_an_earlier_release_says_that_nothing_was_recorded(place: Place, browser: Browser) -> None:

@@ -3,33 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
-import pytest
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit
-from tests.api.made_scene import ENCODER
-from tests.color_segmenter import ADAPTER, write_color_segmenter
 from tests.web.browser import PATIENCE_MS, visiting
-from tests.web.conftest import Place, page_settings, place_with
+from tests.web.places import Place
 
 _MADE = re.compile(r"Thing 4 has \d+ Gaussians")
 _VIEW = "0_-3.2_1.6_0_0_0.2"
-
-
-@pytest.fixture(scope="module")
-def place(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    """A server that has a segmenter."""
-    folder: Path = tmp_path_factory.mktemp("prompts")
-    write_color_segmenter(folder / "models")
-    perception = PerceptionSettings(text_encoder=ENCODER, segmenter=ADAPTER, open_set_detector="any")
-    with place_with(page_settings(folder, perception=perception)) as running:
-        yield running
 
 
 def _owner(place: Place, scene_id: str) -> np.ndarray:
@@ -68,7 +52,6 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
         page.get_by_role("button", name="Undo it").click()
         expect(page.locator(".thing-list li")).to_have_count(2)
     assert place.service.versions.resolve(own) == merged.version
-    place.service.delete_scene(own)
 
 
 def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Browser) -> None:
@@ -89,7 +72,6 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
         expect(page.locator(".viewer-note.tool")).to_have_count(0)
         expect(page.locator(".thing-list li")).to_have_count(3)
     assert (_owner(place, own) == 4).sum() > 200
-    place.service.delete_scene(own)
 
 
 def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser) -> None:
@@ -116,4 +98,3 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
         expect(page.locator(".thing-list")).to_contain_text("Thing 5, no name")
     names = [thing.name for thing in place.service.answers.list_things(own).things]
     assert names == ["violin", "", "", "violin", ""]
-    place.service.delete_scene(own)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from urllib.parse import parse_qs
 
@@ -12,18 +11,16 @@ from playwright.sync_api import Browser, Locator, expect
 
 from tests.scenes import store_scene
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 from tests.web.table import table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 
 @pytest.fixture
-def own(place: Place) -> Iterator[str]:
+def own(place: Place) -> str:
     """A scene without a scale."""
-    scene_id = store_scene(place.service._store, replace(table(place.settings), scale="ARBITRARY"), "own")
-    yield scene_id
-    place.service.delete_scene(scene_id)
+    return store_scene(place.service._store, replace(table(place.settings), scale="ARBITRARY"), "own")
 
 
 def _ruler(visit: Visit) -> Locator:

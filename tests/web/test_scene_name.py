@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, expect
 from fastsplat_contract.scenes import SceneUpdate
 from tests.scenes import queued_job
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import MARKUP, Place
+from tests.web.places import MARKUP, Place
 
 
 def _rename(visit: Visit, name: str) -> None:
@@ -68,4 +68,3 @@ def test_a_scene_that_still_trains_is_renamed(place: Place, browser: Browser) ->
         _rename(visit, "named early")
         expect(visit.page.get_by_role("heading", level=1)).to_have_text("named early")
     assert place.service.get_scene(job.scene_id).name == "named early"
-    place.service.delete_scene(job.scene_id)

@@ -5,22 +5,15 @@ from __future__ import annotations
 import pytest
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.application.service import open_service
-from tests.api.served import serving
 from tests.scenes import queued_job
 from tests.web.browser import visiting
-from tests.web.conftest import Place, page_settings
+from tests.web.places import Place
 
 _MARKUP = '<img src=x onerror="document.title=1"><b>bold</b>'
 
 
-def test_a_list_without_scenes_says_what_to_do(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> None:
-    settings = page_settings(tmp_path_factory.mktemp("empty"))
-    with (
-        open_service(settings) as service,
-        serving(service, settings) as ports,
-        visiting(browser, f"http://127.0.0.1:{ports.http}") as visit,
-    ):
+def test_a_list_without_scenes_says_what_to_do(small: Place, browser: Browser) -> None:
+    with visiting(browser, small.url) as visit:
         expect(visit.page.get_by_text("No scenes yet.")).to_be_visible()
         visit.check_accessible()
         visit.page.get_by_role("main").get_by_role("link", name="New scene").click()
@@ -37,18 +30,16 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser, scheme:
         expect(card.first).to_contain_text("Ready")
         expect(visit.page.get_by_role("link", name="in the queue")).to_contain_text("Waiting for a worker.")
         visit.check_accessible()
-    place.service.delete_scene(job.scene_id)
 
 
 def test_a_name_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
-    scene_id = place.new_scene(_MARKUP)
+    place.new_scene(_MARKUP)
     with visiting(browser, place.url) as visit:
         card = visit.page.get_by_role("link", name=_MARKUP)
         expect(card).to_contain_text(_MARKUP)
         card.click()
         expect(visit.page.get_by_role("heading", level=1)).to_have_text(_MARKUP)
         assert visit.page.title() == "FAST-Splat"
-    place.service.delete_scene(scene_id)
 
 
 def test_a_server_that_cannot_be_reached_is_said_and_comes_back(place: Place, browser: Browser) -> None:

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 
 import numpy as np
-import pytest
 from playwright.sync_api import Browser, Page, Request, expect
 
 from fastsplat_contract.queries import PictureRequest, QueryRequest
-from tests.web.browser import visiting, without_webgl
-from tests.web.conftest import Place
+from tests.web.browser import visiting
 from tests.web.glow import FOUND, canvas_pixels, overlap, page_camera, pixels_of
+from tests.web.places import Place
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 _SERVER_DRAWS = "the server draws the scene"
-
-
-@pytest.fixture(scope="module")
-def plain_browser(browser: Browser) -> Iterator[Browser]:
-    """A browser without WebGL."""
-    with without_webgl(browser) as other:
-        yield other
 
 
 def _shows(page: Page, what: str) -> None:
@@ -84,6 +75,7 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
 
     with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page = visit.page
+        visit.reload_with_clock()
         page.on("request", begun)
         page.on("requestfinished", ended)
         page.on("requestfailed", ended)
@@ -94,19 +86,18 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
         for _ in range(12):
             page.keyboard.press("ArrowLeft")
         expect(page).not_to_have_url(re.compile(_VIEW))
-        page.wait_for_timeout(1_500)  # the last one, at rest
+        visit.at_rest()
+        shown = 255 * canvas_pixels(visit.page)
         assert most == 1 and len(sizes) > 1
         box = canvas.bounding_box()
         assert box is not None and sizes[-1] == (round(box["width"]), round(box["height"]))
-        shown = 255 * canvas_pixels(visit.page)
         truth = place.service.answers.picture(
             PictureRequest(place.scene_id, "rgb", camera=page_camera(page, *sizes[-1]))
         )
         assert np.abs(shown - pixels_of(truth)).mean() < 4
         assert np.abs(shown - before).mean() > 4
-        settled = len(sizes)
-        page.wait_for_timeout(1_500)
-        assert len(sizes) == settled  # nothing is drawn while nothing changes
+        asked = visit.requests_within(10)
+        assert not [url for url in asked if url.endswith(":render")]  # nothing is drawn while nothing changes
 
 
 def test_things_are_pointed_at_and_clicked(place: Place, plain_browser: Browser) -> None:

@@ -4,43 +4,19 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pytest
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.queries import PictureRequest
-from tests.api.served import serving
 from tests.web.browser import Visit, visiting
-from tests.web.conftest import Place, page_settings
 from tests.web.glow import view_camera
-from tests.web.table import add_table
+from tests.web.places import Place
 from tests.web.test_ask import _VIEW, _wait_for
-
-
-@dataclass(frozen=True)
-class _Guarded:
-    url: str
-    service: SceneService
-    settings: Settings
-    key: str
-
-
-@pytest.fixture(scope="module")
-def guarded(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Guarded]:
-    """A server that wants keys, and an admin's."""
-    settings = page_settings(tmp_path_factory.mktemp("guarded"), auth="on")
-    with open_service(settings) as service, serving(service, settings) as ports:
-        key = service.admin.keys.create("a person", "admin")[1]
-        yield _Guarded(f"http://127.0.0.1:{ports.http}", service, settings, key)
 
 
 def _saved(visit: Visit, button: str) -> tuple[str, bytes]:
@@ -90,8 +66,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
 
 
 def test_what_cannot_be_taken_is_said(place: Place, browser: Browser) -> None:
-    scene_id = place.new_scene()
-    with visiting(browser, place.url, f"#/scenes/{scene_id}", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
         _wait_for(visit, "plain$")
         visit.expected += ["404", "409"]
         visit.page.locator("summary", has_text="Take away").click()
@@ -101,12 +76,12 @@ def test_what_cannot_be_taken_is_said(place: Place, browser: Browser) -> None:
         visit.check_accessible()
 
 
-def test_a_link_shows_one_scene_until_it_is_revoked(guarded: _Guarded, browser: Browser) -> None:
-    scene_id = add_table(guarded.service, guarded.settings, "for Ada")
-    other = add_table(guarded.service, guarded.settings, "for nobody else")
+def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Browser) -> None:
+    scene_id = guarded.new_scene("for Ada")
+    other = guarded.new_scene("for nobody else")
     with visiting(browser, guarded.url, f"#/scenes/{scene_id}") as visit:
         visit.expected.append("401")
-        visit.page.get_by_label("Access key").fill(guarded.key)
+        visit.page.get_by_label("Access key").fill(guarded.new_key("admin"))
         visit.page.get_by_role("button", name="Sign in").click()
         _wait_for(visit, "plain$")
         visit.page.locator("summary", has_text="Take away").click()

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Locator, expect
 
 from fastsplat_contract.scenes import Edit
 from tests.web.browser import visiting
-from tests.web.conftest import MARKUP, Place
+from tests.web.places import MARKUP, Place
 from tests.web.table import add_table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
@@ -106,7 +106,6 @@ def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> No
         visit.page.locator(".thing-list").get_by_role("button", name=MARKUP).click()
         expect(visit.page.locator(".thing-card h2")).to_have_text(MARKUP)
         assert canvas.is_visible() and visit.page.locator("b, main script").count() == 0
-    place.service.delete_scene(scene_id)
 
 
 def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from playwright.sync_api import Browser, expect
 
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 
-def test_a_scene_is_trained_further(place: Place, browser: Browser) -> None:
-    service, address = place.service, f"#/scenes/{place.scene_id}"
+def test_a_scene_is_trained_further(place: Place, browser: Browser, own: str) -> None:
+    service, address = place.service, f"#/scenes/{own}"
     with visiting(browser, place.url, address, viewport={"width": 390, "height": 844}) as visit:
         visit.page.locator("summary", has_text="Train further").click()
         button = visit.page.get_by_role("button", name="Train further", exact=True)

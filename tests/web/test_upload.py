@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-import io
 import re
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 from playwright.sync_api import Browser, Page, Request, expect
 
-from fastsplat.service.application.service import open_service
-from fastsplat.service.perception.settings import PerceptionSettings
-from tests import color_detector
-from tests.api.made_scene import ENCODER
-from tests.api.served import serving
 from tests.web.browser import visiting
-from tests.web.conftest import Place, page_settings
+from tests.web.photos import photo, write_photos
+from tests.web.places import Place
 
 _PIECE = 8 * 2**20  # as in api/web/src/upload/tus.ts
-
-
-def _photo(side: int, seed: int) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (side, side, 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
-    return buffer.getvalue()
 
 
 @pytest.fixture
 def photos(tmp_path: Path) -> list[Path]:
     """Three small photos."""
-    paths = [tmp_path / f"{number}.jpg" for number in range(3)]
-    for number, path in enumerate(paths):
-        path.write_bytes(_photo(64, number))
-    return paths
+    return write_photos(tmp_path, 3)
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +29,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with zipfile.ZipFile(path, "w") as file:
         number = 0
         while path.stat().st_size < 2.2 * _PIECE:
-            file.writestr(f"{number}.jpg", _photo(1400, number))
+            file.writestr(f"{number}.jpg", photo(1400, number))
             file.fp.flush() if file.fp else None
             number += 1
     return path
@@ -57,19 +39,7 @@ def _choose(page: Page, paths: list[Path]) -> None:
     page.get_by_label("Choose files").set_input_files(paths)
 
 
-@pytest.fixture
-def watchful(tmp_path: Path) -> Iterator[Place]:
-    """A server with a detector that knows people."""
-    folder = tmp_path / "watchful"
-    perception = PerceptionSettings(text_encoder=ENCODER, closed_set_detector=color_detector.ADAPTER)
-    settings = page_settings(folder, perception=perception)
-    color_detector.write_color_detector(settings.models)
-    with open_service(settings) as service, serving(service, settings) as ports:
-        yield Place(f"http://127.0.0.1:{ports.http}", service, settings, "")
-
-
-def test_people_are_kept_out_where_the_box_says_so(watchful: Place, browser: Browser, photos: list[Path]) -> None:
-    place = watchful
+def test_people_are_kept_out_where_the_box_says_so(place: Place, browser: Browser, photos: list[Path]) -> None:
     with visiting(browser, place.url, "#/new") as visit:
         page = visit.page
         _choose(page, photos)
@@ -83,7 +53,6 @@ def test_people_are_kept_out_where_the_box_says_so(watchful: Place, browser: Bro
         expect(page.get_by_role("heading", name="without people")).to_be_visible()
         scene = place.service.get_scene(page.url.rpartition("/")[2])
         assert place.service._store.scenes.operation(scene.operation_id).options["privacy"] == "people"
-        place.service.delete_scene(scene.id)
 
 
 def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
@@ -158,11 +127,10 @@ def test_an_upload_that_is_cut_goes_on_where_it_stopped(place: Place, browser: B
         page.get_by_role("button", name="Upload").click()
         expect(page.get_by_text("Waiting for a worker.").last).to_be_visible()
         assert offsets == [0, _PIECE, _PIECE, 2 * _PIECE]
-    place.service.delete_scene(page.url.rpartition("/")[2])
 
 
 def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser, tmp_path: Path) -> None:
-    names = {"a.gif": b"x", "notes <b>.docx": b"x", "empty.jpg": b"", "good.jpg": _photo(32, 1)}
+    names = {"a.gif": b"x", "notes <b>.docx": b"x", "empty.jpg": b"", "good.jpg": photo(32, 1)}
     for name, content in names.items():
         (tmp_path / name).write_bytes(content)
     with visiting(browser, place.url, "#/new") as visit:
@@ -177,7 +145,7 @@ def test_what_cannot_be_sent_is_said_before_it_is(place: Place, browser: Browser
 
 def test_what_the_server_refuses_is_said_in_its_words(place: Place, browser: Browser, tmp_path: Path) -> None:
     path = tmp_path / "one.jpg"
-    path.write_bytes(_photo(32, 5))
+    path.write_bytes(photo(32, 5))
     with visiting(browser, place.url, "#/new") as visit:
         visit.expected.append("400")
         _choose(visit.page, [path])

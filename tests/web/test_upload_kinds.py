@@ -11,13 +11,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.settings import QuotaSettings
-from tests.api.served import serving
+from fastsplat.service.application.service import SceneService
 from tests.web.browser import visiting
-from tests.web.conftest import Place, page_settings
 from tests.web.photos import write_photos
+from tests.web.places import Place
 
 
 def _files_of(service: SceneService, scene_id: str) -> set[str]:
@@ -68,49 +65,30 @@ def test_each_kind_of_capture_becomes_a_job(
         visit.page.get_by_label(button).set_input_files(files)
         scene_id = _post(visit.page, place)
     assert names <= _files_of(place.service, scene_id)
-    place.service.delete_scene(scene_id)
 
 
-def test_a_full_quota_is_said_before_anything_is_sent(
-    browser: Browser, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
-) -> None:
-    settings = page_settings(tmp_path_factory.mktemp("full"), quotas=QuotaSettings(scenes=1))
-    with open_service(settings) as service, serving(service, settings) as ports:
-        url = f"http://127.0.0.1:{ports.http}"
-        with visiting(browser, url, "#/new") as visit:
-            visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
-            visit.page.get_by_role("button", name="Upload").click()
-            expect(visit.page.get_by_text("Waiting for a worker.").last).to_be_visible()
-        with visiting(browser, url, "#/new", viewport={"width": 390, "height": 844}) as visit:
-            expect(visit.page.get_by_role("alert")).to_contain_text("as many scenes as it may")
-            visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
-            expect(visit.page.get_by_role("button", name="Upload")).to_be_disabled()
-            visit.check_accessible()
-            assert visit.fits()
-            assert not [address for address in visit.requests if "/v1/uploads" in address]
-            visit.page.get_by_role("link", name="See what the project holds").click()
-            expect(visit.page.get_by_text("1 of 1", exact=True)).to_be_visible()
-        assert len(service.list_scenes().scenes) == 1
+def test_a_full_quota_is_said_before_anything_is_sent(small: Place, browser: Browser, tmp_path: Path) -> None:
+    with visiting(browser, small.url, "#/new") as visit:
+        visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
+        _post(visit.page, small)
+    with visiting(browser, small.url, "#/new", viewport={"width": 390, "height": 844}) as visit:
+        expect(visit.page.get_by_role("alert")).to_contain_text("as many scenes as it may")
+        visit.page.get_by_label("Choose files").set_input_files(write_photos(tmp_path, 3))
+        expect(visit.page.get_by_role("button", name="Upload")).to_be_disabled()
+        visit.check_accessible()
+        assert visit.fits()
+        assert not [address for address in visit.requests if "/v1/uploads" in address]
 
 
 def test_what_the_project_or_the_server_has_no_room_for_is_said_before_it_is_sent(
-    browser: Browser, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+    small: Place, browser: Browser, tmp_path: Path
 ) -> None:
-    settings = page_settings(
-        tmp_path_factory.mktemp("small"),
-        quotas=QuotaSettings(stored_bytes=30_000),
-        capture=CaptureSettings(max_upload_bytes=60_000, max_images=2),
-    )
     photos = write_photos(tmp_path, 5)
     large = tmp_path / "large.jpg"
     large.write_bytes(photos[0].read_bytes() + b"\0" * 30_000)
     larger = tmp_path / "larger.jpg"
     larger.write_bytes(photos[0].read_bytes() + b"\0" * 65_000)
-    with (
-        open_service(settings) as service,
-        serving(service, settings) as ports,
-        visiting(browser, f"http://127.0.0.1:{ports.http}", "#/new") as visit,
-    ):
+    with visiting(browser, small.url, "#/new") as visit:
         expect(visit.page.get_by_role("heading", name="Take them with your phone")).to_be_visible()
         for files, words in (([large], "30.0 kB left"), ([larger], "more than the server takes"), (photos, "5 images")):
             visit.page.get_by_label("Choose files").set_input_files(files)
@@ -118,4 +96,4 @@ def test_what_the_project_or_the_server_has_no_room_for_is_said_before_it_is_sen
             expect(visit.page.get_by_role("button", name="Upload")).to_be_disabled()
             visit.page.get_by_role("button", name="Clear").click()
         assert not [address for address in visit.requests if "/v1/uploads" in address]
-        assert service.list_scenes().scenes == ()
+    assert small.service.list_scenes().scenes == ()

@@ -8,8 +8,8 @@ import numpy as np
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.scenes import Color, Edit
-from tests.web.browser import visiting
-from tests.web.conftest import MARKUP, Place
+from tests.web.browser import drawn_canvas, visiting
+from tests.web.places import MARKUP, Place
 
 
 def _names(place: Place, scene_id: str) -> list[str]:
@@ -51,15 +51,13 @@ def test_versions_are_listed_compared_and_restored(place: Place, browser: Browse
         expect(rows.first).to_contain_text(f"Named thing 1 “{MARKUP}”")
         expect(rows.last).to_contain_text("As it was trained")
         visit.check_accessible()
-        page.wait_for_timeout(1_500)  # software WebGL draws late
-        here = canvas.screenshot()
+        here = drawn_canvas(page)
         url = page.url
         rows.last.get_by_role("button", name="Compare").click()
         expect(canvas).to_have_attribute("data-shown", re.compile(f"^{trained} "))
         expect(page.get_by_text("On show: As it was trained.")).to_be_visible()
         visit.check_accessible()
-        page.wait_for_timeout(1_500)
-        assert canvas.screenshot() != here and page.url == url  # from the same place
+        assert drawn_canvas(page) != here and page.url == url  # from the same place
         rows.last.get_by_role("button", name="Compare").click()
         expect(canvas).not_to_have_attribute("data-shown", re.compile(f"^{trained} "))
         assert len([one for one in visit.requests if "scene.spz" in one]) == 2

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 
 import pytest
 from playwright.sync_api import Browser, Route, expect
@@ -12,17 +11,15 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.job_repository import Claim
 from tests.api.training_job import add_training_job, show_training
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 _PICTURE = "The scene as it is trained so far"
 
 
 @pytest.fixture
-def training(place: Place) -> Iterator[Claim]:
+def training(place: Place) -> Claim:
     """A job that trains, as far as the server can tell."""
-    claim = add_training_job(place.service, "<i>grows</i>")
-    yield claim
-    place.service.delete_scene(claim.operation.scene_id)
+    return add_training_job(place.service, "<i>grows</i>")
 
 
 def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(

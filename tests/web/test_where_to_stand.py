@@ -9,7 +9,7 @@ import numpy as np
 from playwright.sync_api import Browser, expect
 
 from tests.web.browser import visiting
-from tests.web.conftest import Place
+from tests.web.places import Place
 
 
 def test_places_for_the_next_photos_are_listed_drawn_and_flown_to(place: Place, browser: Browser) -> None:
