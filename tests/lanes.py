@@ -129,12 +129,13 @@ def folder(nodeid: str) -> str:
 
 
 def is_rest(item: pytest.Item) -> bool:
-    """Whether `make test` leaves a test out: by its place, or because it is the PostgreSQL variant of another one."""
+    """Whether `make test` leaves a test out: by its place, or because it needs a PostgreSQL server."""
     path = relative_path(item.nodeid)
     if path not in FIRST and path.startswith(REST):
         return True
     callspec = getattr(item, "callspec", None)
-    return callspec is not None and "postgresql" in callspec.params.values()
+    on_postgresql = callspec is not None and "postgresql" in callspec.params.values()
+    return on_postgresql or "postgres" in getattr(item, "fixturenames", ())
 
 
 def group(nodeid: str) -> str:
