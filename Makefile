@@ -1,4 +1,4 @@
-# Everything a newcomer needs: `make demo` and `make test`. `make help` lists the rest.
+# Everything a newcomer needs: `make look`, `make demo` and `make test`. `make help` lists the rest.
 SHELL := /bin/bash
 # The first of these that runs; pyenv's shims are there also for versions that are not.
 PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3; do $$p -c '' 2> /dev/null && echo $$p && break; done)
@@ -11,19 +11,31 @@ WEB := api/web
 PAGE := $(WEB)/dist/index.html
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/public -type f -not -name schema.d.ts) $(addprefix $(WEB)/,index.html offline.html package-lock.json tsconfig.json vite.config.ts vite.offline.config.ts) api/rest/openapi.json
 CPP := $(shell find service/splatting/raster/cpp -type f 2>/dev/null)
+INSTALLED_FROM := pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
+PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt
+# A file's tests stay in one process, as they share its fixtures; tests/lanes.py says which files share one, and which
+# come first.
+TESTS := $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
-.PHONY: help setup page look lock models demo test lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures
+.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
 setup: $(VENV)/.installed $(PAGE)  ## a virtual environment with the product and its development tools
 
-$(VENV)/.installed: pyproject.toml client/pyproject.toml constraints.txt CMakeLists.txt $(CPP)
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || { echo "Python 3.11 to 3.14 is needed, and '$(PYTHON)' is not that. Set PYTHON=/path/to/python3"; exit 1; }
+# What a person must have installed is checked before anything is downloaded, all of it at once.
+$(VENV)/.product: $(INSTALLED_FROM)
+	@demo/check_machine.sh "$(PYTHON)"
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ./client --editable '.[dev]'
+	$(PIP_INSTALL) --editable ./client --editable .
 	@touch $@
+
+$(VENV)/.installed: $(INSTALLED_FROM)
+	@demo/check_machine.sh "$(PYTHON)"
+	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
+	$(PIP_INSTALL) --editable ./client --editable '.[dev]'
+	@touch $(VENV)/.product $@
 
 page: $(PAGE)  ## the web page, of api/web (Node.js 18.19 or later)
 
@@ -33,21 +45,26 @@ $(PAGE): $(PAGE_SOURCES)
 	  cd $(WEB) && { test node_modules/.package-lock.json -nt package-lock.json || npm ci --loglevel=error; } && npm run --silent build && touch dist/index.html; \
 	else echo "Node.js 18.19 or later with npm is needed for the web page, and is not here: the server answers at / that the page is not built, and its browser tests are skipped. REST, gRPC and the command line do without."; fi
 
-models: setup  ## fetch and verify the default models
+models: $(VENV)/.product $(PAGE)  ## fetch and verify the default models
 	$(BIN)/fastsplat models pull
 
-demo: setup  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
+demo: $(VENV)/.product  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
 	$(BIN)/python -m demo $(if $(PHOTOS),--photos "$(PHOTOS)")
 
-look: setup  ## the page with the trained sample of `make demo`, without keys, on this machine alone
-	@test -f demo-output/service/fastsplat.sqlite || { echo "Run make demo first: it trains the sample that is shown"; exit 1; }
-	@echo "The page is at http://localhost:8000/ as soon as the service runs; Ctrl-C ends it"
-	FASTSPLAT_DATA_DIR=demo-output/service $(BIN)/fastsplat serve --no-auth
+look: page-can-be-built $(VENV)/.product $(PAGE)  ## the page with a trained scene, without keys: the sample's, or that of `make demo`
+	$(BIN)/python -m demo.look
 
-# A file's tests stay in one process, as they share its fixtures; files in their order, so that no long one is left to
-# the end.
-test: setup  ## every check: lint, types, architecture, laws
-	$(BIN)/pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+page-can-be-built:
+	@test -f $(PAGE) || demo/check_machine.sh "$(PYTHON)" page
+
+test: setup  ## what a change must pass first: lint, types, architecture, laws, one server, one page, one training
+	$(TESTS) -m "not rest"
+
+test-rest: setup  ## every test that `make test` leaves out
+	$(TESTS) -m rest
+
+test-all: setup  ## every test, in one run
+	$(TESTS)
 
 lint: setup  ## format and lint in place
 	@if test -d $(WEB)/node_modules; then cd $(WEB) && npm run --silent format; fi
@@ -88,4 +105,4 @@ figures: setup  ## write the tables of figures in README and docs from benchmark
 	$(BIN)/python -m benchmarks.figure_tables
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules
+	rm -rf $(VENV) build demo-output sample-scene site $(WEB)/dist $(WEB)/node_modules

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,6 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from fastsplat.service.application.optional_packages import TORCHMETRICS, needed
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings
@@ -84,6 +86,8 @@ def evaluate(
     null in the JSON with the reason beside it.
     """
     _check_paths(folder, json_file, pictures, keep)
+    with needed(TORCHMETRICS, "Measuring", field="", where="where fastsplat evaluate runs"):
+        distribution("torchmetrics")  # is there, and is not loaded: the training's peak memory would count it
     settings = _with_device(load_settings(), device)
     name = None if preset == "settings" else preset
     settings = override_training(apply_preset(settings, name), max_gaussians=max_gaussians)

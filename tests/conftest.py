@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fastsplat.service.settings import load_settings
+from tests import lanes
+from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
     from tests.postgres import PostgresServer
@@ -35,6 +37,8 @@ def pytest_xdist_auto_num_workers() -> int:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.pluginmanager.register(_FailuresAtOnce(config))
+    config.pluginmanager.register(lanes)
+    config.pluginmanager.register(SecondsByFolder(config))
 
 
 def _folder(variable: str, what: str) -> Path:

@@ -1,4 +1,4 @@
-"""Packages that only some formats need, and that not every installation has."""
+"""Packages that only some formats and commands need, and that not every installation has."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ class OptionalPackage:
 
 
 FOXGLOVE = OptionalPackage("foxglove-sdk", frozenset({"foxglove", "mcap", "mcap_protobuf"}), "foxglove")
+TORCHMETRICS = OptionalPackage("torchmetrics", frozenset({"torchmetrics"}), "evaluation")
 RERUN = OptionalPackage("rerun-sdk", frozenset({"rerun", "rerun_bindings", "pyarrow"}), "rerun")
 
 

@@ -20,7 +20,7 @@ from PIL import Image
 from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.perception.text import open_text_encoder
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import api_keys

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 from typer.testing import CliRunner, Result
 
+from fastsplat.cli import evaluate
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.types import ValidatedUpload
@@ -17,7 +20,13 @@ from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.errors import (
+    FastSplatError,
+    InvalidInputError,
+    MissingPackageError,
+    NotFoundError,
+    NotReadyError,
+)
 from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data
 from tests.evaluation.test_scene_evaluation import KEYS
@@ -178,3 +187,15 @@ def test_a_folder_that_is_not_there_is_refused_before_torch_is_loaded(tmp_path: 
     command = [sys.executable, "-c", program, str(tmp_path / "nope")]
     output = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert output.splitlines() == [f"DIR there is no folder {tmp_path / 'nope'}", "[]"]
+
+
+def test_without_the_package_of_metrics_nothing_is_trained(
+    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(name: str) -> NoReturn:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(evaluate, "distribution", missing)
+    error = _raised(run(made_data.nerfstudio(tmp_path / "made", 3, (1,)), "--keep", tmp_path / "scene"))
+    assert isinstance(error, MissingPackageError) and "fastsplat[evaluation]" in error.hint
+    assert not (tmp_path / "scene").exists()

@@ -1,4 +1,4 @@
-"""The demonstration says how its result is looked at, and that command is there."""
+"""`make look` shows what `make demo` trained, or the sample scene where that has not run."""
 
 from __future__ import annotations
 
@@ -6,15 +6,37 @@ import re
 import shlex
 from pathlib import Path
 
+import pytest
+
 from demo.__main__ import how_to_look
+from demo.look import SAMPLE, TRAINED, folder_to_look_at
+from fastsplat.service.library import open_scene
+from fastsplat.service.store.database import SQLITE_NAME
 
 _MAKEFILE = (Path(__file__).parents[2] / "Makefile").read_text()
 
 
-def test_make_look_serves_what_make_demo_trains() -> None:
-    assert how_to_look(Path("demo-output")) == "make look"
+def test_make_look_serves_what_make_demo_trains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    TRAINED.mkdir(parents=True)
+    (TRAINED / SQLITE_NAME).touch()
+    assert folder_to_look_at() == TRAINED and how_to_look(TRAINED.parent) == "make look"
     (recipe,) = re.findall(r"^look:.*\n((?:\t.*\n)+)", _MAKEFILE, re.MULTILINE)
-    assert "FASTSPLAT_DATA_DIR=demo-output/service" in recipe and "serve --no-auth" in recipe
+    assert "python -m demo.look" in recipe
+
+
+def test_the_sample_scene_is_there_without_training_and_keeps_what_is_done_to_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert folder_to_look_at() == SAMPLE
+    with open_scene(SAMPLE) as scene:
+        thing = next(thing for thing in scene.things() if thing.name == "cup")
+        scene.name(thing.id, "beaker of tea")
+    assert folder_to_look_at() == SAMPLE
+    with open_scene(SAMPLE) as scene:
+        assert "beaker of tea" in {thing.name for thing in scene.things()}
+    assert [path.name for path in tmp_path.iterdir()] == [SAMPLE.name]  # nothing unfinished is left
 
 
 def test_another_output_is_served_by_name() -> None:

@@ -1,0 +1,195 @@
+"""Which tests `make test` runs and which it leaves to `make test-rest`, which come first, and how long they may take.
+
+All of it is decided here, by folder and file; nothing is marked by hand in a test. `make test-all` and a pytest of
+single files run whatever they are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pytest
+from xdist.scheduler import LoadScopeScheduling
+
+REST = (
+    "api/test_api_fuzz.py",
+    "api/test_client_interpreters.py",
+    "api/test_dropped_answers.py",
+    "api/test_full_disk.py",
+    "api/test_grpc_fuzz.py",
+    "api/test_many_uploads.py",
+    "api/test_slow_clients.py",
+    "api/test_stopping.py",
+    "api/test_stream_reconnection.py",
+    "application/test_memory.py",
+    "capture/test_early_refusal.py",
+    "capture/test_reconstruction.py",
+    "capture/test_spoiled_photos.py",
+    "cli/test_evaluate.py",
+    "cli/test_foxglove.py",
+    "cli/test_mcp_sample.py",
+    "cli/test_serve.py",
+    "client/test_wheel.py",
+    "docker/",
+    "docs/",
+    "instances/test_by_default.py",
+    "instances/test_looking_again.py",
+    "interop/",
+    "library/test_library_training.py",
+    "perception/test_pull.py",
+    "splatting/train/test_tabletop_figures.py",
+    "web/",
+    "workers/",
+)
+"""Folders and files, below tests/, that `make test` leaves out: real processes but one server, browsers, trainings of
+whole captures, documents, packages, images, other programs."""
+
+FIRST = (
+    "docs/test_page_blocks.py",
+    "web/test_journey.py",
+    "web/test_page_sources.py",
+    "workers/test_budget.py",
+    "workers/test_damaged_results.py",
+    "workers/test_engine_clock.py",
+    "workers/test_periodic.py",
+)
+"""Files of these folders that `make test` runs all the same: one journey with a real worker, and what needs none."""
+
+TOGETHER = {
+    "web/": "web",  # one server and one browser
+    "web/test_journey.py": "web with workers",
+    "web/test_trouble.py": "web with workers",
+    "web/test_page_sources.py": "the page's sources",
+}
+"""Folders and files that stay in one process, by the name of their group; any other file is a group of its own. (By
+marks, pytest-xdist 3.8 does not group under pytest 9.2.)"""
+
+LONG = (
+    "docs/test_pages.py",
+    "web",
+    "web with workers",
+    "test_code_quality.py",
+    "workers/test_crashes.py",
+    "capture/test_reconstruction.py",
+    "workers/test_real_stages.py",
+    "workers/test_backup.py",
+    "workers/test_jobs.py",
+    "api/test_client_interpreters.py",
+    "api/test_stream_reconnection.py",
+    "library/test_library_training.py",
+    "the page's sources",
+)
+"""Groups that start before all others, so that none is left to the end."""
+
+BUDGET: Mapping[str, tuple[float, float]] = {
+    "": (140, 0),
+    "api": (190, 170),
+    "application": (35, 25),
+    "benchmarks": (15, 5),
+    "capture": (110, 110),
+    "cli": (25, 50),
+    "client": (5, 60),
+    "common": (10, 5),
+    "contract": (15, 5),
+    "demo": (10, 5),
+    "docker": (0, 15),
+    "docs": (5, 250),
+    "evaluation": (30, 5),
+    "instances": (35, 70),
+    "interop": (0, 60),
+    "library": (25, 60),
+    "localization": (20, 5),
+    "perception": (60, 15),
+    "planning": (5, 5),
+    "query": (60, 5),
+    "scene": (15, 5),
+    "splat_import": (10, 5),
+    "splatting": (80, 30),
+    "store": (15, 20),
+    "web": (35, 245),
+    "workers": (10, 210),
+}
+"""Seconds of CPU that the tests of a folder may take in `make test` and in `make test-rest`; "" has the files beside
+the folders. Together they are what two cores do in 8 and in 12 minutes, shared out by what the folders take."""
+
+_FOLDER_FACTOR, _FOLDER_SECONDS = 2.0, 30.0
+"""A single folder may take so many times its seconds and so many more: only the sum is judged closely."""
+
+
+def relative_path(nodeid: str) -> str:
+    """A test's file below tests/."""
+    return nodeid.partition("::")[0].removeprefix("tests/")
+
+
+def folder(nodeid: str) -> str:
+    """A test's folder below tests/; "" for the files beside the folders."""
+    path = relative_path(nodeid)
+    return path.partition("/")[0] if "/" in path else ""
+
+
+def is_rest(item: pytest.Item) -> bool:
+    """Whether `make test` leaves a test out: by its place, or because it needs a PostgreSQL server."""
+    path = relative_path(item.nodeid)
+    if path not in FIRST and path.startswith(REST):
+        return True
+    callspec = getattr(item, "callspec", None)
+    on_postgresql = callspec is not None and "postgresql" in callspec.params.values()
+    return on_postgresql or "postgres" in getattr(item, "fixturenames", ())
+
+
+def group(nodeid: str) -> str:
+    """What stays in one process: the files that `TOGETHER` names, else those of one file."""
+    path = relative_path(nodeid)
+    return TOGETHER.get(path) or next(
+        (name for beginning, name in TOGETHER.items() if path.startswith(beginning)), path
+    )
+
+
+@pytest.hookimpl(tryfirst=True)  # before pytest chooses by marks, and pytest-xdist reads its groups
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `make test` leaves out, and bring long groups to the front."""
+    for item in items:
+        if is_rest(item):
+            item.add_marker("rest")
+    place = {name: number for number, name in enumerate(LONG)}
+    order = [group(item.nodeid) for item in items]
+    first = {name: number for number, name in reversed(list(enumerate(order)))}
+    ranked = sorted(range(len(items)), key=lambda at: (place.get(order[at], len(place)), first[order[at]], at))
+    items[:] = [items[at] for at in ranked]
+
+
+class ByGroup(LoadScopeScheduling):
+    """Of pytest-xdist: gives each group to one process."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return group(nodeid)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup | None:
+    """The scheduler of `--dist loadgroup`."""
+    return ByGroup(config, log) if config.getvalue("dist") == "loadgroup" else None
+
+
+def lane(config: pytest.Config) -> Sequence[int] | None:
+    """Columns of `BUDGET` that a run is judged by; None for a run of single files or of other choices."""
+    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS or config.option.keyword:
+        return None
+    return {"not rest": (0,), "rest": (1,), "": (0, 1)}.get(config.option.markexpr)
+
+
+def over_budget(seconds: Mapping[str, float], columns: Sequence[int]) -> list[str]:
+    """What took longer than it may, as sentences.
+
+    Args:
+        seconds: of CPU that the tests of each folder took.
+        columns: of `BUDGET` that count.
+    """
+    allowed = {name: sum(both[column] for column in columns) for name, both in BUDGET.items()}
+    total, most = sum(seconds.values()), sum(allowed.values())
+    said = [f"all folders took {total:.0f} s of CPU, and may take {most:.0f}"] if total > most else []
+    for name, spent in seconds.items():
+        most = _FOLDER_FACTOR * allowed.get(name, 0.0) + _FOLDER_SECONDS
+        if spent > most:
+            said.append(f"tests/{name} took {spent:.0f} s of CPU, and may take {most:.0f}")
+    return said
