@@ -14,7 +14,7 @@ from fastsplat.service.query.absence import RATHER, unnamed_probability
 from fastsplat.service.query.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.calibration import calibration_key
 from fastsplat.service.query.embeddings import TextCaches, text_caches
-from fastsplat.service.query.english import has_no_word, is_foreign
+from fastsplat.service.query.english import names_nothing, no_question
 from fastsplat.service.query.explain import explain
 from fastsplat.service.query.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, model_for, weighs_meanings
@@ -211,6 +211,8 @@ class Ranker:
         else:
             likely = None if calibration is None else entry_probability(primary, calibration)
             judged = self._judge(match, context, primary, likely)
+        if names_nothing(text) and not judged.named:
+            judged = self._nothing
         belief: Belief | None = None
         if likely is not None and match.exact:
             belief = named_belief(likely, match.exact, self._confidence, coverage)
@@ -228,7 +230,8 @@ class Ranker:
             unnamed = unnamed_probability(self._searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
         likely_so, offered = self._offered(text) if nothing else (0.0, ())
-        language = self._language(text) if nothing and not offered else ""
+        is_word = None if self._meanings is None else self._meanings.is_word
+        language = no_question(text, is_word) if nothing and not offered else ""
         probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
         doubted = probability is not None and probability < RATHER
         verdict = judged.verdict
@@ -281,13 +284,6 @@ class Ranker:
         names = {} if self._things is None else self._things.suggested_names
         return names.get(label_key(text), (0.0, ()))
 
-    def _language(self, text: str) -> str:
-        """Why a text is no English question: "foreign" or "unknown"; "" for one that is."""
-        if is_foreign(text):
-            return "foreign"
-        meanings = self._meanings
-        return "unknown" if meanings is not None and has_no_word(text, meanings.is_word) else ""
-
     def _without_doubtful(self, judged: _Judgement, standing: Mask, belief: Belief | None) -> _Judgement:
         """A judgement in which names that are merely suggested for things without one stand back behind those that
         things bear; alone they make an answer possible. What would merely serve in the place of what was asked for does
@@ -305,7 +301,7 @@ class Ranker:
         if not sure and judged.verdict == "related":
             relevant = relevant & standing
         if not relevant.any():
-            return _Judgement("absent", relevant, relevant, named=False)
+            return self._nothing
         return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=suggested)
 
     def _matches(
@@ -391,6 +387,10 @@ class Ranker:
         return _Judgement(
             "related" if related.any() else "absent", related, leading, named=bool(leading.any()) and not found
         )
+
+    @property
+    def _nothing(self) -> _Judgement:
+        return _Judgement("absent", self._mask(()), self._mask(()), named=False)
 
     def _mask(self, label_ids: Sequence[int]) -> Mask:
         mask = np.zeros(len(self._labels), dtype=np.bool_)

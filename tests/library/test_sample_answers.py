@@ -85,6 +85,12 @@ def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
     assert forks.phrase is not None and not forks.phrase.count and forks.things == ()
 
 
+@pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
+def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
+    (answer,) = _ask(scene, text)
+    assert answer.verdict == "undecided" and answer.things == () and answer.probability is None
+
+
 @pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])
 def test_other_languages_are_said_not_to_be_understood(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
