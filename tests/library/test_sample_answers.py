@@ -73,6 +73,11 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
     assert apple.phrase is not None and len(apple.things) == 1
 
 
+def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
+    (bottle,) = _ask(scene, "the green bottle")
+    assert bottle.verdict == "undecided" and bottle.things == _ask(scene, "bottle")[0].things
+
+
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
     for answer in _ask(
         scene, "the largest thing", "the tallest thing", "something red", "the nearest thing to the cup"
