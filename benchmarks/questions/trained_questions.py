@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from benchmarks.calibration.lists import names_of
 FILE = Path(__file__).with_name("questions.txt")
 NO_KEYS = ("near", "far", "nonsense", "foreign")
 KINDS = ("name", "synonym", "kind", "use", "plural", "color", "relation", "superlative", "count", *NO_KEYS)
+Part = Literal["mending", "scored", "doll"]
 _LINE = re.compile(r"(?P<kind>[a-z]+)(?: \[(?P<view>[^]]+)\])?: (?P<rest>.+)")
 _TRUTH = re.compile(r"(?:(?P<count>\d+):)?\s*(?P<keys>[^(]*)(?:\((?P<also>[^)]*)\))?")
 
@@ -59,9 +61,11 @@ class Question:
     count: int | None = None
 
     @property
-    def scored_once(self) -> bool:
-        """Whether it belongs to the half that nothing is mended by."""
-        return bool(hashlib.sha256(f"{self.scene}: {self.text}".encode()).digest()[0] & 1)
+    def part(self) -> Part:
+        """Which part of the list it belongs to, see `benchmarks.questions`."""
+        if self.scene == "plush":
+            return "doll"
+        return "scored" if hashlib.sha256(f"{self.scene}: {self.text}".encode()).digest()[0] & 1 else "mending"
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,8 @@ NAMES = frozenset({*_CENTERS, *_SPELLINGS, *UNMEASURED} - {"gold"})
 
 _MARGIN = 5.0
 """CIE94 units by which a color is nearer to one name than to all others, or it is between them."""
+_NOT_DENIED = 0.25
+"""A color that is clear on this share of a thing is not denied of it, whatever its middle color is."""
 _FARTHEST = 30.0
 _MOST_SPREAD = 25.0
 _LIGHT, _DARK, _SHADE_MARGIN = 62.0, 42.0, 6.0
@@ -73,25 +75,32 @@ def color_distance(one: F64, other: F64) -> F64:
     return np.asarray(np.sqrt(lightness**2 + (chroma / (1 + 0.045 * mean)) ** 2 + hue / (1 + 0.015 * mean) ** 2))
 
 
-def color_clearness(lab: F64, spread: float, name: str, shade: str = "") -> tuple[float, float]:
+def color_shares(lab: F64, weights: F64) -> Mapping[str, float]:
+    """0..1: on how much of a thing each name is clearly its color.
+
+    Args:
+        lab: float64 [N, 3], CIELAB.
+        weights: float64 [N], how much of the thing has each color.
+    """
+    distances = _distances(lab)
+    total = max(float(weights.sum()), np.finfo(np.float64).tiny)
+    return {name: float(weights[_nearer(distances, name) >= 1].sum()) / total for name in _LAB}
+
+
+def color_clearness(lab: F64, spread: float, share: float, name: str, shade: str = "") -> tuple[float, float]:
     """How far a measured color is from a name (CIE94), and how clearly it is of that name: from 1 on it is, from -1 on
     it is not, between nothing is decided.
 
     Args:
         lab: float64 [3], CIELAB.
         spread: how far the thing's colors are from that one, CIE94; those of many colors have none.
+        share: 0..1, of the thing that is clearly of that name, see `color_shares`.
         name: of `NAMES`, but not of `UNMEASURED`.
         shade: "", "light" or "dark".
     """
-    name = _SPELLINGS.get(name, name)
-    distances = {other: float(color_distance(lab, centers).min()) for other, centers in _LAB.items()}
-    own = distances[name]
-    rivals = [
-        distance
-        for other, distance in distances.items()
-        if other != name and other not in _OVERLAPS and other not in _OVERLAPS.get(name, ())
-    ]
-    clearness = (min(rivals) - own) / _MARGIN
+    name = basic_name(name)
+    distances = _distances(lab)
+    own, clearness = float(distances[name]), float(_nearer(distances, name))
     if own > _FARTHEST:
         clearness = min(clearness, 0.0)
     if shade and clearness > 0:
@@ -99,7 +108,29 @@ def color_clearness(lab: F64, spread: float, name: str, shade: str = "") -> tupl
         clearness = min(clearness, float(lighter) / _SHADE_MARGIN + 1.0)
     if spread > _MOST_SPREAD:
         clearness = float(np.clip(clearness, -0.99, 0.99))
+    if share >= _NOT_DENIED:
+        clearness = max(clearness, -0.99)
     return own, clearness
+
+
+def basic_name(name: str) -> str:
+    """A name of `NAMES` as it is spelled here: "grey" is gray."""
+    return _SPELLINGS.get(name, name)
+
+
+def _distances(lab: F64) -> Mapping[str, F64]:
+    """CIE94 [...] of CIELAB [..., 3] to the nearest center of each name."""
+    return {name: color_distance(lab[..., None, :], centers).min(axis=-1) for name, centers in _LAB.items()}
+
+
+def _nearer(distances: Mapping[str, F64], name: str) -> F64:
+    """By how many margins a color is nearer to a name than to all others that do not share its colors."""
+    rivals = [
+        distance
+        for other, distance in distances.items()
+        if other != name and other not in _OVERLAPS and other not in _OVERLAPS.get(name, ())
+    ]
+    return np.asarray((np.min(rivals, axis=0) - distances[name]) / _MARGIN)
 
 
 _LAB: Mapping[str, F64] = {

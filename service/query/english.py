@@ -1,4 +1,4 @@
-"""Whether a question is English, which is all that is understood."""
+"""Whether a text is a question in English, which is all that is understood."""
 
 from __future__ import annotations
 
@@ -17,6 +17,12 @@ _ELSEWHERE = frozenset(
     "waar het een zijn op onder naast hoeveel welke".split()
 ) - frozenset("un den sous".split())
 _SHARE = 0.5
+_CLOSED = frozenset(
+    "a an the this that these those my your his her its our their some any it i you he she we they me what which who "
+    "whose where when how why is are am was were be do does did of in on at to for from with by and or not no "
+    "please s".split()
+)
+"""Words that name nothing by themselves."""
 
 
 def is_foreign(text: str) -> bool:
@@ -31,6 +37,21 @@ def is_foreign(text: str) -> bool:
     return len(words) > 1 and (foreign[0] or sum(foreign) >= _SHARE * len(words))
 
 
-def has_no_word(text: str, is_word: Callable[[str], bool]) -> bool:
-    """Whether nothing in a text is a word that is known."""
-    return not any(is_word(word.casefold()) for word in _WORD.findall(text))
+def names_nothing(text: str) -> bool:
+    """Whether no word of a text could name anything: "of the", "?!"."""
+    return all(word.casefold() in _CLOSED for word in re.findall(r"\w+", text))
+
+
+def no_question(text: str, is_word: Callable[[str], bool] | None) -> str:
+    """Why a text is no question in English: "empty", "foreign" or "unknown"; "" for one that is.
+
+    Args:
+        text: the question.
+        is_word: whether a word is known; None: nobody knows, and all are.
+    """
+    if names_nothing(text):
+        return "empty"
+    if is_foreign(text):
+        return "foreign"
+    known = is_word is None or any(is_word(word.casefold()) for word in _WORD.findall(text))
+    return "" if known else "unknown"

@@ -27,9 +27,11 @@ def explain(answer: Answer, unchecked: str = "", may_be: int = 0, language: str 
         answer: complete but for the explanation.
         unchecked: words of the question that no entry answers for, see `NameMatch.unchecked`.
         may_be: how many things without a name the answer is about, because its name is suggested for them.
-        language: "foreign" or "unknown" for a text that is no English.
+        language: "empty", "foreign" or "unknown" for a text that is no question in English.
     """
     question = _quoted(answer.text)
+    if language == "empty":
+        return f"{question} names nothing that could be looked for."
     if language:
         what = "is of another language" if language == "foreign" else "is no word that is known here"
         return f"Only English is understood, and {question} {what}; no name in this scene is written so."

@@ -25,7 +25,8 @@ _SIZES: Mapping[str, Callable[[ThingShape], tuple[float, ...]]] = {
     "width": lambda shape: (shape.size[0],),
 }
 """What a size is measured by. Without a kind of size it is the diagonal and the cube root of the volume: what is the
-largest by one and not by the other is not said to be the largest."""
+largest by one and not by the other is not said to be the largest. What is the largest by both is, if it is so clearly
+enough on the average."""
 
 
 def is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingShape]) -> Judged:
@@ -83,7 +84,8 @@ def ranked(
         clear = min((min(each, 10.0) for each in apart), default=10.0)
         clear = clear if order[number - 1] == place else -0.5
         measured.append(Measured(by, value, "length", clear))
-    clear = min(each.clearness for each in measured)
+    clears = [each.clearness for each in measured]
+    clear = float(np.mean(clears)) if min(clears) >= 0 else min(clears)
     return place, Judged(clear if clear >= 1 else min(clear, 0.99), tuple(measured))
 
 

@@ -52,7 +52,7 @@ def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
         return plain
     sure = kind != "horizontal surface"
     return replace(
-        _undecided(plain, scene.things, ids),
+        _about(plain, scene.things, ids),
         verdict="exact" if sure else "possible",
         relation="same" if sure else "related",
         explanation=surface_sentence(noun_phrase(plain.text), len(ids), sure=sure),
@@ -84,19 +84,11 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     solved = _agreed([solver.solve(reading) for reading in question.readings], question)
     reading = question.readings[0]
     head = ranked[reading.group if solved.named.whole else reading.head].answer if reading.head else None
-    refusal = solved.refusal
-    if question.not_understood:
-        refusal = Refusal("not_understood", question.not_understood)
-    elif refusal is None and question.asks == "count" and solved.undecided:
-        refusal = next(iter(solved.undecided.values()))
-    elif refusal is None and (
-        (question.asks == "count" and solved.named.suggested) or not (solved.things or solved.named.by_name)
-    ):
-        refusal = Refusal("not_named", reading.head)
-    nothing = refusal is not None and refusal.reason == "not_named" and refusal.part == reading.head
-    if nothing and head is not None and head.verdict == "absent":
+    refusal = _refusal(question, solved)
+    nowhere = head is not None and head.verdict == "absent" and refusal == Refusal("not_named", reading.head)
+    if nowhere:
         refusal = None  # where nothing is that, nothing is that anywhere
-    nothing_sure = not nothing or not plain.searched.unnamed_things  # else one without a name may be it
+    counted = refusal is None and not (nowhere and plain.searched.unnamed_things)  # one without a name may be it
     phrase = PhraseAnswer(
         asks=question.asks,
         head=reading.head,
@@ -105,17 +97,16 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         things=solved.things,
         undecided=tuple(solved.undecided),
         witnesses=solved.witnesses,
-        count=len(solved.things) if question.asks == "count" and refusal is None and nothing_sure else None,
+        count=len(solved.things) if question.asks == "count" and counted else None,
         refusal=refusal,
     )
-    by_meaning = plain.verdict == "related" and plain.decided_by == "score" and not solved.named.by_name
-    if refusal is not None and by_meaning and _is_of_the_meaning(refusal, question):
-        return plain
     if refusal is not None:
+        if _is_of_the_meaning(refusal, question, plain, solved.named):
+            return plain
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
-        plain = replace(plain, phrase=phrase, explanation=phrase_sentence(phrase, things.called, may_be=may_be))
-        return _undecided(plain, things, may_be)
-    if nothing and head is not None:
+        explanation = phrase_sentence(phrase, things.called, may_be=may_be)
+        return replace(_about(plain, things, may_be), phrase=phrase, explanation=explanation)
+    if nowhere and head is not None:
         ordered = tuple(match._replace(relevant=False) for match in head.matches)
         return replace(head, text=plain.text, phrase=phrase, matches=ordered, things=())
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
@@ -124,9 +115,26 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     return _decided(replace(head or plain, text=plain.text, phrase=phrase), things, likely, taken)
 
 
-def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion) -> bool:
-    """Whether a text was no question of places, so that what it means as a whole answers it: "light with a match"."""
-    return question.asks != "count" and refusal.reason in ("not_understood", "not_named", "not_measured")
+def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
+    """Why nothing is decided; None where something is. A number is decided only where each of the things is, and bears
+    its name."""
+    if question.not_understood:
+        return Refusal("not_understood", question.not_understood)
+    if solved.refusal is not None:
+        return solved.refusal
+    counts, named = question.asks == "count", solved.named
+    if counts and solved.undecided:
+        return next(iter(solved.undecided.values()))
+    if (counts and named.suggested) or not (solved.things or named.by_name):
+        return Refusal("not_named", question.readings[0].head)
+    return None
+
+
+def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Answer, named: Named) -> bool:
+    """Whether a text was no question of places, and what it means as a whole answers it: "light with a match"."""
+    answered = plain.verdict == "related" and plain.decided_by == "score" and not named.by_name
+    unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
+    return answered and unmeasured and question.asks != "count"
 
 
 def _taking_part(phrase: PhraseAnswer) -> set[int]:
@@ -181,10 +189,19 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     return replace(first, things=(), undecided={}, refusal=Refusal("ambiguous", part))
 
 
-def _undecided(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
-    """An answer that says nothing of what was asked, for the things that may be meant."""
+def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
+    """An undecided answer for the things that may be meant, with the entries of their names first, in their order, and
+    without the figures of the ranking, which say nothing of what was asked."""
+    order = {
+        things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
+    }
+    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
+    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
+    nameless = bool(ids) and not any(match.relevant for match in matches)
     return replace(
-        _shown(answer, things, ids),
+        answer,
+        matches=() if nameless else ordered,  # the first one is the answer's name
+        things=ids,
         verdict="undecided",
         relation="undecided",
         relation_subject=None,
@@ -195,17 +212,6 @@ def _undecided(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answ
         coverage=None,
         threshold=None,
     )
-
-
-def _shown(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
-    """An answer about these things, with the entries of their names first, in their order."""
-    order = {
-        things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
-    }
-    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
-    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
-    nameless = bool(ids) and not any(match.relevant for match in matches)
-    return replace(answer, matches=() if nameless else ordered, things=ids)  # the first one is the answer's name
 
 
 def _decided(answer: Answer, things: ThingNames, likely: float, taken: str) -> Answer:
@@ -219,10 +225,9 @@ def _decided(answer: Answer, things: ThingNames, likely: float, taken: str) -> A
     """
     assert answer.phrase is not None
     ids = answer.phrase.things
-    shown = _undecided(_shown(answer, things, ids), things, ids)
     doubtful = bool(taken) or likely < RATHER
     return replace(
-        shown,
+        _about(answer, things, ids),
         verdict=("possible" if doubtful else "exact") if ids else "absent",
         relation="same" if ids else "absent",
         probability=likely if ids and likely < 1.0 else None,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
 
-from fastsplat.service.query.color_names import UNMEASURED, color_clearness
+from fastsplat.service.query.color_names import UNMEASURED, basic_name, color_clearness
 from fastsplat.service.query.orders import NEED_LEVEL, is_large, ranked
 from fastsplat.service.query.phrases import SEEN_FROM, ColorWord, Phrase, Possession, Rank, Relation, SizeWord
 from fastsplat.service.query.relations import (
@@ -191,7 +191,8 @@ class PhraseSolver:
         color = self.measures.color(thing_id)
         if color is None or word.name in UNMEASURED:
             return Judged(0.0, (), "not_measured"), ()
-        distance, clear = color_clearness(color.lab, color.spread, word.name, word.shade)
+        share = color.shares[basic_name(word.name)]
+        distance, clear = color_clearness(color.lab, color.spread, share, word.name, word.shade)
         return _negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
 
     def _sized(self, word: SizeWord, shapes: Mapping[int, ThingShape], thing_id: int) -> tuple[Judged, tuple[int, ...]]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.english import is_foreign
+from fastsplat.service.query.english import is_foreign, names_nothing
 from fastsplat.service.query.phrase_grammar import parsed_questions
 from fastsplat.service.query.query_text import TextQuery
 from fastsplat.service.query.ranking import Ranked, Ranker
@@ -79,7 +79,7 @@ class RankedScene:
         scene = AskedScene(named, self.ranker.names, rank, lambda: things().measures, self._unit)
         return tuple(
             (answer_surface(plain, scene) if phrase is None else answer_phrase(phrase, plain, scene, asker))
-            if not is_foreign(plain.text)
+            if not is_foreign(plain.text) and not names_nothing(plain.text)
             else plain
             for plain, phrase in zip(answers, parsed, strict=True)
         )

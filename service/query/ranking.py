@@ -14,7 +14,7 @@ from fastsplat.service.query.absence import RATHER, unnamed_probability
 from fastsplat.service.query.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.calibration import calibration_key
 from fastsplat.service.query.embeddings import TextCaches, text_caches
-from fastsplat.service.query.english import has_no_word, is_foreign
+from fastsplat.service.query.english import names_nothing, no_question
 from fastsplat.service.query.explain import explain
 from fastsplat.service.query.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.meaning import MeaningModel, model_for, weighs_meanings
@@ -203,21 +203,20 @@ class Ranker:
         primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
         excluded = self._mask(match.negated) | ~self._present
         primary = np.where(excluded, _FARTHEST, primary)
-        gone = tuple(label_id for label_id in match.exact if not self._present[label_id - 1])
-        if gone:  # a name that nothing here bears (any more) decides nothing
-            match = replace(match, exact=tuple(label_id for label_id in match.exact if label_id not in gone))
+        # a name that nothing here bears (any more) decides nothing
+        match = replace(match, exact=tuple(label_id for label_id in match.exact if self._present[label_id - 1]))
         calibration = context.calibration
         meant = self._meant(text, match, context, scores.similarity, excluded)
+        comparison: Comparison | None = None
         if meant is not None:
             likely: F64 | None = meant.likely
             judged = self._judge_meaning(match, context, primary, meant)
-            primary, second = meant.likely, scores.similarity
+            primary, second, comparison = meant.likely, scores.similarity, meant.comparison
         else:
             likely = None if calibration is None else entry_probability(primary, calibration)
             judged = self._judge(match, context, primary, likely)
-        comparison = None if meant is None else meant.comparison
-        judged = self._with_suggestions(judged, match, comparison)
-        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        if names_nothing(text) and not judged.named:
+            judged = self._nothing
         belief: Belief | None = None
         if likely is not None and match.exact:
             belief = named_belief(likely, match.exact, self._confidence, coverage)
@@ -225,30 +224,30 @@ class Ranker:
             belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
         elif calibration is not None and likely is not None:
             belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
-        if belief is not None and meant is not None and judged.verdict == "related" and belief.presence < RATHER:
-            rows = np.flatnonzero(judged.relevant).tolist()
-            if not any(stands_for(row, match, comparison) for row in rows):  # it would stand in, under a doubtful name
-                judged = _Judgement("absent", self._mask(()), self._mask(()), named=False)
-        if belief is not None and judged.verdict == "absent" and self._searched.unnamed_things:
+        standing = judged.relevant.copy()
+        if judged.verdict == "related":
+            standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
+        judged = self._without_doubtful(judged, standing, belief if meant is not None else None)
+        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        nothing = judged.verdict == "absent"
+        if belief is not None and nothing and self._searched.unnamed_things:
             unnamed = unnamed_probability(self._searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
-        suggested: tuple[float, tuple[int, ...]] = (0.0, ())
-        if self._things is not None and judged.verdict == "absent":
-            suggested = self._things.suggested_names.get(label_key(text), suggested)
-        language = self._language(text) if judged.verdict == "absent" else ""
-        probability = None
-        if belief is not None:
-            probability = belief.of_verdict(None if judged.verdict == "absent" else order[0])
+        likely_so, offered = self._offered(text) if nothing else (0.0, ())
+        is_word = None if self._meanings is None else self._meanings.is_word
+        language = no_question(text, is_word) if nothing and not offered else ""
+        probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
+        doubted = probability is not None and probability < RATHER
         verdict = judged.verdict
-        if suggested[1]:
-            verdict, probability = "possible", suggested[0]
-        elif language or (verdict == "absent" and probability is not None and probability < RATHER):
+        if offered:
+            verdict, probability = "possible", likely_so
+        elif nothing and (language or doubted):
             verdict, probability = "undecided", None
-        elif judged.suggested or (verdict == "exact" and probability is not None and probability < RATHER):
+        elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
         threshold = context.exact if judged.verdict == "exact" else context.related
         threshold = threshold if meant is None else meant.model.related
-        shown = verdict if verdict != "possible" else "exact" if suggested[1] else judged.verdict
+        shown = verdict if verdict != "possible" else "exact" if offered else judged.verdict
         relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
@@ -264,49 +263,50 @@ class Ranker:
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
-            matches=() if suggested[1] else self._matches(order, scores, context, judged.relevant, belief),
+            matches=() if offered else self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
             searched=self._searched,
             relation=relation,
             relation_subject=subject,
             method=method,
-            things=suggested[1],
+            things=offered,
         )
         unchecked = match.unchecked
         if comparison is not None and judged.verdict == "related":
             before = comparison.compounds.before.get(int(order[0]), "")
             unchecked = " ".join(words for words in (before, unchecked) if words)
-        may_be = suggested[1]
+        may_be = offered
         if self._things is not None and judged.suggested:
             may_be = self._things.of_labels(answer.relevant_ids)
-        standing = frozenset(
-            label_id
-            for label_id in answer.relevant_ids
-            if judged.verdict == "exact" or stands_for(label_id - 1, match, comparison)
-        )
-        return Ranked(replace(answer, explanation=explain(answer, unchecked, len(may_be), language)), standing)
+        ids = np.flatnonzero(standing & judged.relevant) + 1
+        explanation = explain(answer, unchecked, len(may_be), language)
+        return Ranked(replace(answer, explanation=explanation), frozenset(ids.tolist()))
 
-    def _language(self, text: str) -> str:
-        """Why a text is no English question: "foreign" or "unknown"; "" for one that is."""
-        if is_foreign(text):
-            return "foreign"
-        meanings = self._meanings
-        return "unknown" if meanings is not None and has_no_word(text, meanings.is_word) else ""
+    def _offered(self, text: str) -> tuple[float, tuple[int, ...]]:
+        """The things without a name for which a text is suggested as one that the dictionary lacks, and how likely."""
+        names = {} if self._things is None else self._things.suggested_names
+        return names.get(label_key(text), (0.0, ()))
 
-    def _with_suggestions(self, judged: _Judgement, match: NameMatch, comparison: Comparison | None) -> _Judgement:
+    def _without_doubtful(self, judged: _Judgement, standing: Mask, belief: Belief | None) -> _Judgement:
         """A judgement in which names that are merely suggested for things without one stand back behind those that
-        things bear; alone they make an answer possible, where they name what was asked for, or a kind of it."""
+        things bear; alone they make an answer possible. What would merely serve in the place of what was asked for does
+        so under a sure name alone: not under one that is suggested, nor, by the lexicon's model, under a doubtful one.
+
+        Args:
+            judged: by names and scores.
+            standing: bool [N], the relevant entries that name what was asked for, or a kind of it.
+            belief: of the lexicon's model; None where another one judged.
+        """
         borne = judged.relevant & ~self._suggested
-        if borne.any() or not judged.relevant.any():
-            return replace(judged, relevant=borne, leading=judged.leading & borne)
-        if judged.verdict == "exact":
-            return replace(judged, suggested=True)
-        rows = [row for row in np.flatnonzero(judged.relevant).tolist() if stands_for(row, match, comparison)]
-        if not rows:
-            return _Judgement("absent", borne, borne, named=False)
-        relevant = self._mask([row + 1 for row in rows])
-        return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=True)
+        suggested = bool(judged.relevant.any() and not borne.any())
+        sure = not suggested and (belief is None or belief.presence >= RATHER)
+        relevant = judged.relevant if suggested else borne
+        if not sure and judged.verdict == "related":
+            relevant = relevant & standing
+        if not relevant.any():
+            return self._nothing
+        return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=suggested)
 
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None
@@ -391,6 +391,10 @@ class Ranker:
         return _Judgement(
             "related" if related.any() else "absent", related, leading, named=bool(leading.any()) and not found
         )
+
+    @property
+    def _nothing(self) -> _Judgement:
+        return _Judgement("absent", self._mask(()), self._mask(()), named=False)
 
     def _mask(self, label_ids: Sequence[int]) -> Mask:
         mask = np.zeros(len(self._labels), dtype=np.bool_)

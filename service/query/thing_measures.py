@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from fastsplat.service.query.color_names import color_distance, lab_of
+from fastsplat.service.query.color_names import color_distance, color_shares, lab_of
 from fastsplat.service.query.objects import grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.types import SH_C0, Scene
@@ -19,7 +20,7 @@ F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 _MAX_POINTS = 1_200
-_MAX_COLORED = 4_096
+_MAX_COLORED, _MAX_COMPARED = 4_096, 512
 _NEIGHBORS = 4
 _APART = 6.0
 _WIDEST = 4.0
@@ -98,10 +99,12 @@ class ThingColor:
     Attributes:
         lab: float64 [3], CIELAB (D65): the medians of its Gaussians' constant colors, weighted by opacity times area.
         spread: the median distance of their colors from that one, CIE94.
+        shares: 0..1 by name, on how much of it that is clearly its color.
     """
 
     lab: F64
     spread: float
+    shares: Mapping[str, float]
 
 
 @dataclass
@@ -175,7 +178,9 @@ class ThingMeasures:
         lab = lab_of(np.clip(0.5 + SH_C0 * gaussians.sh[rows, 0].astype(np.float64), 0.0, 1.0))
         weights = _bounded(masses(gaussians.log_scales[rows], gaussians.logit_opacities[rows]))
         median = np.array([_weighted_median(values, weights) for values in lab.T])
-        return ThingColor(median, _weighted_median(color_distance(lab, median), weights))
+        spread = _weighted_median(color_distance(lab, median), weights)
+        some = _thinned(np.arange(len(lab)), _MAX_COMPARED)
+        return ThingColor(median, spread, color_shares(lab[some], weights[some]))
 
 
 def _upright_box(points: F64) -> tuple[F64, tuple[float, float, float]]:

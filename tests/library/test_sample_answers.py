@@ -73,6 +73,11 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
     assert apple.phrase is not None and len(apple.things) == 1
 
 
+def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
+    (bottle,) = _ask(scene, "the green bottle")
+    assert bottle.verdict == "undecided" and bottle.things == _ask(scene, "bottle")[0].things
+
+
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
     for answer in _ask(
         scene, "the largest thing", "the tallest thing", "something red", "the nearest thing to the cup"
@@ -83,6 +88,12 @@ def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
 def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
     (forks,) = _ask(scene, "how many forks are there?")
     assert forks.phrase is not None and not forks.phrase.count and forks.things == ()
+
+
+@pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
+def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
+    (answer,) = _ask(scene, text)
+    assert answer.verdict == "undecided" and answer.things == () and answer.probability is None
 
 
 @pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])

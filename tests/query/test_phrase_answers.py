@@ -103,6 +103,19 @@ def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: 
     assert decisive and all(witness.clearness >= 1 for witness in decisive)
 
 
+@pytest.mark.parametrize(("far", "nearest"), [(0.52, True), (0.49, False)])
+def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwise(
+    make: Callable[[Scene], SceneIndex], far: float, nearest: bool
+) -> None:
+    room = Room()
+    room.place("ball", box((0.1, 0.1, 0.1)), (0, 0, 0), 0.0, _BLUE)
+    large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
+    room.place("crate", box((0.1, 0.1, 0.1)), (-far, 0, 0), 0.0, _WOOD)
+    answer = _answer(make(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
+    assert (answer.things == (large,) and answer.verdict == "exact") == nearest
+    assert _reason(answer) == (None if nearest else "too_close")
+
+
 def test_numbers_are_counted(index: SceneIndex) -> None:
     for text, count in (("how many mugs are there?", 2), ("how many mugs are on the table?", 1)):
         answer = _answer(index, text)
