@@ -26,7 +26,7 @@ from tests.api.call_examples import BOUNDS_OF_THE_URL, EXAMPLES, RED, UP, Exampl
 from tests.api.calls import CALLS, ELSEWHERE, Refused, in_process, over_grpc, over_rest, with_ids
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import KINDRED, LABELS, STRANGERS, add_known_name, add_scene, turned
-from tests.api.served import Faces
+from tests.api.served import Faces, rest_refusal
 from tests.api.training_job import add_cancelled_job, add_training_job
 from tests.api.upright_scene import add_upright_scene
 
@@ -246,6 +246,49 @@ def _take_back(service: SceneService, call: str, ids: Mapping[str, str]) -> None
         service.versions.undo(ids["scene_id"])
     if call == "RetryOperation" and ids["operation_id"] != "none":
         service.cancel_operation(ids["operation_id"])
+
+
+@pytest.mark.parametrize(
+    ("name", "items", "of"),
+    [
+        *((name, items, "scene") for name, items in (("ListLabels", "labels"), ("ListObjects", "objects"))),
+        *((name, items, "scene") for name, items in (("ListThings", "things"), ("ListPhotos", "photos"))),
+        ("ListDetections", "detections", "upright"),
+    ],
+)
+def test_pages_make_the_whole(faces: Faces, places: _Places, name: str, items: str, of: str) -> None:
+    ids = places.of(of)
+    for ask in (over_rest, over_grpc):
+        whole = getattr(ask(faces, name, ids, {}), items)
+        found: list[Any] = []
+        token = ""
+        while len(found) < len(whole):
+            page = ask(faces, name, ids, {"page_size": 1, "page_token": token})
+            assert len(getattr(page, items)) == 1 and (page.next_page_token != "") == (len(found) + 1 < len(whole))
+            found, token = [*found, *getattr(page, items)], page.next_page_token
+        assert_same(tuple(found), whole)
+        assert len(whole) > 1
+
+
+def test_every_parameter_of_a_question_in_an_address_is_that_of_the_body(faces: Faces, scene_id: str) -> None:
+    question = {"text": "the thing left of the ball", "scene": scene_id}
+    for changed, plain in (
+        ({"max_matches": 1}, question),
+        ({"asker_view": "front.png"}, question),
+        ({"outputs": ["mask3d", "objects"]}, question),
+        ({"outputs": ["mask3d"], "mask3d_encoding": "runs"}, {**question, "outputs": ["mask3d"]}),
+        ({"coverage": 0.5, "outputs": ["objects"]}, {**question, "text": "mug", "outputs": ["objects"]}),
+        ({"negatives": ["moon"], "text": "beaker"}, {**question, "text": "beaker"}),
+        ({"templates": ["a photo of a {}"], "text": "beaker"}, {**question, "text": "beaker"}),
+    ):
+        params = {**plain, **changed}
+        named = {"texts": [params["text"]], **{k: v for k, v in params.items() if k not in ("text", "scene")}}
+        answer = faces.rest.get("/query", params=params).json()
+        assert answer == faces.rest.post(f"/v1/scenes/{scene_id}:query", json=named).json(), changed
+        if "templates" not in changed and "coverage" not in changed:  # here the answer is the same with and without
+            assert answer != faces.rest.get("/query", params=plain).json(), changed
+    bad = {**question, "version": "none"}
+    assert rest_refusal(faces.rest.get("/query", params=bad)).details["field"] == "version"
 
 
 @pytest.mark.parametrize("kind", ["rgb", "overlay", "relevancy", "mask"])
