@@ -16,7 +16,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, star
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from fastsplat.service.application.figures import Figures
+from fastsplat.service.application.admin.figures import Figures
 from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _R = TypeVar("_R")

@@ -13,7 +13,7 @@ from fastsplat.service.settings import load_settings
 
 def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it stays as it is.")]) -> None:
     """Say which photos are blurred, dark, alike or without overlap, and whether they are too few; status 1 if so."""
-    from fastsplat.service.capture.photo_check import check_photos  # loads OpenCV
+    from fastsplat.service.capture.uploads.photo_check import check_photos  # loads OpenCV
 
     with tempfile.TemporaryDirectory() as scratch:
         checked = check_photos(photos, Path(scratch), load_settings().capture)

@@ -55,8 +55,8 @@ def doctor(
 
 
 def _examine(settings: Settings) -> Sequence[Problem]:
-    from fastsplat.service.application.stored import operation_of, scene_of  # loads what answers questions
-    from fastsplat.service.application.version_rows import version_of
+    from fastsplat.service.application.editing.version_rows import version_of
+    from fastsplat.service.application.jobs.stored import operation_of, scene_of  # loads what answers questions
     from fastsplat.service.store.checkup import (
         Problem,
         check_artefacts,

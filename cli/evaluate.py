@@ -17,7 +17,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fastsplat.service.application.optional_packages import TORCHMETRICS, needed
+from fastsplat.service.application.base.optional_packages import TORCHMETRICS, needed
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings

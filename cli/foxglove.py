@@ -15,7 +15,7 @@ import typer
 from fastsplat.api.access.exposure import is_loopback
 from fastsplat.cli.local_service import local_service
 from fastsplat.cli.remote import Ca, KeyFile, Server, connect
-from fastsplat.service.application.optional_packages import FOXGLOVE, needed
+from fastsplat.service.application.base.optional_packages import FOXGLOVE, needed
 from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.exports import ExportRequest
 
@@ -37,7 +37,7 @@ def foxglove(
 ) -> None:
     """Show a scene live in Foxglove: boxes, labels, points, floor map, cameras. New versions are followed."""
     with needed(FOXGLOVE, "showing a scene in Foxglove", "scene", "on this machine"):
-        from fastsplat.service.application.foxglove_live import LiveScene, follow
+        from fastsplat.service.application.exporting.foxglove_live import LiveScene, follow
     stop = threading.Event()
     with _source(scene, cell, project, server, key_file, ca) as (version, file), _set_by_signals(stop):
         shown = version()

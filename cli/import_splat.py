@@ -82,7 +82,7 @@ def import_splat(
 
 
 def _check_project(project: str) -> None:
-    from fastsplat.service.application.projects import Projects
+    from fastsplat.service.application.admin.projects import Projects
 
     with local_store() as store:
         if not Projects(store.projects).exists(project):

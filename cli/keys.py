@@ -19,7 +19,7 @@ from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.keys import KeyIn, Role
 
 if TYPE_CHECKING:
-    from fastsplat.service.application.keys import Keys
+    from fastsplat.service.application.admin.keys import Keys
 
 keys_app = typer.Typer(
     name="keys", help="Access keys: create, list, expire, revoke them, here or on a server.", no_args_is_help=True
@@ -83,7 +83,7 @@ def share(
         with connect(server, key_file, ca, project) as client:
             made = client.keys.share(scene, name, days * _DAY_S)
     else:
-        from fastsplat.service.application.project_keys import ProjectKeys
+        from fastsplat.service.application.admin.project_keys import ProjectKeys
 
         own = project or DEFAULT_PROJECT
         with local_store() as store:
@@ -101,7 +101,7 @@ def list_keys(project: _Project = "", server: Server = "", key_file: KeyFile = N
         with connect(server, key_file, ca, project) as client:
             records = sorted(client.keys.all(), key=lambda key: key.created_at)
     else:
-        from fastsplat.service.application.project_keys import as_key
+        from fastsplat.service.application.admin.project_keys import as_key
 
         now = time.time()
         with _keys() as keys:
@@ -155,7 +155,7 @@ def create_project(
     name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")],
 ) -> None:
     """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
-    from fastsplat.service.application.projects import Projects
+    from fastsplat.service.application.admin.projects import Projects
 
     with local_store() as store:
         Projects(store.projects).create(name)
@@ -165,7 +165,7 @@ def create_project(
 @projects_app.command("list")
 def list_projects() -> None:
     """Show every project."""
-    from fastsplat.service.application.projects import Projects
+    from fastsplat.service.application.admin.projects import Projects
 
     with local_store() as store:
         records = Projects(store.projects).all()
@@ -181,7 +181,7 @@ def list_projects() -> None:
 
 @contextmanager
 def _keys() -> Iterator[Keys]:
-    from fastsplat.service.application.keys import Keys
+    from fastsplat.service.application.admin.keys import Keys
 
     with local_store() as store:
         yield Keys(store.keys, store.projects)

@@ -120,7 +120,7 @@ def _print_version(show: bool) -> None:
 
 
 def _start(role: str) -> None:
-    from fastsplat.service.capture.confinement import missing_protections
+    from fastsplat.service.capture.untrusted.confinement import missing_protections
 
     log_to_stderr(role)
     os.umask(0o077)  # photos of homes: what this process and its children write is their owner's alone

@@ -20,7 +20,7 @@ def tags(
     ] = None,
 ) -> None:
     """Write AprilTags to print. Photos in which one of them is seen from several places give a scene in metres."""
-    from fastsplat.service.capture.tag_sheet import tag_pages, write_pdf  # loads OpenCV
+    from fastsplat.service.capture.world.tag_sheet import tag_pages, write_pdf  # loads OpenCV
 
     settings = load_settings().capture
     expected = settings.tag_side_m

@@ -29,8 +29,8 @@ from fastsplat.service.perception.detectors.open_detectors import check_open_set
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.types import OpenSetDetector
+from fastsplat.service.query.edits.thing_edits import with_label
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.thing_edits import with_label
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.pictures import Paint, Painter, render_pictures

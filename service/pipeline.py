@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.placed_cameras import PlacedViews
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.instances.thing_appearances import with_appearances
@@ -34,7 +34,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.scene.types import TAKEN_AT, Scene, Things
 from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.capture.kept_capture import kept_capture
-from fastsplat.service.capture.scene_photos import photo_folder
+from fastsplat.service.capture.formats.kept_capture import kept_capture
+from fastsplat.service.capture.photos.scene_photos import photo_folder
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.planning.presets import PresetName, apply_preset
-from fastsplat.service.query.aligning import placed_gaussians
+from fastsplat.service.query.edits.aligning import placed_gaussians
 from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.label_evidence import rows_of
 from fastsplat.service.scene.things import things_of_rows

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from fastsplat.service.capture.scene_photos import photo_path
+from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead

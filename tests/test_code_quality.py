@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,16 +17,6 @@ _PRODUCT = ("api", "cli", "client", "demo", "service", "workers")
 _VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
 _VAGUE_PARAMETERS_IN: set[str] = set()
 """Files that still have such parameters."""
-
-_SHARED_MODULE_NAMES = {
-    "__init__", "__main__", "errors", "settings", "types",
-    # Backends, transports and commands mirror each other.
-    "access", "api", "cpu", "health", "keys", "messages", "models", "reference", "server", "upload",
-    # These are still to be told apart.
-    "boxes", "cameras", "events", "evidence", "files", "guard", "labels", "limits", "manifest", "masks", "names",
-    "objects", "pictures", "report", "resumable", "threads", "translate", "trial", "uploads", "views",
-}  # fmt: skip
-"""Names that several modules of the product may have."""
 
 
 @pytest.mark.parametrize(
@@ -58,14 +47,6 @@ def test_files_are_short() -> None:
 def test_parameters_say_what_they_are() -> None:
     vague = {str(path) for path in _product() if _parameters(path) & _VAGUE_PARAMETERS}
     assert vague <= _VAGUE_PARAMETERS_IN
-
-
-def test_modules_can_be_told_apart_by_their_names() -> None:
-    homes = defaultdict(list)
-    for path in _product():
-        homes[path.stem].append(str(path))
-    shared = {name: paths for name, paths in homes.items() if len(paths) > 1}
-    assert not {name: paths for name, paths in shared.items() if name not in _SHARED_MODULE_NAMES}
 
 
 def _cpp_sources() -> list[Path]:

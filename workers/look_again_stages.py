@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.capture.scene_photos import share_photos
+from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene

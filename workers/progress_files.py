@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-from fastsplat.service.capture.placed_cameras import PlacedViews, placed_to_json
+from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_to_json
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.splatting.previews import TrainingPreview
 from fastsplat.workers.protocol import Job

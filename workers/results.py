@@ -152,7 +152,7 @@ def error_to_json(error: FastSplatError, stage: str, **more: str) -> dict[str, A
 def _blamed_photos(field: str, job: Job) -> list[str]:
     """The name of the photo that an error names as its field, or whose label map it names; empty if it names none."""
     # A worker, which shares this file, never reads images.
-    from fastsplat.service.capture.upload_manifest import read_manifest
+    from fastsplat.service.capture.formats.upload_manifest import read_manifest
 
     try:
         manifest, _ = read_manifest(job.upload)

@@ -7,9 +7,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.capture.capture_files import load_capture
-from fastsplat.service.capture.placed_cameras import placed_of
-from fastsplat.service.capture.scene_photos import write_photos
+from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.photos.scene_photos import write_photos
+from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.common.progress import STAGES, Progress, ProgressEvent
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat.service.capture.scene_photos import share_photos
+from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.ply import write_ply

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from fastsplat.api.uploads import OPTIONS, scene_options
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploads import UploadFile, UploadSession
+from fastsplat.service.application.uploading.uploads import UploadFile, UploadSession
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb

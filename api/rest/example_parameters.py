@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from fastsplat.service.application.paging import write_page_token
+from fastsplat.service.application.base.paging import write_page_token
 
 IDS = {
     "scene_id": "3f2b8c1d9e4a4b6f8d7c5e2a1b0f9d8e",

@@ -18,7 +18,7 @@ from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.job_watching_examples import JOB_WATCHING_ANSWERS, running_operation
 from fastsplat.api.rest.localize_examples import LOCALIZATION, LOCALIZE_FORM
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
-from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.json_codec import to_plain

@@ -14,7 +14,7 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, 
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.scene_exports import MEDIA_TYPES, UNREPEATABLE
+from fastsplat.service.application.exporting.scene_exports import MEDIA_TYPES, UNREPEATABLE
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal

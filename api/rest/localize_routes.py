@@ -13,7 +13,7 @@ from fastsplat.api.rest.multipart import FormParser
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call
 from fastsplat.api.rest.upload import receive_form
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.localizing import MAX_PHOTOS_BYTES, too_many_bytes
+from fastsplat.service.application.answering.localizing import MAX_PHOTOS_BYTES, too_many_bytes
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.settings import Settings

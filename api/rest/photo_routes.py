@@ -12,7 +12,7 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, 
 from fastsplat.api.rest.routes import PageSize, PageToken, Version
 from fastsplat.api.rest.standard_http import etag_of
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.photos import MAX_VIEWS
+from fastsplat.service.application.answering.photos import MAX_VIEWS
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList

@@ -14,7 +14,7 @@ from fastsplat.api.rest.events import EVENT_SCHEMA, MEDIA_TYPE, operation_events
 from fastsplat.api.rest.responses import PROBLEMS, json_of_call, json_response, run_cancellable, while_connected
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.camera_files import MEDIA_TYPES
+from fastsplat.service.application.exporting.camera_files import MEDIA_TYPES
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json

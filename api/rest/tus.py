@@ -16,9 +16,9 @@ from starlette.responses import Response
 from fastsplat.api.access.caller import caller_project
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE, problem_response
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.upload_piece import ALGORITHMS, Algorithm, Piece
+from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.upload_piece import ALGORITHMS, Algorithm, Piece
 from fastsplat_contract.errors import (
     FastSplatError,
     InvalidInputError,

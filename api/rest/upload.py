@@ -16,7 +16,7 @@ from fastsplat.api.rest.responses import while_connected
 from fastsplat.api.threads import Threads
 from fastsplat.api.uploads import OPTIONS, check_announced, scene_options
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploads import UploadFile, UploadSession
+from fastsplat.service.application.uploading.uploads import UploadFile, UploadSession
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import json_schema_of

@@ -5,7 +5,7 @@ import { join } from "node:path";
 import type { Plugin } from "vite";
 import { defineConfig } from "vite";
 
-const SCENE = "<!--scene-->"; // the server puts the scene's data here: service/application/scene_page.py
+const SCENE = "<!--scene-->"; // the server puts the scene's data here: service/application/exporting/scene_page.py
 
 const sha256 = (text: string): string => `'sha256-${createHash("sha256").update(text).digest("base64")}'`;
 const inScript = (text: string): string => text.replace(/<\/(script)/gi, "<\\/$1").replace(/<!--/g, "<\\!--");

@@ -33,7 +33,7 @@ from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead

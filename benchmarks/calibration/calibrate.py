@@ -36,11 +36,11 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.calibration import FILE, Score, calibration_key
-from fastsplat.service.query.embeddings import TextCache
-from fastsplat.service.query.meaning import FILE as MEANING_FILE
-from fastsplat.service.query.name_matching import NameIndex, NameMatch
-from fastsplat.service.query.probability import (
+from fastsplat.service.query.language.calibration import FILE, Score, calibration_key
+from fastsplat.service.query.language.embeddings import TextCache
+from fastsplat.service.query.language.meaning import FILE as MEANING_FILE
+from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.language.probability import (
     Logistic,
     Nonconformities,
     ScoreCalibration,
@@ -50,10 +50,10 @@ from fastsplat.service.query.probability import (
     leads,
     present_probability,
 )
-from fastsplat.service.query.ranking import RELATED_PROBABILITY
-from fastsplat.service.query.relevancy import entries, relevancy_scores
+from fastsplat.service.query.language.ranking import RELATED_PROBABILITY
+from fastsplat.service.query.language.relevancy import entries, relevancy_scores
+from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.text_similarity import text_similarity
 
 F64 = NDArray[np.float64]
 _FIT, _CONFORMAL, _JUDGE = 0, (1, 2), 3
@@ -267,7 +267,7 @@ def _listed(scored: Sequence[ScoredQuestion], calibration: ScoreCalibration, sha
 
 
 def related_rows(scores: F64, entry: F64, calibration: ScoreCalibration, share: float) -> NDArray[np.bool_]:
-    """The rule of the product, `service.query.ranking`: above the threshold, and likely enough unless it leads."""
+    """The rule of `service.query.language.ranking`: above the threshold, and likely enough unless it leads."""
     return (scores >= calibration.related) & ((entry >= share) | (scores == scores.max()))
 
 

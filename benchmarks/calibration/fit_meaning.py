@@ -1,4 +1,6 @@
-"""Fit the model that weighs what lexicon and text encoder say of a question and a label: `service/query/meaning.json`.
+"""Fit the model that weighs what lexicon and text encoder say of a question and a label.
+
+Its file is `service/query/language/meaning.json`.
 
 It learns from the dictionaries of `scenes.txt`, `lists.txt` and `compounds.txt`. Every choice (units of the hidden
 layer, ridge) and every probability comes from predictions for dictionaries that the model of that fold has not seen:
@@ -30,12 +32,12 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.logistic import logistic
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.embeddings import TextCache, TextCaches
-from fastsplat.service.query.label_meanings import BASE, LabelMeanings
-from fastsplat.service.query.meaning import MeaningModel, expanded, summed_odds
-from fastsplat.service.query.name_matching import NameIndex
-from fastsplat.service.query.probability import Logistic, Nonconformities, candidates, label_set
-from fastsplat.service.query.text_similarity import text_similarity
+from fastsplat.service.query.language.embeddings import TextCache, TextCaches
+from fastsplat.service.query.language.label_meanings import BASE, LabelMeanings
+from fastsplat.service.query.language.meaning import MeaningModel, expanded, summed_odds
+from fastsplat.service.query.language.name_matching import NameIndex
+from fastsplat.service.query.language.probability import Logistic, Nonconformities, candidates, label_set
+from fastsplat.service.query.language.text_similarity import text_similarity
 
 F64 = NDArray[np.float64]
 

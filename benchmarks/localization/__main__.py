@@ -30,8 +30,8 @@ from scipy.stats import chi2
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
 from benchmarks.provenance import begin, parser_of, provenance, put_row
 from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
-from fastsplat.service.capture.kept_capture import kept_lenses
-from fastsplat.service.capture.sent_photos import SparePhotoDecoder
+from fastsplat.service.capture.formats.kept_capture import kept_lenses
+from fastsplat.service.capture.uploads.sent_photos import SparePhotoDecoder
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
@@ -137,7 +137,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
 
 
 def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> Landmarks:
-    from fastsplat.service.application.kept_landmarks import photos_of  # as the service reads them
+    from fastsplat.service.application.answering.kept_landmarks import photos_of  # as the service reads them
 
     return find_landmarks(
         photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),

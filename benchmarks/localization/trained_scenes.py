@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.provenance import ROOT
-from fastsplat.service.capture.scene_photos import photo_folder, write_photos
+from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary

@@ -24,11 +24,11 @@ from benchmarks.query.labelled_garden import common_names, labelled_garden
 from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
-from fastsplat.service.query.objects import find_objects
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.objects import find_objects
 
 _TEXT = "something to drink from"
 _TARGETS = {"rank_1000_labels": 1.0, "warm_query_new_text": 15.0, "label_map_640x480": 20.0}
@@ -109,7 +109,7 @@ def _questions(index: SceneIndex, new: Iterator[str], posed: Any) -> Iterator[tu
 
 
 def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
-    from fastsplat.service.query.gaussian_labels import label_gaussians
+    from fastsplat.service.query.things.gaussian_labels import label_gaussians
 
     size = len(scene.gaussians)
     index = SceneIndex(scene, _Fixed())

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from benchmarks.raster.garden import garden
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.common_things import FILE
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.common_things import FILE
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 from benchmarks.questions.trained_questions import PhotoObject, Question
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.absence import RATHER
+from fastsplat.service.query.things.absence import RATHER
 from fastsplat_contract.queries import Answer
 
 _DECIDED = ("exact", "related", "possible")

@@ -10,7 +10,7 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene

@@ -32,8 +32,8 @@ from benchmarks.provenance import (
     provenance,
     write_json,
 )
-from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_views, train_scene

@@ -28,8 +28,8 @@ from PIL import Image
 
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
-from fastsplat.service.capture.capture_files import load_capture
-from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
@@ -44,7 +44,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
 from fastsplat.service.planning.presets import override_training
-from fastsplat.service.query.pictures import label_colors
+from fastsplat.service.query.drawing.pictures import label_colors
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.trade.bench_captures import BenchData
-from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.evaluation.boundary_iou import boundary_counts
 from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts

@@ -12,31 +12,20 @@ from typing import Self
 
 from sqlalchemy import Connection
 
-from fastsplat.service.application.admin import Admin
-from fastsplat.service.application.answers import Answers
-from fastsplat.service.application.camera_files import camera_file
-from fastsplat.service.application.detection_lists import Detections
-from fastsplat.service.application.further_training import FurtherTraining
-from fastsplat.service.application.localizing import Localizing
-from fastsplat.service.application.look_again_orders import look_again_job
-from fastsplat.service.application.memory import MemoryBudget, machine_bytes
-from fastsplat.service.application.open_scenes import OpenScenes
-from fastsplat.service.application.paging import page_of, read_page_token, write_page_token
-from fastsplat.service.application.photo_pages import photo_page
-from fastsplat.service.application.photos import Photos
-from fastsplat.service.application.project_keys import ProjectKeys, check_unused
-from fastsplat.service.application.project_names import KnownNames
-from fastsplat.service.application.prompted_edits import PromptedEdits
-from fastsplat.service.application.quotas import Quotas
-from fastsplat.service.application.resumable import ResumableUploads
-from fastsplat.service.application.retries import retry
-from fastsplat.service.application.running_jobs import RunningJobs
-from fastsplat.service.application.scene_exports import Exports
-from fastsplat.service.application.scene_orders import place_order
-from fastsplat.service.application.server_abilities import server_status
-from fastsplat.service.application.stored import labels_of, left_out_to_json, scene_of, summaries_of
-from fastsplat.service.application.uploads import UploadSession
-from fastsplat.service.application.validate import (
+from fastsplat.service.application.admin.admin import Admin
+from fastsplat.service.application.admin.project_keys import ProjectKeys, check_unused
+from fastsplat.service.application.admin.project_names import KnownNames
+from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.application.admin.server_abilities import server_status
+from fastsplat.service.application.answering.answers import Answers
+from fastsplat.service.application.answering.detection_lists import Detections
+from fastsplat.service.application.answering.localizing import Localizing
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.answering.photo_pages import photo_page
+from fastsplat.service.application.answering.photos import Photos
+from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
+from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
+from fastsplat.service.application.base.validate import (
     admit_upload,
     check_labels,
     check_page_size,
@@ -44,8 +33,19 @@ from fastsplat.service.application.validate import (
     check_scene_name,
     check_splat_options,
 )
-from fastsplat.service.application.validation_slots import ValidationSlots
-from fastsplat.service.application.versions import Versions
+from fastsplat.service.application.editing.prompted_edits import PromptedEdits
+from fastsplat.service.application.editing.versions import Versions
+from fastsplat.service.application.exporting.camera_files import camera_file
+from fastsplat.service.application.exporting.scene_exports import Exports
+from fastsplat.service.application.jobs.further_training import FurtherTraining
+from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.retries import retry
+from fastsplat.service.application.jobs.running_jobs import RunningJobs
+from fastsplat.service.application.jobs.scene_orders import place_order
+from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
+from fastsplat.service.application.uploading.resumable import ResumableUploads
+from fastsplat.service.application.uploading.uploads import UploadSession
+from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import check_cancelled
@@ -326,7 +326,7 @@ class SceneService:
         return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
 
     def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
-        """The scene's own cameras as a file, see `service.application.camera_files`.
+        """The scene's own cameras as a file, see `service.application.exporting.camera_files`.
 
         Raises:
             NotFoundError, NotReadyError: as `Answers.query`.

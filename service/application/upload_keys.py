@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from fastsplat.service.application.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.application.uploads import UploadSession
+from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
+from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat_contract.errors import PermissionDeniedError
 from fastsplat_contract.operations import Operation, SceneOptions
 

@@ -11,37 +11,34 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.capture_files import holds_capture, load_capture, save_capture
-from fastsplat.service.capture.depth_maps import DEPTHS
-from fastsplat.service.capture.geometry import normalize_world
-from fastsplat.service.capture.gps_scale import with_gps
-from fastsplat.service.capture.gravity import vertical_of_capture
-from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.image_io import load_rgb
-from fastsplat.service.capture.label_maps import LabelTable, read_label_table
-from fastsplat.service.capture.lens_views import ViewLog, test_views
-from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.photo_exclusion import without_photos
-from fastsplat.service.capture.photo_quality import judge_photos, matches_by_name
-from fastsplat.service.capture.placed_cameras import PlacedViews
-from fastsplat.service.capture.posed_geometry import PosedTask, SfmAnswer, posed_geometry
-from fastsplat.service.capture.posed_input import mask_warning
-from fastsplat.service.capture.posed_validation import read_validated_dataset
-from fastsplat.service.capture.sandbox import Listener, run_sandboxed
-from fastsplat.service.capture.scale_tags import in_meters
+from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture, save_capture
+from fastsplat.service.capture.formats.depth_maps import DEPTHS
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.formats.upload_manifest import UploadManifest, read_manifest
+from fastsplat.service.capture.photos.photo_quality import judge_photos, matches_by_name
+from fastsplat.service.capture.photos.withholding import WithheldPixels, Withholding
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.sfm_images import (
+from fastsplat.service.capture.sfm.geometry import normalize_world
+from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
+from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
+from fastsplat.service.capture.sfm.sfm_images import (
     SfmImage,
     frame_width,
     photo_ups,
     upright_photos,
     video_frames,
 )
-from fastsplat.service.capture.splat_input import in_splat_frame, take_splat
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
-from fastsplat.service.capture.upload_manifest import UploadManifest, read_manifest
-from fastsplat.service.capture.view_sources import ViewSources
-from fastsplat.service.capture.view_writer import (
+from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
+from fastsplat.service.capture.untrusted.sandbox import Listener, run_sandboxed
+from fastsplat.service.capture.uploads.label_maps import LabelTable, read_label_table
+from fastsplat.service.capture.uploads.photo_exclusion import without_photos
+from fastsplat.service.capture.uploads.posed_input import mask_warning
+from fastsplat.service.capture.uploads.posed_validation import read_validated_dataset
+from fastsplat.service.capture.uploads.splat_input import in_splat_frame, take_splat
+from fastsplat.service.capture.views.lens_views import ViewLog, test_views
+from fastsplat.service.capture.views.view_sources import ViewSources
+from fastsplat.service.capture.views.view_writer import (
     IMAGES,
     LABELS,
     MASKS,
@@ -49,7 +46,10 @@ from fastsplat.service.capture.view_writer import (
     WrittenViews,
     write_view,
 )
-from fastsplat.service.capture.withholding import WithheldPixels, Withholding
+from fastsplat.service.capture.world.gps_scale import with_gps
+from fastsplat.service.capture.world.gravity import vertical_of_capture
+from fastsplat.service.capture.world.posed_geometry import PosedTask, SfmAnswer, posed_geometry
+from fastsplat.service.capture.world.scale_tags import in_meters
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.file_names import list_names
 from fastsplat.service.common.progress import Progress, ProgressEvent

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 from fastsplat.service.common.dictionary import UNDETECTED
 from fastsplat.service.evaluation.segmentation import mask_counts
 from fastsplat.service.evaluation.types import ViewPrediction
-from fastsplat.service.query.pictures import label_colors, overlay
+from fastsplat.service.query.drawing.pictures import label_colors, overlay
 
 U8 = NDArray[np.uint8]
 

@@ -13,7 +13,7 @@ from scipy.stats import mannwhitneyu
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.evaluation.types import EvaluatedScene, SceneFigure, SceneMetric, Skipped
-from fastsplat.service.query.query_text import MAX_TEXTS
+from fastsplat.service.query.language.query_text import MAX_TEXTS
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.queries import Answer
 

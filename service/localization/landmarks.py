@@ -16,7 +16,7 @@ from fastsplat.service.localization.triangulation import SeenKeypoints, triangul
 from fastsplat_contract.camera import PosedCamera
 
 if TYPE_CHECKING:  # torch loads when it is used
-    from fastsplat.service.query.view_geometry import ViewGeometry
+    from fastsplat.service.query.drawing.view_geometry import ViewGeometry
 
 MAX_LANDMARK_VIEWS = 300
 """Photos of the scene that are known again; of more, so many are taken, evenly through their order."""

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.query.view_geometry import ViewGeometry
+from fastsplat.service.query.drawing.view_geometry import ViewGeometry
 from fastsplat.service.splatting.photometric import correct, fitted_correction
 from fastsplat_contract.camera import PosedCamera
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from fastsplat.service.capture.build import load_image
-from fastsplat.service.capture.capture_files import load_content
+from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from fastsplat.service.capture.build import load_image
-from fastsplat.service.capture.capture_files import load_content
+from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views, spread

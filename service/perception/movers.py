@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.withholding import Withholding, dilated
+from fastsplat.service.capture.photos.withholding import Withholding, dilated
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.perception.capture_detection import detect_closed_set
 from fastsplat.service.perception.detectors.open_detectors import (

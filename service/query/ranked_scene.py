@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.english import is_foreign, names_nothing
-from fastsplat.service.query.phrase_grammar import parsed_questions
-from fastsplat.service.query.query_text import TextQuery
-from fastsplat.service.query.ranking import Ranked, Ranker
-from fastsplat.service.query.thing_names import ThingNames
+from fastsplat.service.query.language.english import is_foreign, names_nothing
+from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.language.ranking import Ranked, Ranker
+from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
+from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.thing_index import SceneThings
+    from fastsplat.service.query.things.thing_index import SceneThings
 
 _PER_THING = 1_024
 """Bytes: a row of the table, its place among its label's, suggestions."""
@@ -70,7 +70,7 @@ class RankedScene:
         surfaces = [] if self._things is None else [thing for thing in self._things.present if thing.surface]
         if not any(parsed) and not surfaces:
             return answers
-        from fastsplat.service.query.phrase_answers import AskedScene, answer_phrase, answer_surface
+        from fastsplat.service.query.phrases.phrase_answers import AskedScene, answer_phrase, answer_surface
 
         def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
             return self.ranker.rank_meant(replace(query, texts=tuple(texts)))

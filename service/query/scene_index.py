@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.query.embeddings import TextCaches, embed_labels, embed_names
-from fastsplat.service.query.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
-from fastsplat.service.query.query_text import TextQuery, check_query
+from fastsplat.service.query.language.embeddings import TextCaches, embed_labels, embed_names
+from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.language.ranking import Ranker
+from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.ranked_scene import RankedScene
-from fastsplat.service.query.ranking import Ranker
-from fastsplat.service.query.scene_labels import labels_of
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
@@ -29,10 +29,10 @@ from fastsplat_contract.scenes import SceneObject
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
-    from fastsplat.service.query.objects import Instance
-    from fastsplat.service.query.scene_renderer import Renderer
-    from fastsplat.service.query.thing_index import SceneThings
-    from fastsplat.service.query.view_geometry import ViewGeometry
+    from fastsplat.service.query.drawing.scene_renderer import Renderer
+    from fastsplat.service.query.drawing.view_geometry import ViewGeometry
+    from fastsplat.service.query.things.objects import Instance
+    from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAX_IMAGE_SIDE = 4_096
 """Pixels; larger views are refused."""
@@ -189,7 +189,7 @@ class SceneIndex:
         """The objects of this scene with their Gaussians; made by the first question for them. Where the names of
         things are the labels, these are the named things, see `objects_of_things`; else the objects of the labels, see
         `find_objects`, each with the id of the thing that most of it is."""
-        from fastsplat.service.query.objects import find_objects, numbered_as_things, objects_of_things
+        from fastsplat.service.query.things.objects import find_objects, numbered_as_things, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
@@ -203,8 +203,8 @@ class SceneIndex:
     def things(self) -> SceneThings:
         """All things of this scene, with or without a name: those that it stores, else those of its labels, see
         `labeled_things`."""
-        from fastsplat.service.query.labeled_things import labeled_things, with_things
-        from fastsplat.service.query.thing_index import SceneThings
+        from fastsplat.service.query.things.labeled_things import labeled_things, with_things
+        from fastsplat.service.query.things.thing_index import SceneThings
 
         instances = self.instances if self.scene.things is None else ()
         with self._things_lock:
@@ -384,7 +384,7 @@ class SceneIndex:
         self.check_view(posed)
         with self._renderer_lock:
             if self._renderer is None:
-                from fastsplat.service.query.scene_renderer import Renderer
+                from fastsplat.service.query.drawing.scene_renderer import Renderer
 
                 self._renderer = Renderer(self.scene, self.settings)
             return self._renderer

@@ -1,7 +1,7 @@
 """Gaussians as Niantic's SPZ, version 3: a gzip stream of fixed-point columns, less than a quarter of the PLY.
 
 The layout is the one published with the reference library; its axes are right, up, back, those of 3DGS files right,
-down, front, so that y and z change their signs. `service.capture.splat_files.spz` reads it.
+down, front, so that y and z change their signs. `service.capture.uploads.splat_files.spz` reads it.
 """
 
 from __future__ import annotations

@@ -252,7 +252,7 @@ class Scene:
         evidence: sparse label counts of the same Gaussians, or None.
         label_mode: which of codes, evidence and things answers.
         things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
-            `fastsplat.service.query.labeled_things`.
+            `fastsplat.service.query.things.labeled_things`.
         scaling: by which known lengths it was scaled since it was trained; None if it was not.
         alignment: how it was put into the frame of a map since; None if it was not.
     """

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fastsplat.service.capture.splat_input import load_splat
 from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.label_evidence import posterior

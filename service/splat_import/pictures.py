@@ -11,11 +11,11 @@ import torch
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.capture_files import load_capture, save_capture
-from fastsplat.service.capture.image_io import save_rgb
-from fastsplat.service.capture.splat_input import load_splat, take_splat
+from fastsplat.service.capture.formats.capture_files import load_capture, save_capture
+from fastsplat.service.capture.formats.image_io import save_rgb
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.types import Capture, CaptureReport, View
-from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.uploads.splat_input import load_splat, take_splat
 from fastsplat.service.common.atomic import atomic_directory
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.types import Gaussians

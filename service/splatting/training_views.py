@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from torch import Tensor
 
-from fastsplat.service.capture.depth_maps import load_depth, resample_depth
-from fastsplat.service.capture.image_io import (
+from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth
+from fastsplat.service.capture.formats.image_io import (
     load_rgb,  # not `service.capture.load_image`, whose module loads COLMAP too
 )
 from fastsplat.service.capture.types import Capture, View

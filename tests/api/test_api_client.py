@@ -20,7 +20,7 @@ from PIL import Image
 from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.upload_manifest import read_manifest
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion

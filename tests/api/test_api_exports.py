@@ -15,10 +15,10 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from fastsplat.service.application.scene_page import TEMPLATE
+from fastsplat.service.application.exporting.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.splat_files.limits import SplatLimits
-from fastsplat.service.capture.splat_files.spz import read_spz
+from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
+from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError, SceneFileError

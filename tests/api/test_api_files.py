@@ -13,7 +13,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.camera_files import camera_file
+from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.file_digests import DIGESTS, write_digests
 from fastsplat_client import Client

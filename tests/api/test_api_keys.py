@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.application import project_keys
+from fastsplat.service.application.admin import project_keys
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import (
     Client,

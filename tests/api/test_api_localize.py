@@ -17,9 +17,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.application.localizing import MAX_PHOTOS_BYTES
+from fastsplat.service.application.answering.localizing import MAX_PHOTOS_BYTES
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.scene_photos import write_photos
+from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.radial_lens import RadialLens

@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.scene_photos import photo_path
+from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError

@@ -19,7 +19,7 @@ from mcp import Client as McpClient
 from mcp import StdioServerParameters, stdio_client
 from mcp_types import CallToolResult
 
-from fastsplat.service.application.answers import Answers
+from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat_client import Client
 from fastsplat_client.assistant.tools import list_scenes, resolve_scene

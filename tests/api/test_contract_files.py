@@ -14,8 +14,8 @@ import pytest
 from fastsplat.api.access.policy import _CALLS
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
+from fastsplat.service.application.jobs.stored import scene_of
 from fastsplat.service.application.service import MAX_LISTED
-from fastsplat.service.application.stored import scene_of
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import SceneRecord
 from fastsplat_contract.proto_codec import to_proto

@@ -26,7 +26,7 @@ import pytest
 from fastsplat.api.access.authenticator import Authenticator, Credentials
 from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.policy import rule_of
-from fastsplat.service.application.keys import KeyRing, key_id_of
+from fastsplat.service.application.admin.keys import KeyRing, key_id_of
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.key_repository import KeyRecord

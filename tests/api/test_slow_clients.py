@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.application.validation_slots import ValidationSlots
+from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import Cancellation, cancellable, check_cancelled

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from benchmarks.relations.drawing import Room, box, drawn_frame, scene_of, table
-from fastsplat.service.application import open_scenes
+from fastsplat.service.application.answering import open_scenes
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.embeddings import embed_labels
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, posterior

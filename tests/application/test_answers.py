@@ -12,7 +12,7 @@ from PIL import Image
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.common.call_scheduling import SENTENCE_COST, run_by
-from fastsplat.service.query.kept_maps import KEPT_MAP_BYTES
+from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera

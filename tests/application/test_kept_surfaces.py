@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat.service.application import kept_surfaces
-from fastsplat.service.application.geometry_files import cameras_file, mesh_file, points_file
-from fastsplat.service.application.kept_surfaces import KeptSurfaces
-from fastsplat.service.application.memory import MemoryBudget
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.application.exporting import kept_surfaces
+from fastsplat.service.application.exporting.geometry_files import cameras_file, mesh_file, points_file
+from fastsplat.service.application.exporting.kept_surfaces import KeptSurfaces
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.surface_views import SurfaceView, surface_views
+from fastsplat.service.query.surfaces.surface_views import SurfaceView, surface_views
 from fastsplat.service.settings import CallSettings
 from tests.query.wall import wall_index
 

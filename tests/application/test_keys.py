@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.application.keys import Keys, key_id_of
+from fastsplat.service.application.admin.keys import Keys, key_id_of
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.application.memory import MemoryBudget
+from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.common.call_scheduling import CallAgainError, run_by
 from fastsplat.service.common.cancellation import Cancellation, cancellable
@@ -27,13 +27,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 import numpy as np
-from fastsplat.service.application.mask_encodings import view_mask
-from fastsplat.service.application.memory import masks_bytes, picture_bytes
-from fastsplat.service.application.pictures import picture
+from fastsplat.service.application.answering.mask_encodings import view_mask
+from fastsplat.service.application.base.memory import masks_bytes, picture_bytes
+from fastsplat.service.application.answering.pictures import picture
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.query_text import check_query
+from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -222,12 +222,12 @@ _EDIT_PEAKS = """
 import gc, json, sys, tempfile
 from pathlib import Path
 import numpy as np
-from fastsplat.service.application.memory import edit_bytes
+from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.splatting.torch_runtime import release_free_memory

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.application.resumable import ResumableUploads
-from fastsplat.service.application.uploads import SPACE_CHECK_BYTES
+from fastsplat.service.application.uploading.resumable import ResumableUploads
+from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.store.blobs import Blobs
 from fastsplat_contract.errors import (
     ChecksumMismatchError,
@@ -75,7 +75,7 @@ def test_cut_at_a_hundred_random_offsets_the_bytes_are_the_same(uploads: Resumab
 _APPEND = """
 import sys
 from pathlib import Path
-from fastsplat.service.application import resumable, upload_piece
+from fastsplat.service.application.uploading import resumable, upload_piece
 upload_piece._DURABLE_BYTES = 1 << 16
 uploads = resumable.ResumableUploads(resumable.Blobs(Path(sys.argv[1])), 10**7, 3600.0)
 offset = uploads.get("k", sys.argv[2]).offset

@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.settings import Settings
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.protocol import Job, read_job

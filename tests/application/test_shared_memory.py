@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fastsplat.service.application.cache import LeastRecentlyUsed
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.label_table import LabelTable

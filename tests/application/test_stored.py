@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastsplat.service.application.stored import operation_of, scene_of
+from fastsplat.service.application.jobs.stored import operation_of, scene_of
 from fastsplat.service.scene.alignment import Alignment, alignment_to_json
 from fastsplat.service.store.codec import camera_to_json, options_from_json
 from fastsplat.service.store.records import OperationRecord

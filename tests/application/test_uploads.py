@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.application.uploads import SPACE_CHECK_BYTES
+from fastsplat.service.application.uploading.uploads import SPACE_CHECK_BYTES
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import (

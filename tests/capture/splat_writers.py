@@ -1,4 +1,4 @@
-"""Writes splat files as other tools do, from Gaussians; the inverse of `service.capture.splat_files`."""
+"""Writes splat files as other tools do, from Gaussians; the inverse of `service.capture.uploads.splat_files`."""
 
 from __future__ import annotations
 

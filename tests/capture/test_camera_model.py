@@ -7,7 +7,7 @@ import numpy as np
 import pycolmap
 import pytest
 
-from fastsplat.service.capture.camera_model import (
+from fastsplat.service.capture.photos.camera_model import (
     CameraModel,
     check_camera_model,
     compute_undistortion,

@@ -10,9 +10,9 @@ import pycolmap
 import pytest
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.colmap_model import read_colmap
-from fastsplat.service.capture.left_out import LeftOut
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.colmap_model import read_colmap
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.capture.confinement import missing_protections
+from fastsplat.service.capture.untrusted.confinement import missing_protections
 
 _CONFINED = """
 import errno, os, socket, sys, threading
 from pathlib import Path
-from fastsplat.service.capture.confinement import ResourceLimits, confine
+from fastsplat.service.capture.untrusted.confinement import ResourceLimits, confine
 lent = Path(sys.argv[1])
 limits = ResourceLimits(memory_bytes=2 << 30, cpu_seconds=2, file_bytes=1 << 20, open_files=32)
 print(confine(limits, [lent / "read"], [lent / "write"]))
@@ -125,7 +125,7 @@ def test_a_user_who_is_not_root_starts_no_more_tasks_than_it_may() -> None:
         pytest.skip("only root can run a process as somebody else")
     code = """
 import os, resource, sys, threading
-from fastsplat.service.capture.confinement import ResourceLimits, confine
+from fastsplat.service.capture.untrusted.confinement import ResourceLimits, confine
 os.setgroups([]), os.setgid(65533), os.setuid(65533)
 confine(ResourceLimits(2 << 30, 20, 1 << 20, processes=6), (), ())
 stop, started = threading.Event(), 0

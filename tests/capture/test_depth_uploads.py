@@ -13,10 +13,10 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.capture_files import load_capture
-from fastsplat.service.capture.depth_files import DepthFile, read_depth
-from fastsplat.service.capture.depth_maps import load_depth, save_depth
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.depth_files import DepthFile, read_depth
+from fastsplat.service.capture.formats.depth_maps import load_depth, save_depth
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError

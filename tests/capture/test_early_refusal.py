@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.early_refusal import refuse_hopeless, shows_depth
-from fastsplat.service.capture.model_agreement import verified_matches
-from fastsplat.service.capture.pairs import telling_first
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless, shows_depth
+from fastsplat.service.capture.sfm.model_agreement import verified_matches
+from fastsplat.service.capture.sfm.pairs import telling_first
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat_contract.errors import ReconstructionError
 from tests.capture import made_room

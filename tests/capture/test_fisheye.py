@@ -12,11 +12,11 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.camera_model import CameraModel
-from fastsplat.service.capture.lens_faces import face_rays, fisheye_faces, is_fisheye
+from fastsplat.service.capture.photos.camera_model import CameraModel
+from fastsplat.service.capture.photos.lens_faces import face_rays, fisheye_faces, is_fisheye
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, View
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError
 from tests.capture import made_room

@@ -9,7 +9,8 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.capture.geometry import (
+from fastsplat.service.capture.photos.video import sharpest_per_interval
+from fastsplat.service.capture.sfm.geometry import (
     Reconstruction,
     contradictions,
     depths,
@@ -20,8 +21,7 @@ from fastsplat.service.capture.geometry import (
     validate_reconstruction,
     widest_angle_deg,
 )
-from fastsplat.service.capture.pairs import choose_pairs, probe_scores, probes
-from fastsplat.service.capture.video import sharpest_per_interval
+from fastsplat.service.capture.sfm.pairs import choose_pairs, probe_scores, probes
 from fastsplat_contract.errors import ReconstructionError
 
 

@@ -15,8 +15,8 @@ import pytest
 from PIL import ExifTags, Image
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.image_io import check_image, load_upright, read_size
-from fastsplat.service.capture.sandbox import run_sandboxed
+from fastsplat.service.capture.formats.image_io import check_image, load_upright, read_size
+from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, LimitExceededError
 
@@ -117,7 +117,7 @@ def test_its_library_is_loaded_by_such_a_photo_only(tmp_path: Path) -> None:
     program = """
 import sys
 from pathlib import Path
-from fastsplat.service.capture.image_io import check_image
+from fastsplat.service.capture.formats.image_io import check_image
 from fastsplat.service.capture.settings import CaptureSettings
 check_image(Path(sys.argv[1]), "a.jpg", CaptureSettings())
 print(sum(name.split(".")[0] in ("pi_heif", "_pi_heif", "pillow_heif") for name in sys.modules))

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, ImageOps
 from PIL.TiffImagePlugin import IFDRational
 
-from fastsplat.service.capture.image_io import check_image, load_upright, open_map
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.formats.image_io import check_image, load_upright, open_map
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
 
 

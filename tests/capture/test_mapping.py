@@ -9,9 +9,9 @@ import numpy as np
 import pycolmap
 import pytest
 
-from fastsplat.service.capture import model_agreement
-from fastsplat.service.capture.mapping import Mapping, Models, mapper_options
-from fastsplat.service.capture.model_agreement import (
+from fastsplat.service.capture.sfm import model_agreement
+from fastsplat.service.capture.sfm.mapping import Mapping, Models, mapper_options
+from fastsplat.service.capture.sfm.model_agreement import (
     VerifiedMatches,
     choose_held_out,
     give_back,

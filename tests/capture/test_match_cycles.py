@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.match_cycles import contradicting_pairs
+from fastsplat.service.capture.sfm.match_cycles import contradicting_pairs
 
 _TILE = 10
 _SEEN = 40

@@ -12,9 +12,9 @@ import pytest
 from PIL import ExifTags, Image
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.lens_faces import FACES, face_camera, face_rays
-from fastsplat.service.capture.panorama import (
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.photos.lens_faces import FACES, face_camera, face_rays
+from fastsplat.service.capture.photos.panorama import (
     PanoramaFrame,
     decoded_size,
     face_side,
@@ -24,13 +24,13 @@ from fastsplat.service.capture.panorama import (
     panorama_faces,
     wrapped,
 )
-from fastsplat.service.capture.sandbox import run_sandboxed
+from fastsplat.service.capture.photos.withholding import WithheldPixels
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.sfm_images import frame_width, source_ids, upright_photos, video_frames
+from fastsplat.service.capture.sfm.sfm_images import frame_width, source_ids, upright_photos, video_frames
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import validate_upload
-from fastsplat.service.capture.withholding import WithheldPixels
+from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
+from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.capture import made_room

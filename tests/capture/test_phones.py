@@ -13,16 +13,16 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.depth_files import DepthFile
-from fastsplat.service.capture.depth_maps import load_depth
-from fastsplat.service.capture.image_decoder import ImageDecoder
-from fastsplat.service.capture.pose_refinement import refusal
-from fastsplat.service.capture.posed_validation import ImageSizes, read_posed_dataset
-from fastsplat.service.capture.sandbox import run_sandboxed
-from fastsplat.service.capture.scale_estimates import combined_estimate
+from fastsplat.service.capture.formats.depth_files import DepthFile
+from fastsplat.service.capture.formats.depth_maps import load_depth
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.sfm.pose_refinement import refusal
 from fastsplat.service.capture.types import ScaleEstimate
-from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
+from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
+from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_posed_dataset
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
+from fastsplat.service.capture.world.scale_estimates import combined_estimate
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError

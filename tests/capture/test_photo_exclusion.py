@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.capture_files import load_capture
+from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import ExifTags, Image
 
-from fastsplat.service.capture.image_io import check_image
-from fastsplat.service.capture.photo_times import taken_at_of_exif
+from fastsplat.service.capture.formats.image_io import check_image
+from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
 from fastsplat.service.capture.settings import CaptureSettings
 
 _BASE, _GPS = ExifTags.Base, ExifTags.GPS

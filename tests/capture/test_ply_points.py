@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.ply_points import read_points
+from fastsplat.service.capture.formats.ply_points import read_points
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 
 

@@ -16,10 +16,10 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.mapping_snapshots import take_placed
-from fastsplat.service.capture.placed_cameras import PlacedViews, placed_of
+from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
+from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError
@@ -152,7 +152,7 @@ def test_threads_that_match_call_no_blas() -> None:
     """pycolmap's own BLAS is not safe in threads: once in a hundred captures two pairs of images lost their matches."""
     program = """
 import ctypes, pycolmap
-from fastsplat.service.capture import sfm
+from fastsplat.service.capture.sfm import reconstruction as sfm
 threads = sfm._matching_threads(4)
 symbol = sfm._FAISS_BLAS_THRESHOLD
 print(threads, ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), symbol).value)

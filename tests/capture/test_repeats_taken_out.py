@@ -8,7 +8,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.mapping import Mapping, mapper_options
+from fastsplat.service.capture.sfm.mapping import Mapping, mapper_options
 from fastsplat.service.common.similarity import fit_similarity
 
 _PERIOD = 3.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import ReconstructionError

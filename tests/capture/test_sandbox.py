@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture import sandbox
-from fastsplat.service.capture.sandbox import validate_in_sandbox
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.untrusted import sandbox
+from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
 
@@ -183,7 +183,7 @@ def test_a_child_whose_parent_died_before_it_looked_does_nothing(tmp_path: Path)
     _photos(upload)
     settings = CaptureSettings().model_dump(mode="json")
     (tmp_path / "request.json").write_text(json.dumps({"upload": str(upload), "settings": settings, **limits}))
-    command = [sys.executable, "-m", "fastsplat.service.capture.sandbox_worker", "validate", str(tmp_path)]
+    command = [sys.executable, "-m", "fastsplat.service.capture.untrusted.sandbox_worker", "validate", str(tmp_path)]
     assert subprocess.run([*command, str(over.pid)], check=False).returncode == 1
     assert not (tmp_path / "result.json").exists()
     assert subprocess.run([*command, str(os.getpid())], check=False).returncode == 0

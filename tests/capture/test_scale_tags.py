@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.scale_tags import TagSighting, draw_tag, estimate_scale, find_tags
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
+from fastsplat.service.capture.world.scale_tags import TagSighting, draw_tag, estimate_scale, find_tags
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.camera import Camera, PosedCamera
 

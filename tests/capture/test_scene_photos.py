@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture.scene_photos import photo_path, share_photos, write_photos
+from fastsplat.service.capture.photos.scene_photos import photo_path, share_photos, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, Source, View
 from fastsplat_contract.camera import Camera, PosedCamera

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.spherical_video import is_spherical
-from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.photos.spherical_video import is_spherical
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 

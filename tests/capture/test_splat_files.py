@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import torch
 
-from fastsplat.service.capture.splat_files.limits import SplatLimits
-from fastsplat.service.capture.splat_files.rows import SplatRows
-from fastsplat.service.capture.splat_files.splat_reading import (
+from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
+from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.splat_reading import (
     SplatFile,
     describe_invisible,
     is_splat_file,

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.sandbox import validate_in_sandbox
-from fastsplat.service.capture.splat_input import load_splat
-from fastsplat.service.capture.upload_manifest import read_manifest
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
+from fastsplat.service.capture.uploads.splat_input import load_splat
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError

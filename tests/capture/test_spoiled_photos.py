@@ -14,8 +14,8 @@ import pytest
 from PIL import ExifTags, Image
 
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.impossible_cameras import take_out_impossible
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
 

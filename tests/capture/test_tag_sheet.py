@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.capture.scale_tags import find_tags
-from fastsplat.service.capture.tag_sheet import A4_MM, pixels_per_mm, tag_pages
+from fastsplat.service.capture.world.scale_tags import find_tags
+from fastsplat.service.capture.world.tag_sheet import A4_MM, pixels_per_mm, tag_pages
 from fastsplat_contract.errors import InvalidInputError
 
 

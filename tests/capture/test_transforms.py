@@ -15,8 +15,8 @@ from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
 from fastsplat.service.capture.build import build_capture, load_image
-from fastsplat.service.capture.capture_files import load_capture
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.camera_model import CameraModel, compute_undistortion
-from fastsplat.service.capture.depth_maps import load_depth
-from fastsplat.service.capture.view_writer import DEPTHS, IMAGES, MASKS, SourceImage, write_view
+from fastsplat.service.capture.formats.depth_maps import load_depth
+from fastsplat.service.capture.photos.camera_model import CameraModel, compute_undistortion
+from fastsplat.service.capture.views.view_writer import DEPTHS, IMAGES, MASKS, SourceImage, write_view
 from fastsplat_contract.camera import Camera
 
 

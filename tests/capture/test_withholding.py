@@ -13,14 +13,14 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture import sfm
 from fastsplat.service.capture.build import build_capture
-from fastsplat.service.capture.image_io import load_rgb
-from fastsplat.service.capture.scene_photos import photo_path, write_photos
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.photos.scene_photos import photo_path, write_photos
+from fastsplat.service.capture.photos.withholding import BLANK, Withholding
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
+from fastsplat.service.capture.sfm import reconstruction as sfm
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.capture.upload_validation import validate_upload
-from fastsplat.service.capture.withholding import BLANK, Withholding
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling

@@ -253,7 +253,7 @@ def test_what_cannot_be_shown_is_said_at_once(service: SceneService, monkeypatch
         port = taken.getsockname()[1]
         result = CliRunner().invoke(app, ["foxglove", scene_id, "--port", str(port)])
     assert isinstance(result.exception, ResourceError) and str(port) in result.exception.message
-    monkeypatch.delitem(sys.modules, "fastsplat.service.application.foxglove_live", raising=False)
+    monkeypatch.delitem(sys.modules, "fastsplat.service.application.exporting.foxglove_live", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)
     result = CliRunner().invoke(app, ["foxglove", scene_id])
     assert isinstance(result.exception, MissingPackageError)

@@ -12,7 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.capture.splat_input import load_splat
+from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.store import open_store

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.application.keys import Keys
+from fastsplat.service.application.admin.keys import Keys
 from fastsplat.service.settings import load_settings
 from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.store import open_store

@@ -12,7 +12,7 @@ import pytest
 _START = """
 import sys
 from pathlib import Path
-import fastsplat.service.capture.confinement as confinement
+import fastsplat.service.capture.untrusted.confinement as confinement
 confinement.missing_protections = lambda: tuple(sys.argv[2:])
 from fastsplat.cli.main import _start
 from fastsplat.service.store.store import open_store

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 
 SAMPLE = Path(__file__).resolve().parents[2] / "demo" / "sample"
 _LIMIT_BYTES = 5_000_000

@@ -13,7 +13,7 @@ from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.datasets.types import QueryTruth, TrueView
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.types import QueryPrediction, ViewPrediction
-from fastsplat.service.query.pictures import label_colors
+from fastsplat.service.query.drawing.pictures import label_colors
 from tests.evaluation import made_data
 
 

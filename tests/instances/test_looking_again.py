@@ -15,8 +15,8 @@ from fastsplat.service.instances.settings import LookAgainSettings
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.absence import searched_names
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.absence import searched_names
 from fastsplat.service.scene.things import discard_thing, rename_thing
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera

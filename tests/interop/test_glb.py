@@ -15,7 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.geometry_files import mesh_file
+from fastsplat.service.application.exporting.geometry_files import mesh_file
 from fastsplat.service.scene.glb import GlbBuilder, linear, upright
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.splat_glb import EXTENSION, GlbScene, NamedRows, splat_glb

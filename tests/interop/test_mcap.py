@@ -16,13 +16,13 @@ from mcap_protobuf.decoder import DecoderFactory
 from plyfile import PlyData
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.foxglove_file import STEP_NS, foxglove_file
-from fastsplat.service.application.geometry_files import points_file
-from fastsplat.service.application.scene_recording import SceneRecording, bounded_photos
-from fastsplat.service.query.aligning import align_scene
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from fastsplat.service.application.exporting.foxglove_file import STEP_NS, foxglove_file
+from fastsplat.service.application.exporting.geometry_files import points_file
+from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
+from fastsplat.service.query.edits.aligning import align_scene
+from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene.frames import frame_of, scaled
 from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Scene

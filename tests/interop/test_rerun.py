@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.rerun_file import rerun_file
-from fastsplat.service.application.scene_exports import _rows, thing_rows
-from fastsplat.service.application.scene_recording import SceneRecording
+from fastsplat.service.application.exporting.rerun_file import rerun_file
+from fastsplat.service.application.exporting.scene_exports import _rows, thing_rows
+from fastsplat.service.application.exporting.scene_recording import SceneRecording
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import SH_C0
 from fastsplat_contract.errors import MissingPackageError
@@ -122,6 +122,6 @@ def test_properties_say_what_the_scene_is_and_that_lengths_are_not_metres(tmp_pa
 
 
 def test_a_process_where_rerun_is_switched_off_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr("fastsplat.service.application.rerun_file.rr.is_enabled", lambda recording: False)
+    monkeypatch.setattr("fastsplat.service.application.exporting.rerun_file.rr.is_enabled", lambda recording: False)
     with pytest.raises(MissingPackageError, match="RERUN"):
         _read(tmp_path, _index())

@@ -14,7 +14,7 @@ from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
-from fastsplat.service.query.scene_renderer import Renderer
+from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.photometric import correct
 from fastsplat_contract.camera import PosedCamera

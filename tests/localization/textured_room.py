@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fastsplat.service.query.scene_renderer import Renderer
+from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat_contract.camera import Camera, PosedCamera

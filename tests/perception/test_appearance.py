@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.image_io import load_rgb
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.perception.appearance import (
     SIZE,
     AppearanceEncoder,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
-from fastsplat.service.query import calibration
+from fastsplat.service.query.language import calibration
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastsplat.service.query.surface_views import SurfaceView
+from fastsplat.service.query.surfaces.surface_views import SurfaceView
 from fastsplat_contract.camera import Camera, PosedCamera
 
 CAMERA = Camera(120, 90, 70.0, 70.0, 60.0, 45.0)

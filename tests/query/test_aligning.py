@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.similarity import Similarity
-from fastsplat.service.query.aligning import align_scene, fit_pairs, placed_gaussians
-from fastsplat.service.query.edit import Edit
+from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.edits.aligning import align_scene, fit_pairs, placed_gaussians
+from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.frames import frame_of, scaled
 from fastsplat.service.scene.scaling import combined

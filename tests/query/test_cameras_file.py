@@ -12,7 +12,7 @@ import pycolmap
 import pytest
 from plyfile import PlyData
 
-from fastsplat.service.application.geometry_files import cameras_file
+from fastsplat.service.application.exporting.geometry_files import cameras_file
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.query.wall import wall_index
 

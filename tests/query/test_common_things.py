@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.common_things import COLUMNS, FILE, KnownLabels, common_things
-from fastsplat.service.query.embeddings import TextCache
+from fastsplat.service.query.language.common_things import COLUMNS, FILE, KnownLabels, common_things
+from fastsplat.service.query.language.embeddings import TextCache
 from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import DrawnEncoder
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edit import Edit, edited_rows
-from fastsplat.service.query.edits import apply_edit
-from fastsplat.service.query.gaussian_labels import label_gaussians
-from fastsplat.service.query.objects import masses
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit, edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.gaussian_labels import label_gaussians
+from fastsplat.service.query.things.objects import masses
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
-from fastsplat.service.query.floors import floor_ids, names_a_floor, names_of_others
-from fastsplat.service.query.goals import goal_near
-from fastsplat.service.query.occupancy import OccupancyMap, occupancy_map
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.surfaces.goals import goal_near
+from fastsplat.service.query.surfaces.occupancy import OccupancyMap, occupancy_map
+from fastsplat.service.query.things.floors import floor_ids, names_a_floor, names_of_others
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import NameSource, Scene, SurfaceKind, Thing, Things
 from fastsplat_contract.errors import InvalidInputError

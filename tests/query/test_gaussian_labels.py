@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.gaussian_labels import label_gaussians
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.scene.types import Evidence, Scene, SemanticHead
 from fastsplat.service.splatting.raster import share_maps

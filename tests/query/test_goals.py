@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from fastsplat.service.query.goals import FARTHEST, MARGIN, goal_near
-from fastsplat.service.query.occupancy import FREE, OccupancyMap, occupancy_map
+from fastsplat.service.query.surfaces.goals import FARTHEST, MARGIN, goal_near
+from fastsplat.service.query.surfaces.occupancy import FREE, OccupancyMap, occupancy_map
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.query.kept_maps import KEPT_MAP_BYTES, KeptMaps, ThingMap
+from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES, KeptMaps, ThingMap
 
 
 def _drawn(side: int) -> ThingMap:

@@ -17,11 +17,11 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.query.compounds import Compounds
-from fastsplat.service.query.embeddings import TextCache, text_caches
-from fastsplat.service.query.label_meanings import BASE, LabelMeanings
-from fastsplat.service.query.meaning import FILE, MeaningModel, expanded, model_for
-from fastsplat.service.query.name_matching import NameIndex
+from fastsplat.service.query.language.compounds import Compounds
+from fastsplat.service.query.language.embeddings import TextCache, text_caches
+from fastsplat.service.query.language.label_meanings import BASE, LabelMeanings
+from fastsplat.service.query.language.meaning import FILE, MeaningModel, expanded, model_for
+from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
-from fastsplat.service.query.locating import locate
-from fastsplat.service.query.measuring import measure
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.measures.locating import locate
+from fastsplat.service.query.measures.measuring import measure
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.camera import Camera

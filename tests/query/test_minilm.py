@@ -16,9 +16,9 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation.negative_queries import measure_negative_queries, negative_nouns
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
-from fastsplat.service.query.calibration import calibration_for
-from fastsplat.service.query.embeddings import TextCache, embed_labels
-from fastsplat.service.query.probability import label_set
+from fastsplat.service.query.language.calibration import calibration_for
+from fastsplat.service.query.language.embeddings import TextCache, embed_labels
+from fastsplat.service.query.language.probability import label_set
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene

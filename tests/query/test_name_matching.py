@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.query.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene

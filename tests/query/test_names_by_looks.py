@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
-from fastsplat.service.query.names_by_looks import KnownThing, names_by_looks
+from fastsplat.service.query.things.names_by_looks import KnownThing, names_by_looks
 from fastsplat.service.scene.types import Thing
 
 _SIZE = 64

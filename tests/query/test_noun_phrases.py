@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fastsplat.service.query.noun_phrases import noun_groups, noun_phrase, parse_noun_phrase, split_modifiers
+from fastsplat.service.query.language.noun_phrases import noun_groups, noun_phrase, parse_noun_phrase, split_modifiers
 
 
 @pytest.mark.parametrize(

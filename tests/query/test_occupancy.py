@@ -12,8 +12,10 @@ import pytest
 import yaml
 from PIL import Image
 
-from fastsplat.service.application.map_files import map_file
-from fastsplat.service.query.occupancy import (
+from fastsplat.service.application.exporting.map_files import map_file
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.surfaces.occupancy import (
     FREE,
     OCCUPIED,
     UNKNOWN,
@@ -21,9 +23,7 @@ from fastsplat.service.query.occupancy import (
     check_map_frame,
     occupancy_map,
 )
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.surface_views import SurfaceView
+from fastsplat.service.query.surfaces.surface_views import SurfaceView
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera

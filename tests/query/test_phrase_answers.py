@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.relations.drawing import Room, box, crate, drawn_frame, pose_at, scene_of, table
-from fastsplat.service.query.query_text import check_query
+from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of

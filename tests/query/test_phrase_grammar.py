@@ -7,10 +7,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.name_matching import NameIndex
-from fastsplat.service.query.phrase_grammar import MAX_CONDITIONS, MAX_WORDS, parse_question, parsed_questions
-from fastsplat.service.query.phrase_words import MARKERS
-from fastsplat.service.query.phrases import Condition, Phrase, Possession
+from fastsplat.service.query.language.name_matching import NameIndex
+from fastsplat.service.query.phrases.phrase_grammar import MAX_CONDITIONS, MAX_WORDS, parse_question, parsed_questions
+from fastsplat.service.query.phrases.phrase_words import MARKERS
+from fastsplat.service.query.phrases.types import Condition, Phrase, Possession
 
 
 def _written(phrase: Phrase) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.query.pictures import (
+from fastsplat.service.query.drawing.pictures import (
     named_overlay,
     overlay,
     png_bytes,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fastsplat.service.query.probability import (
+from fastsplat.service.query.language.probability import (
     LEAD_LIMIT,
     Logistic,
     Nonconformities,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fastsplat.service.query.relevancy import Scores, cosines, entries, relevancy_scores
+from fastsplat.service.query.language.relevancy import Scores, cosines, entries, relevancy_scores
 
 
 def unit(count: int, seed: int, size: int = 12) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
-from fastsplat.service.query.gaussian_labels import classify_codes
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.gaussian_labels import classify_codes
 from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
-from fastsplat.service.query.prompted_things import split_thing
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.edits.prompted_things import split_thing
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from fastsplat.service.application.geometry_files import mesh_file
+from fastsplat.service.application.exporting.geometry_files import mesh_file
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.surface_mesh import fused, surface_mesh, surface_net
-from fastsplat.service.query.surface_points import cell_keys
-from fastsplat.service.query.surface_views import surface_views
+from fastsplat.service.query.surfaces.surface_mesh import fused, surface_mesh, surface_net
+from fastsplat.service.query.surfaces.surface_points import cell_keys
+from fastsplat.service.query.surfaces.surface_views import surface_views
 from fastsplat_contract.errors import LimitExceededError
 from tests.query.wall import DISTANCE, picture_of, wall_index
 

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 from plyfile import PlyData
 
-from fastsplat.service.application.geometry_files import points_file
+from fastsplat.service.application.exporting.geometry_files import points_file
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.surface_points import surface_points
-from fastsplat.service.query.surface_views import SurfaceView, back_projected, observed, projected, surface_views
+from fastsplat.service.query.surfaces.surface_points import surface_points
+from fastsplat.service.query.surfaces.surface_views import (
+    SurfaceView,
+    back_projected,
+    observed,
+    projected,
+    surface_views,
+)
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from tests.query.wall import DISTANCE, picture_of, wall_index

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.edits import apply_edit
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.thing_detections import detections_of
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing, Things
 from fastsplat_contract.camera import PosedCamera

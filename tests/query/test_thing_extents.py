@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fastsplat.service.query.measuring import measure
+from fastsplat.service.query.measures.measuring import measure
+from fastsplat.service.query.measures.thing_extents import thing_extents, without_strays
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.thing_extents import thing_extents, without_strays
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.places import Place
 from tests.query.box_scenes import BoxShell, orbit, scene_of

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.application.geometry_files import about
-from fastsplat.service.application.scene_recording import SceneRecording, described
-from fastsplat.service.query.aligning import align_scene
-from fastsplat.service.query.edit import Edit
-from fastsplat.service.query.locating import locate
-from fastsplat.service.query.next_viewpoints import next_photos
-from fastsplat.service.query.occupancy import check_map_frame
-from fastsplat.service.query.scale_edits import scale_scene
+from fastsplat.service.application.exporting.geometry_files import about
+from fastsplat.service.application.exporting.scene_recording import SceneRecording, described
+from fastsplat.service.query.edits.aligning import align_scene
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.edits.scale_edits import scale_scene
+from fastsplat.service.query.measures.locating import locate
+from fastsplat.service.query.measures.next_viewpoints import next_photos
+from fastsplat.service.query.measures.thing_detections import detections_of
+from fastsplat.service.query.measures.thing_extents import thing_extents
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.thing_detections import detections_of
-from fastsplat.service.query.thing_extents import thing_extents
+from fastsplat.service.query.surfaces.occupancy import check_map_frame
 from fastsplat.service.scene.things import thing_boxes
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.scene.upright import up_of, vertical_of

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastsplat.service.capture.splat_files.limits import SplatLimits
-from fastsplat.service.capture.splat_files.rows import SplatRows
-from fastsplat.service.capture.splat_files.spz import read_spz
+from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
+from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
 from fastsplat.service.scene.types import Gaussians
 from tests.capture.splat_writers import spz_content

@@ -10,10 +10,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.capture.capture_files import load_capture
+from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.splat_input import load_splat
-from fastsplat.service.capture.upload_validation import validate_upload
+from fastsplat.service.capture.uploads.splat_input import load_splat
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.types import Gaussians

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, Locator, expect
 
-from fastsplat.service.capture.scene_photos import photo_path
+from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.queries import PictureRequest

@@ -14,7 +14,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.withholding import BLANK
+from fastsplat.service.capture.photos.withholding import BLANK
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, NotFoundError

@@ -17,7 +17,7 @@ import safetensors
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.capture.scene_photos import photo_folder, write_photos
+from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.settings import settings_of

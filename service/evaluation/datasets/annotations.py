@@ -20,8 +20,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.bounded_json import read_json
-from fastsplat.service.capture.image_io import load_stored
+from fastsplat.service.capture.formats.bounded_json import read_json
+from fastsplat.service.capture.formats.image_io import load_stored
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.evaluation.datasets.types import Kind
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from fastsplat.service.capture.bounded_json import read_json
-from fastsplat.service.capture.label_maps import LabelTable, match_label_maps, read_label_table
-from fastsplat.service.capture.left_out import LeftOut
-from fastsplat.service.capture.posed_input import PosedDataset, PosedImage, resolve_file
-from fastsplat.service.capture.posed_validation import ImageSizes, read_posed_dataset
+from fastsplat.service.capture.formats.bounded_json import read_json
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.transforms import name_keys
-from fastsplat.service.capture.upload_kind import UploadContents, detect_kind
+from fastsplat.service.capture.uploads.label_maps import LabelTable, match_label_maps, read_label_table
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, resolve_file
+from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_posed_dataset
+from fastsplat.service.capture.uploads.transforms import name_keys
+from fastsplat.service.capture.uploads.upload_kind import UploadContents, detect_kind
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)

@@ -9,13 +9,13 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.camera_model import aspect_error
-from fastsplat.service.capture.image_decoding import load_upright_map, reduce, reduce_ids
-from fastsplat.service.capture.image_io import check_image, load_upright
-from fastsplat.service.capture.label_maps import check_label_map
-from fastsplat.service.capture.posed_input import PosedImage
+from fastsplat.service.capture.formats.image_io import check_image, load_upright
+from fastsplat.service.capture.photos.camera_model import aspect_error
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.view_writer import ViewGeometry, view_geometry
+from fastsplat.service.capture.untrusted.image_decoding import load_upright_map, reduce, reduce_ids
+from fastsplat.service.capture.uploads.label_maps import check_label_map
+from fastsplat.service.capture.uploads.posed_input import PosedImage
+from fastsplat.service.capture.views.view_writer import ViewGeometry, view_geometry
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.evaluation.datasets.annotations import Annotation, Annotations, find_annotations
 from fastsplat.service.evaluation.datasets.layout import Layout, read_layout

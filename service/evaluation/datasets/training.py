@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fastsplat.service.capture.bounded_json import read_json
-from fastsplat.service.capture.image_io import open_map
+from fastsplat.service.capture.formats.bounded_json import read_json
+from fastsplat.service.capture.formats.image_io import open_map
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.atomic import link_or_copy

@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from fastsplat.service import train_more
-from fastsplat.service.capture.kept_capture import kept_capture, kept_lenses
-from fastsplat.service.capture.scene_photos import photo_folder, write_photos
+from fastsplat.service.capture.formats.kept_capture import kept_capture, kept_lenses
+from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from fastsplat.service.capture.depth_maps import load_depth, resample_depth, save_depth
+from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth, save_depth
 from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize

@@ -1,6 +1,6 @@
 import type { Answer, PosedCamera, SceneObject } from "../api/types";
 
-/** What the server writes into the file: see service/application/scene_page.py. */
+/** What the server writes into the file: see service/application/exporting/scene_page.py. */
 export interface SceneData {
   name: string;
   cameras: PosedCamera[];

@@ -1,0 +1,142 @@
+"""A question to all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Callable
+
+import numpy as np
+
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.settings import CallSettings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import (
+    ArtefactError,
+    InvalidInputError,
+    ModelUnavailableError,
+    NotFoundError,
+    NotReadyError,
+    ObjectStoreError,
+    SceneFileError,
+)
+from fastsplat_contract.masks import ViewMask
+from fastsplat_contract.queries import Answer, QueryOut, QueryRequest, SkippedScene
+from fastsplat_contract.scenes import SceneObject
+
+_log = logging.getLogger(__name__)
+
+_MAX_SKIPPED = 1_000
+_OF_GAUSSIANS = frozenset({"mask3d", "objects"})
+
+AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
+"""The answers of one scene, opened, whatever the outputs."""
+
+
+class AllScenes:
+    """What can be asked of all scenes at once.
+
+    Args:
+        store: of one project.
+        calls: the limits.
+        scenes: of that store.
+        memory: that answers are made in.
+        ask_one: opens the scene that a request names.
+    """
+
+    def __init__(
+        self, store: Store, calls: CallSettings, scenes: OpenScenes, memory: MemoryBudget, ask_one: AskOne
+    ) -> None:
+        self._store = store
+        self._calls = calls
+        self._scenes = scenes
+        self._memory = memory
+        self._ask_one = ask_one
+
+    def ask(self, query: TextQuery, request: QueryRequest) -> QueryOut:
+        """The answers of the READY scenes, newest first, and those scenes that were not asked.
+
+        Raises:
+            InvalidInputError: the request holds what belongs to one scene.
+            LimitExceededError, CancelledError: as `Answers.query`.
+        """
+        _check_everywhere(request)
+        ready = self._store.scenes.ready_scene_ids()
+        limit = self._calls.max_queried_scenes
+        answers: list[Answer] = []
+        skipped: list[SkippedScene] = []
+        for scene_id in ready[:limit]:
+            check_cancelled()
+            try:
+                answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
+            except (NotFoundError, NotReadyError):
+                continue  # deleted since it was listed
+            except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
+                _log.warning("scene %s is left out of a question to all: %s", scene_id, error)
+                skipped.append(SkippedScene(scene_id, error.reason, error.message))
+        over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
+        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in ready[limit:])
+        return QueryOut(tuple(answers), tuple(skipped[:_MAX_SKIPPED]), len(skipped))
+
+    def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+        """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
+        version, ranked = self._scenes.ranked(request.scene_id)
+        answers = ranked.answer(
+            query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
+        )
+        present = any(answer.shows_something for answer in answers)
+        if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):
+            return self._ask_one(query, dataclasses.replace(request, version=version))
+        mask3d = None
+        if "mask3d" in request.outputs:
+            with self._memory.reserve(mask3d_bytes(request.mask3d_encoding, len(answers), ranked.blank), "texts"):
+                nothing = np.zeros(len(ranked.blank), dtype=np.bool_)
+                mask3d = encode_mask3d(nothing, request.mask3d_encoding, ranked.blank)
+        objects = () if "objects" in request.outputs else None
+        return tuple(
+            completed(answer, request, version, self._calls, mask3d=mask3d, objects=objects) for answer in answers
+        )
+
+
+def completed(
+    answer: Answer,
+    request: QueryRequest,
+    version: str,
+    calls: CallSettings,
+    *,
+    masks: tuple[ViewMask, ...] = (),
+    mask3d: bytes | None = None,
+    objects: tuple[SceneObject, ...] | None = None,
+) -> Answer:
+    """An answer as it is sent: of which scene and version, with as many matches as are shown, and the outputs."""
+    shown = calls.max_matches if request.max_matches == 0 else request.max_matches
+    return dataclasses.replace(
+        answer,
+        things=answer.things or tuple(thing.thing_id for thing in objects or ()),
+        scene_id=request.scene_id,
+        version=version,
+        matches=answer.matches if shown < 0 else answer.matches[:shown],
+        masks=masks,
+        mask3d=mask3d,
+        objects=objects,
+    )
+
+
+def _check_everywhere(request: QueryRequest) -> None:
+    """Refuse what belongs to one scene."""
+    if "mask2d" in request.outputs:
+        raise InvalidInputError(
+            '"mask2d" needs one scene: cameras belong to a scene', field="outputs", hint="Name the scene."
+        )
+    if request.cameras or request.views or request.asker is not None or request.asker_view is not None:
+        raise InvalidInputError(
+            "cameras, views and where the asker stands belong to one scene",
+            field="scene_id",
+            hint="Name the scene to ask.",
+        )
+    if request.version:
+        raise InvalidInputError("a version belongs to one scene", field="scene_id", hint="Name the scene to ask.")

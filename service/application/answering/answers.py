@@ -1,0 +1,357 @@
+"""Questions to finished scenes: which artefact, asked what, in which form."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from fastsplat.service.application.admin.project_names import KnownNames
+from fastsplat.service.application.answering.all_scenes import AllScenes, completed
+from fastsplat.service.application.answering.costs import check_encodings, check_pixels, rendering_cost
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
+from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of, view_of
+from fastsplat.service.application.answering.pictures import picture, question_of
+from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
+from fastsplat.service.application.base.paging import page_of
+from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
+from fastsplat.service.common.call_scheduling import charge
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import (
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    SceneFileError,
+)
+from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.poses import F64
+from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest
+from fastsplat_contract.scenes import ObjectList
+from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
+
+_Camera = tuple[str, int, PosedCamera]
+"""Name of the scene's own view or "", number in the request, and the view."""
+
+
+class Answers:
+    """What can be asked of finished scenes. Every method is safe from any thread."""
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+        self._memory = memory
+        self._known_names = KnownNames(store, settings)
+        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, self._ask)
+
+    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
+        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
+
+        Cameras, views and versions belong to one scene.
+
+        Raises:
+            NotFoundError: unknown scene, version or view.
+            NotReadyError: the scene's training has not finished, or has failed.
+            InvalidInputError: an empty text, or "mask2d" without a camera or view.
+            LimitExceededError: too many or too long texts, too many or too large cameras.
+            ModelUnavailableError: the scene's text encoder is not in the model directory.
+            CancelledError: nobody waits for the answer any more.
+        """
+        return self.ask(request).answers
+
+    def ask(self, request: QueryRequest) -> QueryOut:
+        """As `query`; a question to all scenes also names those that were not asked: damaged ones, or too many."""
+        query = self._check(request)
+        if request.scene_id:
+            return QueryOut(self._ask(query, request))
+        return self._all_scenes.ask(query, request)
+
+    def picture(self, request: PictureRequest) -> bytes:
+        """One view of a scene as a picture, or as an array file.
+
+        Raises:
+            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
+        """
+        question = question_of(request)
+        query = check_query((question,), self._settings.query) if question else None
+        check_texts(dataclasses.replace(request, scene_id=""))
+
+        def read(index: SceneIndex, _: str) -> bytes:
+            posed = request.camera or view_of(index, request.view or "")
+            index.check_view(posed)
+            gaussians = len(index.scene.gaussians)
+            charge(rendering_cost([posed], 1, gaussians))
+            with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
+                return picture(index, dataclasses.replace(request, camera=posed), query)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
+
+    def scene_ply(self, scene_id: str, version: str = "") -> tuple[Path, str]:
+        """The whole scene as a standard 3DGS PLY file, and its version; never changes once there, gone with the scene.
+
+        Raises:
+            NotFoundError, NotReadyError: as `query`.
+            SceneFileError: its bytes are not those that were published.
+        """
+        version = self._scenes.version(scene_id, version)
+        folder = self._scenes.folder(scene_id, version)
+        path = folder / "scene.ply"
+        try:
+            self._store.blobs.check_version(folder, path.name)
+        except SceneFileError:
+            if folder.is_dir():
+                raise
+        if not path.is_file():
+            raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
+        return path, version
+
+    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
+        """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
+
+        Raises:
+            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
+        """
+        query = check_query((text,), self._settings.query)
+
+        def read(index: SceneIndex, _: str) -> bytes:
+            (answer,) = index.answer(query)
+            with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
+                return mask_ply(index.scene.gaussians, index.mask3d(answer))
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def thing_ids(self, scene_id: str, version: str = "") -> bytes:
+        """Which thing each Gaussian belongs to: little-endian uint16 [G] by row, 0 for none.
+
+        Raises:
+            NotFoundError, NotReadyError: as `query`.
+        """
+        return self._scenes.reading(scene_id, version, lambda index, _: index.things.owner.astype("<u2").tobytes())
+
+    def list_objects(
+        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
+    ) -> ObjectList:
+        """The things of a scene as oriented boxes, in pages as `list_scenes`.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            label: only those of this dictionary entry, by its label or an alias; "" for all.
+            page_size, page_token: as `SceneService.list_scenes`.
+
+        Returns:
+            The page, the token of the next one ("" after the last), and the version that was read.
+
+        Raises:
+            NotFoundError: there is no such scene, version or label.
+            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
+        """
+        size = check_page_size(page_size, self._settings.store)
+
+        def read(index: SceneIndex, read_version: str) -> ObjectList:
+            objects = index.objects
+            if label:
+                label_id = index.scene.dictionary.id_of(label)
+                if label_id is None:
+                    raise NotFoundError(
+                        f"no label {label[:80]!r} in this scene", field="label", hint="List its labels, or ask a query."
+                    )
+                objects = tuple(thing for thing in objects if thing.label_id == label_id)
+            page, token = page_of(objects, size, page_token, f"objects {scene_id} {read_version} {label}")
+            return ObjectList(tuple(page), token, read_version)
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def list_things(
+        self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
+    ) -> ThingList:
+        """Every thing of a scene, with or without a name, by id, in pages as `list_scenes`.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            page_size, page_token: as `SceneService.list_scenes`.
+            parts: whether each thing is followed by its parts.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
+        """
+        size = check_page_size(page_size, self._settings.store)
+
+        def read(index: SceneIndex, read_version: str) -> ThingList:
+            listed = index.things.listed_with_parts if parts else index.things.listed
+            page, token = page_of(
+                listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
+            )
+            return ThingList(self._known_names.suggest(scene_id, index.things.table, page), token, read_version)
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def pick(self, request: PickRequest) -> PickedThing:
+        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask; and the part of it at
+        the pixel or point.
+
+        Raises:
+            NotFoundError: unknown scene, version or view; no thing is there.
+            NotReadyError: as `query`.
+            InvalidInputError: not exactly one of pixel, box and point; a pixel or a box outside the picture; not
+                exactly one of camera and view with a pixel or a box.
+            LimitExceededError: too large a camera.
+        """
+        check_pick(request)
+        check_texts(dataclasses.replace(request, scene_id=""))
+
+        def read(index: SceneIndex, read_version: str) -> PickedThing:
+            posed = view_of(index, request.view) if request.view is not None else request.camera
+            if posed is not None:
+                check_pixels((posed,), 1)
+            things, part_id = index.things, 0
+            if request.point is not None:
+                thing_id = things.at_point(request.point)
+                part_id = things.part_at_point(request.point, thing_id)
+            else:
+                assert posed is not None
+                if request.pixel is not None:
+                    thing_id = things.at_pixel(posed, request.pixel)
+                    part_id = things.part_at_pixel(posed, request.pixel, thing_id)
+                else:
+                    assert request.box is not None
+                    thing_id = things.in_box(posed, request.box)
+            mask = None
+            if posed is not None:
+                inside = things.map(posed) == thing_id
+                mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
+            part = things.get(part_id) if part_id else None
+            (thing,) = self._known_names.suggest(request.scene_id, things.table, (things.get(thing_id),))
+            return PickedThing(thing, mask, read_version, part)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
+
+    def measure(self, request: MeasureRequest) -> Measurement:
+        """How far two places are from each other, how large a thing is, or where a place is.
+
+        Raises:
+            NotFoundError: unknown scene, version, view or thing; nothing is seen at a pixel.
+            NotReadyError: as `query`.
+            InvalidInputError: not one or two places, or one that makes no sense.
+        """
+        check_texts(dataclasses.replace(request, scene_id=""))
+
+        def read(index: SceneIndex, read_version: str) -> Measurement:
+            from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
+
+            gaussians = len(index.scene.gaussians)
+            pixels = [_one_pixel(place.camera) for place in request.places if place.camera is not None]
+            charge(rendering_cost(pixels, 1, gaussians))
+            return measure(index, request.places, read_version)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
+
+    def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+        return self._scenes.reading(
+            request.scene_id, request.version, lambda index, version: self._answer(index, version, query, request)
+        )
+
+    def _answer(self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+        cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+        cameras += [(name, 0, view_of(index, name)) for name in request.views]
+        if "mask2d" in request.outputs:
+            views = [posed for _, _, posed in cameras]
+            check_pixels(views, len(request.texts))
+            for posed in views:
+                index.check_view(posed)
+            charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
+        asker = asker_of(index, request)
+        size, field = _bytes_to_hold(index, cameras, request)
+        with self._memory.reserve(size, field):
+            return self._answered(index, version, query, request, cameras, asker)
+
+    def _answered(
+        self,
+        index: SceneIndex,
+        version: str,
+        query: TextQuery,
+        request: QueryRequest,
+        cameras: list[_Camera],
+        asker: F64 | None,
+    ) -> tuple[Answer, ...]:
+        answers: list[Answer] = []
+        for answer in index.answer(query, asker):
+            masks = []
+            for camera in cameras if "mask2d" in request.outputs else ():
+                check_cancelled()
+                masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
+            mask3d = None
+            if "mask3d" in request.outputs:
+                mask3d = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
+            objects = index.objects_of(answer) if "objects" in request.outputs else None
+            answers.append(
+                completed(
+                    answer,
+                    request,
+                    version,
+                    self._settings.calls,
+                    masks=tuple(masks),
+                    mask3d=mask3d,
+                    objects=objects,
+                )
+            )
+        return tuple(answers)
+
+    def _check(self, request: QueryRequest) -> TextQuery:
+        query = check_query(
+            request.texts,
+            self._settings.query,
+            negatives=request.negatives or None,
+            templates=request.templates or None,
+            coverage=request.coverage,
+        )
+        check_encodings(query)
+        if "mask2d" in request.outputs:
+            check_pixels(request.cameras, len(request.texts))
+        check_texts(dataclasses.replace(request, scene_id=""))  # whatever id there is not is not found
+        if "mask2d" in request.outputs and request.scene_id and not (request.cameras or request.views):
+            raise InvalidInputError(
+                '"mask2d" needs a camera or a view', field="cameras", hint="Send a pose, or the name of a view."
+            )
+        if request.mask3d_encoding == "ply" and "mask3d" in request.outputs and len(request.texts) > 1:
+            raise LimitExceededError(
+                f"{len(request.texts)} texts with their Gaussians as PLY",
+                field="mask3d_encoding",
+                limit="1 text",
+                hint="Ask in several requests, or for another encoding.",
+            )
+        if request.max_matches < -1:
+            raise InvalidInputError(
+                f"{request.max_matches} matches", field="max_matches", hint="-1 means all, 0 the server's default."
+            )
+        limits = self._settings.query
+        count = len(request.cameras) + len(request.views)
+        if count > limits.max_poses:
+            raise LimitExceededError(
+                f"{count} cameras",
+                field="cameras",
+                limit=f"{limits.max_poses} cameras",
+                hint="Ask in several requests.",
+            )
+        return query
+
+
+def _one_pixel(posed: PosedCamera) -> PosedCamera:
+    return dataclasses.replace(posed, camera=dataclasses.replace(posed.camera, width=1, height=1))
+
+
+def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:
+    """The estimated peak of an answer in bytes, and the field that has most of it."""
+    texts, gaussians = len(request.texts), index.scene.gaussians
+    mask2d = mask3d = 0
+    if "mask2d" in request.outputs:
+        mask2d = masks_bytes((posed for _, _, posed in cameras), texts, len(gaussians))
+    if "mask3d" in request.outputs:
+        mask3d = mask3d_bytes(request.mask3d_encoding, texts, gaussians)
+    return mask2d + mask3d, "cameras" if mask2d >= mask3d else "texts"

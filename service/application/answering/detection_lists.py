@@ -1,0 +1,45 @@
+"""The things of finished scenes as robots need them."""
+
+from __future__ import annotations
+
+from fastsplat.service.application.admin.project_names import KnownNames
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.paging import page_of
+from fastsplat.service.application.base.validate import check_page_size, check_texts
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.detection_messages import DetectionList
+
+
+class Detections:
+    """Records of things with all that is known of them. Every method is safe from any thread."""
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
+        self._settings = settings
+        self._scenes = scenes
+        self._known_names = KnownNames(store, settings)
+
+    def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
+        """Every thing of a scene, by id, in pages as `SceneService.list_scenes`; its parts are not among them.
+
+        Args:
+            scene_id: which scene.
+            version: of the scene; "" is the current one.
+            page_size, page_token: as `SceneService.list_scenes`.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
+        """
+        from fastsplat.service.query.measures.thing_detections import detections_of  # scipy loads with the first call
+
+        check_texts(version, "version")
+        size = check_page_size(page_size, self._settings.store)
+
+        def read(index: SceneIndex, read_version: str) -> DetectionList:
+            page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
+            named = self._known_names.suggest(scene_id, index.things.table, page)
+            return detections_of(index, named, read_version, token)
+
+        return self._scenes.reading(scene_id, version, read)

@@ -1,0 +1,97 @@
+"""Decoded photos to their places in a scene, what is seen from there, and what they show that the scene does not."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.uploads.sent_photos import SentPhoto
+from fastsplat.service.localization.acceptance import explanation_of
+from fastsplat.service.localization.differences import find_differences
+from fastsplat.service.localization.landmarks import Landmarks
+from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
+from fastsplat.service.localization.photometric_refinement import small_camera
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.localize_messages import LocalizedPhoto, PhotoDifference, ThingInView
+from fastsplat_contract.thing_prompts import PixelBox
+
+_LEAST_SHARE = 0.001
+_VIEW_SIDE = 256
+
+
+def localized_photos(
+    index: SceneIndex,
+    landmarks: Landmarks,
+    sent: Sequence[SentPhoto],
+    focals: Sequence[float | None],
+    rough: Sequence[NDArray[np.float64]],
+) -> tuple[LocalizedPhoto, ...]:
+    """One answer for each photo, in order.
+
+    Args:
+        index: of the scene's version.
+        landmarks: of that version.
+        sent: the photos.
+        focals: pixels of each photo as it was sent; None: the photo's own, or unknown.
+        rough: float64 [4, 4] each, world from camera; none, or one for each photo.
+
+    Raises:
+        CancelledError: see `service.common.cancellation`.
+    """
+    photos = [_photo(one, focal) for one, focal in zip(sent, focals, strict=True)]
+    placed = place_photos(photos, landmarks, index.geometry, rough)
+    return tuple(_answer(index, one, own) for one, own in zip(sent, placed, strict=True))
+
+
+def _photo(sent: SentPhoto, focal: float | None) -> Photo:
+    if focal is not None:
+        return Photo(sent.pixels, focal / max(sent.size), "given")
+    return Photo(sent.pixels, sent.focal, "metadata")
+
+
+def _answer(index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto) -> LocalizedPhoto:
+    evidence = placed.evidence
+    camera: PosedCamera | None = None
+    differences: tuple[PhotoDifference, ...] = ()
+    things: tuple[ThingInView, ...] = ()
+    if placed.posed is not None and placed.comparison is not None:
+        camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
+        differences = tuple(
+            PhotoDifference(found.kind, PixelBox(*found.box), found.strength)
+            for found in find_differences(placed.comparison, sent.size)
+        )
+        things = _things(index, camera)
+    return LocalizedPhoto(
+        refusal=placed.refusal,
+        explanation=explanation_of(placed.refusal, evidence),
+        camera=camera,
+        radial=placed.radial,
+        covariance=() if placed.covariance is None else tuple(placed.covariance.ravel().tolist()),
+        focal_source=None if camera is None else placed.focal_source,
+        inliers=evidence.inliers,
+        inlier_share=evidence.inlier_share,
+        spread=evidence.spread,
+        agreement=evidence.agreement,
+        refined=placed.refined,
+        things=things,
+        differences=differences,
+    )
+
+
+def _things(index: SceneIndex, posed: PosedCamera) -> tuple[ThingInView, ...]:
+    small = small_camera(posed, _VIEW_SIDE)
+    ids = index.things.map(small)
+    x, y = posed.camera.width / small.camera.width, posed.camera.height / small.camera.height
+    seen = []
+    for thing_id, pixels in zip(*np.unique(ids[ids > 0], return_counts=True), strict=True):
+        share = float(pixels / ids.size)
+        if share < _LEAST_SHARE:
+            continue
+        rows, columns = np.nonzero(ids == thing_id)
+        box = PixelBox(columns.min() * x, rows.min() * y, (columns.max() + 1) * x, (rows.max() + 1) * y)
+        seen.append(ThingInView(int(thing_id), index.things.get(int(thing_id)).name, share, PixelBox(*map(float, box))))
+    return tuple(sorted(seen, key=lambda thing: (-thing.share, thing.thing_id)))

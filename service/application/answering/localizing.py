@@ -1,0 +1,166 @@
+"""Photos of a request and their places in a finished scene: what is checked, what it costs, and the answer."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastsplat.service.application.answering.kept_landmarks import KeptLandmarks
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
+from fastsplat.service.application.base.validate import check_texts
+from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
+from fastsplat.service.common.call_scheduling import charge
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.localize_messages import Localization, LocalizeRequest
+
+if TYPE_CHECKING:  # torch and pycolmap load when they are used
+    from fastsplat.service.query.scene_index import SceneIndex
+
+MAX_PHOTOS_BYTES = 32 * 2**20
+"""Bytes of all photos of a request over REST; over gRPC a message has at most 4 MiB."""
+
+_PHOTO_COST = 2.0**23
+"""Finding a photo's keypoints takes about as long as rendering so many pixels, and its pose as long again."""
+_WORK_BYTES = 192 << 20
+"""Of finding keypoints and matches of one photo after the other, at the default sizes."""
+
+
+class Localizing:
+    """Photos localized in finished scenes. Every method is safe from any thread.
+
+    Args:
+        store, scenes: of a project.
+        settings: the server's.
+        memory: counts what is held and kept.
+    """
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+        self._memory = memory
+        self._landmarks = KeptLandmarks(settings.localization, memory)
+        self._decoder = SparePhotoDecoder(settings.capture)
+
+    def over(self, store: Store, scenes: OpenScenes) -> Localizing:
+        """The same, and what it keeps, with the scenes of another view of the store."""
+        other = copy.copy(self)
+        other._store, other._scenes = store, scenes
+        return other
+
+    def close(self) -> None:
+        """End what waits for the next request."""
+        self._decoder.close()
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._landmarks.forget(scene_id)
+
+    def localize(self, request: LocalizeRequest) -> Localization:
+        """Where photos were taken, what is seen from there, and what they show that the scene does not.
+
+        A photo that finds no place it can be sure of is answered with the reason, and without a pose.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError: it is still being made, or no photos are kept with it.
+            InvalidInputError: no photo, an empty or damaged one, other numbers of focal lengths or poses than photos,
+                or focal lengths that cannot be.
+            LimitExceededError: too many photos, or too large ones.
+            ResourceError: decoding a photo took more than it may.
+        """
+        from fastsplat.service.application.answering.localized_photos import localized_photos
+
+        check_photos(request, self._settings)
+        side = self._settings.localization.max_side
+        square = Camera(side, side, float(side), float(side), side / 2, side / 2)
+
+        def read(index: SceneIndex, version: str) -> Localization:
+            gaussians = len(index.scene.gaussians)
+            charge(len(request.photos) * (2 * _PHOTO_COST + 8 * gaussians))
+            picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
+            with self._memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
+                folder = self._scenes.folder(request.scene_id, version)
+                landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
+                sent = self._decoder.decode(request.photos, side)
+                rough = [pose.matrix() for pose in request.poses]
+                answers = localized_photos(index, landmarks, sent, _focals(request), rough)
+            return Localization(answers, index.scene.scale == "METRIC", version)
+
+        try:
+            return self._scenes.reading(request.scene_id, request.version, read)
+        finally:
+            self._prepare()
+
+    def _prepare(self) -> None:
+        if self._decoder.prepare() and not self._memory.keep(DECODER_BYTES, self._decoder.drop):
+            self._decoder.drop()
+
+
+def check_photos(request: LocalizeRequest, settings: Settings) -> None:
+    """Raise unless the photos of a request may be looked at; nothing is decoded.
+
+    Raises:
+        InvalidInputError, LimitExceededError: with the field.
+    """
+    check_texts(request.version, "version")
+    limits, count = settings.localization, len(request.photos)
+    if not count:
+        raise InvalidInputError("no photos", field="photos", hint="Send one or more image files.")
+    if count > limits.max_photos:
+        raise LimitExceededError(
+            f"{count} photos",
+            field="photos",
+            limit=f"{limits.max_photos} photos (FASTSPLAT_LOCALIZATION__MAX_PHOTOS)",
+            hint="Send them in several requests.",
+        )
+    for number, photo in enumerate(request.photos):
+        if not photo:
+            raise InvalidInputError("an empty file", field=f"photos[{number}]", hint="Send the bytes of an image file.")
+    size = sum(map(len, request.photos))
+    if size > MAX_PHOTOS_BYTES:
+        raise too_many_bytes(size)
+    if len(request.focals) not in (0, 1, count):
+        raise InvalidInputError(
+            f"{len(request.focals)} focal lengths for {count} photos",
+            field="focals",
+            hint="Send one for each photo, one for all, or none.",
+        )
+    for number, focal in enumerate(request.focals):
+        if not (math.isfinite(focal) and focal > 0):
+            raise InvalidInputError(
+                f"a focal length of {focal:g} pixels", field=f"focals[{number}]", hint="Send pixels, above 0."
+            )
+    if len(request.poses) not in (0, count):
+        raise InvalidInputError(
+            f"{len(request.poses)} poses for {count} photos", field="poses", hint="Send one for each photo, or none."
+        )
+    for number, pose in enumerate(request.poses):
+        if not all(map(math.isfinite, (*pose.position, *pose.orientation))):
+            raise InvalidInputError(
+                "a pose with NaN or infinity", field=f"poses[{number}]", hint="Send finite numbers."
+            )
+
+
+def too_many_bytes(size: int) -> LimitExceededError:
+    """The error of photos that are too large together."""
+    return LimitExceededError(
+        f"photos of {size} bytes",
+        field="photos",
+        limit=f"{MAX_PHOTOS_BYTES} bytes, all photos together",
+        hint="Send smaller versions: 1,600 pixels are enough.",
+    )
+
+
+def _focals(request: LocalizeRequest) -> Sequence[float | None]:
+    if not request.focals:
+        return [None] * len(request.photos)
+    return list(request.focals) * (len(request.photos) if len(request.focals) == 1 else 1)

@@ -1,0 +1,46 @@
+"""Masks of an answer in the encodings that a request may ask for."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.drawing.pictures import png_bytes
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.types import Gaussians
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, Segmentation, ViewMask, encode_rle, pack_mask3d
+from fastsplat_contract.queries import Answer
+
+
+def view_mask(
+    index: SceneIndex, answer: Answer, view: str, camera_index: int, posed: PosedCamera, encoding: MaskEncoding
+) -> ViewMask:
+    """Where an answer is in one camera."""
+    return encoded_mask(index.mask(answer, posed), view, camera_index, encoding)
+
+
+def encoded_mask(mask: NDArray[np.bool_], view: str, camera_index: int, encoding: MaskEncoding) -> ViewMask:
+    """A bool [H, W] mask as it travels."""
+    area = int(mask.sum())
+    if encoding == "png":
+        return ViewMask(view, camera_index, None, png_bytes(mask.astype(np.uint8) * 255), area)
+    height, width = mask.shape
+    return ViewMask(view, camera_index, Segmentation((height, width), encode_rle(mask)), None, area)
+
+
+def encode_mask3d(mask: NDArray[np.bool_], encoding: Mask3dEncoding, gaussians: Gaussians) -> bytes:
+    """A bool [G] mask as `QueryRequest.mask3d_encoding` describes."""
+    return mask_ply(gaussians, mask) if encoding == "ply" else pack_mask3d(mask, encoding)
+
+
+def mask_ply(gaussians: Gaussians, mask: NDArray[np.bool_]) -> bytes:
+    """Just these Gaussians as a 3DGS PLY."""
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+        path = Path(folder) / "mask.ply"
+        write_ply(gaussians, path, rows=mask)
+        return path.read_bytes()

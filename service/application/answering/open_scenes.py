@@ -1,0 +1,229 @@
+"""Open scenes: mapped from disk with the first question, kept under a memory budget, one entry a version."""
+
+from __future__ import annotations
+
+import copy
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.query.language.embeddings import TextCaches, text_caches
+from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
+from fastsplat.service.scene.scene_files import read_scene
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
+from fastsplat_contract.poses import F64
+from fastsplat_contract.queries import QueryIn
+
+if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.types import TextEncoder
+
+T = TypeVar("T")
+_TRIES = 3
+_COPIES = 2
+"""A scene weighs its mapped pages and the renderer's own activated arrays; and, open, the maps that it keeps."""
+
+
+class OpenScenes:
+    """Scenes ready to be asked, the text encoders with their recent embeddings, and the lexicon, shared by all
+    threads."""
+
+    def __init__(self, store: Store, settings: Settings, memory: MemoryBudget) -> None:
+        self._store = store
+        self._settings = settings
+        self._memory = memory
+        self._open: LeastRecentlyUsed[tuple[str, str], SceneIndex] = LeastRecentlyUsed(
+            settings.calls.scene_memory_bytes
+        )
+        self._ranked: LeastRecentlyUsed[tuple[str, str], RankedScene] = LeastRecentlyUsed(
+            settings.calls.ranking_memory_bytes
+        )
+        self._encoders: dict[str, TextEncoder] = {}
+        self._lexicons: dict[str, Lexicon] = {}
+        self._caches: dict[str, TextCaches] = {}
+        self._encoder_lock = threading.Lock()
+
+    def over(self, store: Store) -> OpenScenes:
+        """The same memory, encoders and lexicon, with the scenes, and the embeddings, of another view of the store."""
+        other = copy.copy(self)
+        other._store = store
+        return other
+
+    def count(self) -> int:
+        """How many are open."""
+        return len(self._open)
+
+    def close(self) -> None:
+        """Let go of every open scene."""
+        self._open.drop(lambda key: True)
+        self._ranked.drop(lambda key: True)
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._open.drop(lambda key: key[0] == scene_id)
+        self._ranked.drop(lambda key: key[0] == scene_id)
+
+    def reading(self, scene_id: str, version: str, use: Callable[[SceneIndex, str], T]) -> T:
+        """Call `use` with an open version of a scene, and its name; "" is the current one.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError: it is still being made, or its job failed.
+            SceneFileError: its files are damaged, or missing.
+            LimitExceededError, CancelledError, DeadlineExceededError, CallAgainError: as `MemoryBudget.opening`.
+        """
+        name = self.version(scene_id, version)
+        folder = self.folder(scene_id, name)
+        index = self._open.get((scene_id, name), lambda: _weigh_open(folder), lambda: self._load(scene_id, name))
+        return use(index, name)
+
+    def ranked(self, scene_id: str) -> tuple[str, RankedScene]:
+        """The name of a scene's current version, and what that answers without its Gaussians. It is kept under a memory
+        budget of its own: the version is opened for it with the first question, and may leave before it.
+
+        Raises:
+            NotFoundError, NotReadyError, SceneFileError, LimitExceededError, CancelledError, DeadlineExceededError,
+                CallAgainError: as `reading`.
+        """
+        name = self.version(scene_id, "")
+        made: list[RankedScene] = []
+
+        def weigh() -> int:
+            made.append(self.reading(scene_id, name, lambda index, _: index.ranked))
+            return made[0].nbytes
+
+        return name, self._ranked.get((scene_id, name), weigh, lambda: made[0])
+
+    def keep(self, scene_id: str, version: str, index: SceneIndex) -> None:
+        """Hold a version open that was just written, so that the first question does not read it back."""
+        folder = self.folder(scene_id, version)
+        self._open.get((scene_id, version), lambda: _weigh_open(folder), lambda: index)
+
+    def version(self, scene_id: str, version: str) -> str:
+        """The name of a version that can be read; "" stands for the current one.
+
+        Raises:
+            NotFoundError, NotReadyError: as `reading`.
+        """
+        state, current, operation_id = self._store.scenes.current_version(scene_id)
+        if state != "READY":
+            problem, hint = {
+                "TRAINING": (f"scene {scene_id!r} is still being made", "Wait for"),
+                "FAILED": (f"the job of scene {scene_id!r} failed", "Look at the error of, or retry,"),
+                "CANCELLED": (f"the job of scene {scene_id!r} was cancelled", "Retry"),
+            }[state]
+            raise NotReadyError(problem, field="scene", hint=f"{hint} operation {operation_id}.")
+        if version and version != current and not self._store.versions.known(scene_id, version):
+            raise NotFoundError(
+                f"scene {scene_id!r} has no version {version[:80]!r}",
+                field="version",
+                hint="List its versions, or leave the version out for the current one.",
+            )
+        return version or current
+
+    def folder(self, scene_id: str, version: str) -> Path:
+        """Where a version's files are.
+
+        Raises:
+            NotFoundError: the scene was deleted meanwhile.
+        """
+        folder = self._store.blobs.fetch_version(scene_id, version)
+        if folder is None:
+            raise _deleted(scene_id)
+        return folder
+
+    def _load(self, scene_id: str, version: str) -> SceneIndex:
+        for _ in range(_TRIES):  # this machine's copy may leave, for others', before it is open
+            folder = self.folder(scene_id, version)
+            with self._memory.opening(_weigh(folder)):
+                try:
+                    scene = read_scene(folder / "artefact")
+                except NotFoundError:
+                    continue
+                return self.index_of(scene)
+        if self.folder(scene_id, version).is_dir():
+            raise SceneFileError(
+                f"version {version} of scene {scene_id} has no folder artefact",
+                field="scene",
+                hint="Restore the scene's folder from a backup, or train it again.",
+            )
+        raise _deleted(scene_id)
+
+    def index_of(self, scene: Scene) -> SceneIndex:
+        """A scene, from no folder, ready to be asked; it is not kept."""
+        encoder = self._encoder(scene.text_encoder[0])
+        caches = self._caches_of(encoder)
+        return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
+
+    def _encoder(self, name: str) -> TextEncoder:
+        from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+
+        with self._encoder_lock:
+            if name not in self._encoders:
+                self._encoders[name] = open_text_encoder(name, self._settings.models)
+            return self._encoders[name]
+
+    def _caches_of(self, encoder: TextEncoder) -> TextCaches:
+        with self._encoder_lock:
+            if encoder.name not in self._caches:
+                self._caches[encoder.name] = text_caches(encoder, self._settings.query)
+            return self._caches[encoder.name].of(self._store.project)
+
+    def _lexicon(self) -> Lexicon | None:
+        from fastsplat.service.perception.lexicon.open_lexicon import find_lexicon
+
+        name = self._settings.perception.lexicon
+        with self._encoder_lock:
+            if name not in self._lexicons and (opened := find_lexicon(name, self._settings.models)) is not None:
+                self._lexicons[name] = opened
+            return self._lexicons.get(name)
+
+
+def view_of(index: SceneIndex, name: str) -> PosedCamera:
+    """One of the scene's own cameras.
+
+    Raises:
+        NotFoundError: there is none of that name.
+    """
+    return index.view(name)
+
+
+def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
+    """float64 [4, 4], where who asks stands: world from camera, OpenCV axes; None where the request does not say.
+
+    Raises:
+        InvalidInputError: it says it twice.
+        NotFoundError: the scene has no such view.
+    """
+    if request.asker is not None and request.asker_view is not None:
+        raise InvalidInputError("asker and asker_view at once", field="asker_view", hint="Send one of them.")
+    if request.asker_view is None:
+        return None if request.asker is None else request.asker.matrix()
+    try:
+        return view_of(index, request.asker_view).world_from_camera
+    except NotFoundError as error:
+        raise NotFoundError(error.message, field="asker_view", hint=error.hint) from error
+
+
+def _weigh(folder: Path) -> int:
+    try:
+        return _COPIES * sum(path.stat().st_size for path in (folder / "artefact").glob("*") if path.is_file())
+    except FileNotFoundError:  # being removed, as reading it will tell
+        return 0
+
+
+def _weigh_open(folder: Path) -> int:
+    return _weigh(folder) + KEPT_MAP_BYTES
+
+
+def _deleted(scene_id: str) -> NotFoundError:
+    return NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")

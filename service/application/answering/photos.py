@@ -1,0 +1,183 @@
+"""The photos that are stored with finished scenes, and which of a scene's cameras show some things best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
+from fastsplat.service.application.answering.mask_encodings import encoded_mask
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
+from fastsplat.service.application.base.paging import page_of
+from fastsplat.service.application.base.validate import check_page_size, check_texts
+from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.common.call_scheduling import charge
+from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.next_photo_messages import NextPhotoList
+from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+
+MAX_VIEWS = 16
+_USUAL_VIEWS = 3
+_MAX_NAMED = 20
+
+
+class Photos:
+    """The photos of scenes. Every method is safe from any thread."""
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+        self._memory = memory
+
+    def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
+        """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
+        none for a scene of a release before photos were stored, and where the settings store none.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        version, names, folder = self._cameras(scene_id, version)
+        page, token = page_of(tuple(enumerate(names)), size, page_token, f"photos {scene_id} {version}")
+        sizes = ((name, size_of(photo_path(folder, number))) for number, name in page)
+        return PhotoList(tuple(ScenePhoto(name, size) for name, size in sizes if size), token, version)
+
+    def path(self, scene_id: str, view: str, version: str = "") -> tuple[Path, str]:
+        """The JPEG file of one camera's photo, and its version; never changes once there, gone with the scene.
+
+        Raises:
+            NotFoundError: there is no such scene, version or view, or no photo of it is stored.
+            NotReadyError: as `Answers.query`.
+            SceneFileError: its bytes are not those that were published.
+        """
+        check_texts(view, "view")
+        version, names, folder = self._cameras(scene_id, version)
+        if view not in names:
+            known = ", ".join(names[:_MAX_NAMED])
+            raise NotFoundError(
+                f"no view {view[:80]!r} in this scene", field="view", hint=f"Its views are: {known[:2_000]}."
+            )
+        path = photo_path(folder, names.index(view))
+        if path.is_file():
+            try:
+                self._store.blobs.check_version(folder, path.relative_to(folder).as_posix())
+            except SceneFileError:
+                if folder.is_dir():
+                    raise
+            else:
+                return path, version
+        if not folder.is_dir():
+            raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
+        raise NotFoundError(
+            f"no photo of view {view[:80]!r} is stored with this scene",
+            field="view",
+            hint="They are stored with scenes that are made of photos while FASTSPLAT_PHOTOS__KEEP is on. The picture "
+            '"rgb" of the view shows the scene itself.',
+        )
+
+    def next_photos(self, scene_id: str, version: str = "") -> NextPhotoList:
+        """Where to stand for the next photos of a scene: at most three places, the most useful first; none where no
+        place would add much, and for a scene without cameras.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError: as `Answers.query`.
+        """
+        from fastsplat.service.query.measures.next_viewpoints import next_photos  # scipy loads with the first call
+
+        check_texts(version, "version")
+        return self._scenes.reading(scene_id, version, lambda index, name: NextPhotoList(next_photos(index), name))
+
+    def best_views(
+        self, scene_id: str, things: Sequence[int] = (), text: str = "", max_views: int = 0, version: str = ""
+    ) -> BestViewList:
+        """Which of a scene's cameras show some things best: by the share of their pictures that shows them, behind
+        nothing; what is cut off by the picture's edge counts less. None where no camera shows them, and where nothing
+        answers.
+
+        Args:
+            scene_id: which scene.
+            things: ids of things or parts, seen together.
+            text: instead of `things`: those that answer it.
+            max_views: at most so many; 0: three.
+            version: of the scene; "" is the current one.
+
+        Raises:
+            NotFoundError: there is no such scene, version or thing.
+            NotReadyError: as `Answers.query`.
+            InvalidInputError: not exactly one of things and text; a negative number of views.
+            LimitExceededError: more than 16 views, or too long a text.
+        """
+        check_texts(version, "version")
+        if bool(things) == bool(text):
+            raise InvalidInputError(
+                "best views need exactly one of things and text", field="things", hint="Send ids of things, or a text."
+            )
+        if max_views < 0:
+            raise InvalidInputError(f"{max_views} views", field="max_views", hint="0 is the server's default.")
+        if max_views > MAX_VIEWS:
+            raise LimitExceededError(
+                f"{max_views} views", field="max_views", limit=f"{MAX_VIEWS} views", hint="Ask for fewer."
+            )
+        query = check_query((text,), self._settings.query) if text else None
+        if query is not None:
+            check_encodings(query)
+        version, names, folder = self._cameras(scene_id, version)
+        has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
+
+        def read(index: SceneIndex, read_version: str) -> BestViewList:
+            if query is None:
+                index.things.check_all(things)
+            thing_ids = tuple(dict.fromkeys(things)) if query is None else _answering(index, query)
+            if not thing_ids or not index.scene.cameras:
+                return BestViewList((), read_version)
+            count, gaussians = max_views or _USUAL_VIEWS, len(index.scene.gaussians)
+            posed = small_view(index.scene.cameras[0])
+            charge(rendering_cost([posed] * min(count + CANDIDATES, len(index.scene.cameras)), 1, gaussians))
+            with self._memory.reserve(picture_bytes("thing_map", posed, gaussians), "things"):
+                best = best_thing_views(index, thing_ids, count)
+            return BestViewList(
+                tuple(
+                    BestView(
+                        view.name,
+                        view.share,
+                        view.cut_off,
+                        view.name in has_photo,
+                        encoded_mask(view.mask, view.name, 0, "rle"),
+                    )
+                    for view in best
+                ),
+                read_version,
+            )
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
+        """The version that is meant, the names of the scene's cameras in order, and the version's folder."""
+        version = self._scenes.version(scene_id, version)
+        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).cameras)
+        return version, names, self._scenes.folder(scene_id, version)
+
+
+def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
+    """The ids of the things that answer a text."""
+    (answer,) = index.answer(query)
+    if answer.verdict == "absent":
+        return ()
+    return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a file, 0 if it is not there."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return 0

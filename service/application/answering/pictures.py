@@ -1,0 +1,166 @@
+"""One view of a scene as a picture or as an array file."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, PngImagePlugin
+
+from fastsplat.service.application.answering.open_scenes import view_of
+from fastsplat.service.query.drawing import pictures
+from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.queries import PictureKind, PictureRequest
+
+_ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
+_ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")
+_EXACT: tuple[PictureKind, ...] = ("mask", *_ARRAYS)
+"""Kinds whose values mean something, so that no format may change them."""
+DEPTH_SCALE = 0.001
+_FARTHEST = 65_535
+
+
+def question_of(request: PictureRequest) -> str:
+    """The text whose answer the picture shows, "" for a kind that shows none.
+
+    Raises:
+        InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
+            text, numpy's format for what is a picture, JPEG for what has to be exact, a depth scale that is none, tints
+            on another kind than rgb.
+    """
+    if (request.camera is None) == (request.view is None):
+        raise InvalidInputError(
+            "a picture needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
+    kind, kinds = request.kind, get_args(PictureKind)
+    if kind not in kinds:
+        named = ", ".join(f'"{known}"' for known in kinds)
+        raise InvalidInputError(f"no picture of kind {kind[:40]!r}", field="kind", hint=f"Use one of {named}.")
+    if kind in _ASKING and not request.text:
+        raise InvalidInputError(f'a picture of kind "{kind}" needs a text', field="text")
+    if request.format == "npy" and kind not in _ARRAYS:
+        raise InvalidInputError(
+            f'"{kind}" is a picture, not an array',
+            field="format",
+            hint=f'Use "png", or ask for {", ".join(_ARRAYS)}.',
+        )
+    if request.format == "jpeg" and kind in _EXACT:
+        raise InvalidInputError(
+            f'JPEG would change the values of "{kind}"', field="format", hint='Use "png", which keeps them.'
+        )
+    if kind != "rgb" and (request.tints or request.dimming):
+        raise InvalidInputError(
+            f'tints and dimming on a picture of kind "{kind}"',
+            field="tints" if request.tints else "dimming",
+            hint='They are for "rgb".',
+        )
+    if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
+        raise InvalidInputError(
+            f"a depth scale of {request.depth_scale}",
+            field="depth_scale",
+            hint="Scene units a step, above 0; 0.001 is usual.",
+        )
+    return request.text or "" if kind in _ASKING else ""
+
+
+def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None) -> bytes:
+    """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked.
+
+    Raises:
+        NotFoundError: the scene has no such view, or not a thing that is tinted.
+    """
+    posed = request.camera or view_of(index, request.view or "")
+    kind, image_format = request.kind, request.format
+    if kind in ("label_map", "thing_map"):
+        ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)
+        return _npy(ids) if image_format == "npy" else _png16(ids)
+    if kind == "depth":
+        depth = index.depth(posed)
+        return _npy(depth) if image_format == "npy" else _depth_png(depth, request.depth_scale or DEPTH_SCALE)
+    if kind in ("normals", "confidence"):
+        seen = index.geometry(posed)
+        if image_format == "npy":
+            return _npy(seen.normals if kind == "normals" else seen.confidence)
+        if kind == "normals":
+            return pictures.png_bytes(_normals_picture(seen.normals))
+        return _png16(np.rint(seen.confidence.clip(0, 1) * _FARTHEST).astype(np.uint16))
+    image = _image(index, posed, request, query)
+    return pictures.jpeg_bytes(image) if image_format == "jpeg" else pictures.png_bytes(image)
+
+
+def _image(index: SceneIndex, posed: PosedCamera, request: PictureRequest, query: TextQuery | None) -> pictures.U8:
+    """uint8 [H, W, 3], or [H, W] of a mask."""
+    if request.kind == "rgb":
+        rgb = index.render(posed)
+        return _tinted(index, posed, rgb, request) if request.tints or request.dimming else rgb
+    if request.kind == "things":
+        by_id = {thing.id: thing.name for thing in index.things.present}
+        return pictures.things_picture(index.render(posed), index.thing_map(posed), by_id)
+    if request.kind == "depth_picture":
+        return _depth_picture(index.depth(posed))
+    assert query is not None
+    (answer,) = index.answer(query, posed.world_from_camera)  # "left of" is as in this picture
+    mask2d = index.mask2d(answer, posed)
+    if request.kind == "mask":
+        return np.asarray(mask2d.mask.astype(np.uint8) * 255)
+    if request.kind == "relevancy":
+        return pictures.relevancy_picture(mask2d.rgb, mask2d.relevancy)
+    names = [(match.label_id, match.label) for match in answer.matches if match.relevant]
+    return pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names)
+
+
+def _tinted(index: SceneIndex, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest) -> pictures.U8:
+    """The picture with the request's tints."""
+    things = index.things
+    for number, tint in enumerate(request.tints):
+        things.check_all(tint.things, field=f"tints[{number}].things")
+    ids = things.map(posed)
+    tinted = {thing_id for tint in request.tints for thing_id in tint.things}
+    if parts := [part.id for part in things.present_parts if part.id in tinted]:
+        drawn = things.part_map(posed)
+        ids = np.where(np.isin(drawn, parts), drawn, ids)
+    return pictures.tinted_picture(rgb, ids, request.tints, request.dimming)
+
+
+def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:
+    """16-bit steps of `scale`; what is there is at least 1, and 65535 means so far or farther."""
+    steps = np.clip(np.rint(depth.astype(np.float64) / scale), 1, _FARTHEST)
+    return _png16(np.where(depth > 0, steps, 0).astype(np.uint16), {"depth_scale": repr(scale)})
+
+
+def _depth_picture(depth: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Turbo over the range of depths that are there; near is red, nothing is black."""
+    there = depth > 0
+    if not there.any():
+        return np.zeros((*depth.shape, 3), dtype=np.uint8)
+    near, far = depth[there].min(), depth[there].max()
+    coloured = pictures.turbo((far - depth) / max(far - near, 1e-9))
+    coloured[~there] = 0
+    return coloured
+
+
+def _normals_picture(normals: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(n + 1) / 2 of the world's x y z in red, green and blue; black where there is no surface."""
+    colored = np.asarray(np.rint((normals + 1) * 127.5), np.uint8)
+    colored[~normals.any(axis=-1)] = 0
+    return colored
+
+
+def _png16(values: NDArray[np.uint16], texts: dict[str, str] | None = None) -> bytes:
+    info = PngImagePlugin.PngInfo()
+    for name, text in (texts or {}).items():
+        info.add_text(name, text)
+    file = BytesIO()
+    Image.fromarray(np.ascontiguousarray(values)).save(file, format="PNG", pnginfo=info)
+    return file.getvalue()
+
+
+def _npy(values: NDArray[Any]) -> bytes:
+    file = BytesIO()
+    np.save(file, values, allow_pickle=False)
+    return file.getvalue()

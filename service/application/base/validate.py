@@ -1,0 +1,279 @@
+"""Limits on what a request may say, checked before any work."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import get_args
+
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.planning.presets import preset_name
+from fastsplat.service.settings import Settings, StoreOptions
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.thing_messages import PickRequest
+
+_MAX_NAME_CHARS = 200
+"""Characters of a scene's name."""
+_MAX_TIME_BUDGET_S = 24 * 3600.0
+"""Seconds of training that one scene may ask for."""
+
+_DEFAULT_PAGE = 50
+
+
+def check_texts(value: object, field: str = "") -> None:
+    """Raise if any text inside a request cannot be stored or sent: one with a NUL or a lone surrogate.
+
+    Args:
+        value: a text, a number, or a dataclass, tuple or set of such.
+        field: where it stands in the request.
+
+    Raises:
+        InvalidInputError: with the field of the text.
+    """
+    if isinstance(value, str):
+        if re.search("[\0\ud800-\udfff]", value):
+            raise InvalidInputError(
+                "a text with a NUL character or half of a surrogate pair",
+                field=field,
+                hint="Send plain Unicode text.",
+            )
+    elif is_dataclass(value) and not isinstance(value, type):
+        for part in fields(value):
+            check_texts(getattr(value, part.name), f"{field}.{part.name}" if field else part.name)
+    elif isinstance(value, (tuple, list)):
+        for number, part in enumerate(value):
+            check_texts(part, f"{field}[{number}]")
+    elif isinstance(value, (set, frozenset)):
+        for part in value:
+            check_texts(part, field)
+
+
+def check_pick(request: PickRequest) -> None:
+    """Raise unless a request to pick a thing says one place, and from where it is seen if it is in a picture.
+
+    Raises:
+        InvalidInputError: it does not.
+    """
+    places = [name for name in ("pixel", "box", "point") if getattr(request, name) is not None]
+    if len(places) != 1:
+        raise InvalidInputError(
+            f"{len(places)} places to pick at",
+            field=(places or ["pixel"])[-1],
+            hint="Send one of pixel, box and point.",
+        )
+    cameras = (request.camera is not None) + (request.view is not None)
+    if cameras > 1 or (cameras == 0 and places != ["point"]):
+        raise InvalidInputError(
+            f"a {places[0]} needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
+
+
+def check_page_size(size: int, limits: StoreOptions) -> int:
+    """The page size to use: the default for 0, cut to the server's limit.
+
+    Raises:
+        InvalidInputError: negative.
+    """
+    if size < 0:
+        raise InvalidInputError(f"a page size of {size}", field="page_size", hint="Use 0 for the default.")
+    return min(size or _DEFAULT_PAGE, limits.max_page_size)
+
+
+def check_request(name: str, request_id: str, options: SceneOptions, limits: StoreOptions) -> None:
+    """Raise unless a scene may be made under this name, request id and options.
+
+    Raises:
+        InvalidInputError: a value that makes no sense.
+        LimitExceededError: a value over the server's limits.
+    """
+    check_scene_name(name)
+    check_request_id(request_id)
+    check_texts(options)
+    if len(options.labels) > limits.max_labels:
+        raise LimitExceededError(
+            f"{len(options.labels)} labels",
+            field="labels",
+            limit=f"{limits.max_labels} labels",
+        )
+    for label in options.labels:
+        _check_length("labels", label, limits.max_label_chars)
+        if not label_key(label):
+            raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
+    _check_choices(options)
+    _check_budgets(options, limits)
+
+
+def check_scene_name(name: str) -> None:
+    """Raise unless a scene may have this name; "" is none.
+
+    Raises:
+        InvalidInputError: control characters.
+        LimitExceededError: too long.
+    """
+    _check_length("name", name, _MAX_NAME_CHARS)
+    if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
+        raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
+
+
+def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:
+    """Raise if options are not for this upload.
+
+    Raises:
+        InvalidInputError: a direction is stated for something else than a splat alone, or pixels are to be withheld
+            from one.
+        LimitExceededError: the splat has more Gaussians than the scene may have; its rows are the user's, none is left
+            out.
+    """
+    if options.up is not None and upload.source != "splat":
+        raise InvalidInputError(
+            "up is stated for an upload that is not a splat alone",
+            field="up",
+            hint="Leave it out: photos and their poses say what is up.",
+        )
+    if (options.privacy or options.movers == "ignore") and upload.gaussians:
+        raise InvalidInputError(
+            "nothing can be withheld from a splat: its Gaussians stay as they are",
+            field="privacy" if options.privacy else "movers",
+            hint="Leave it out, or send the photos alone.",
+        )
+    if options.lens not in (None, "auto") and upload.source not in ("images", "video"):
+        raise InvalidInputError(
+            "a lens is stated for an upload that brings its cameras",
+            field="lens",
+            hint="Leave it out: the camera models beside the poses say what the lens is.",
+        )
+    if options.max_gaussians is not None and upload.gaussians > options.max_gaussians:
+        raise LimitExceededError(
+            f"the splat has {upload.gaussians} Gaussians",
+            field="max_gaussians",
+            limit=f"{options.max_gaussians} Gaussians (as posted)",
+            hint="Leave max_gaussians out: no row of a splat is left out.",
+        )
+
+
+def check_seconds(seconds: float, field: str) -> None:
+    """Raise unless a job may have so long.
+
+    Raises:
+        InvalidInputError: not above 0, or not finite.
+        LimitExceededError: over the server's limit.
+    """
+    if not math.isfinite(seconds) or seconds <= 0:
+        raise InvalidInputError(
+            f"a time budget of {seconds} s", field=field, hint="Give seconds above 0, or leave it out."
+        )
+    if seconds > _MAX_TIME_BUDGET_S:
+        raise LimitExceededError(
+            f"a time budget of {seconds} s",
+            field=field,
+            limit=f"{_MAX_TIME_BUDGET_S} s",
+        )
+
+
+def check_request_id(request_id: str) -> None:
+    """Raise unless this may name a request; "" names none.
+
+    Raises:
+        InvalidInputError: too long, or not plain.
+    """
+    if request_id and not re.fullmatch(r"[!-~]{1,200}", request_id):
+        raise InvalidInputError(
+            "the request id is not 1 to 200 printable ASCII characters without spaces",
+            field="request_id",
+            hint="Use a UUID.",
+        )
+
+
+def _check_choices(options: SceneOptions) -> None:
+    if options.preset is not None:
+        preset_name(options.preset)
+    if options.up is not None and options.up not in get_args(UpAxis):
+        raise InvalidInputError(
+            f"there is no axis {options.up[:20]!r}", field="up", hint=f"Use one of {', '.join(get_args(UpAxis))}."
+        )
+    for name, value, choices in (("movers", options.movers, Movers), ("privacy", options.privacy, Privacy)):
+        if value is not None and value not in get_args(choices):
+            raise InvalidInputError(
+                f"{name} cannot be {value[:20]!r}", field=name, hint=f"Use one of {', '.join(get_args(choices))}."
+            )
+    if options.privacy is not None and options.movers == "keep":
+        raise InvalidInputError(
+            "people are to be withheld, and what moves is to be kept",
+            field="movers",
+            hint="Leave one of movers and privacy out.",
+        )
+    if options.lens is not None and options.lens not in get_args(Lens):
+        raise InvalidInputError(
+            f"there is no lens {options.lens[:20]!r}", field="lens", hint=f"Use one of {', '.join(get_args(Lens))}."
+        )
+    if options.nadir_deg is not None and not 0 <= options.nadir_deg <= MAX_NADIR_DEG:
+        raise LimitExceededError(
+            f"{options.nadir_deg:g}° around straight down",
+            field="nadir_deg",
+            limit=f"0 to {MAX_NADIR_DEG:g}",
+            hint="25 hides a photographer or a tripod.",
+        )
+    if abs(options.priority) > MAX_PRIORITY:
+        raise LimitExceededError(
+            f"a priority of {options.priority}",
+            field="priority",
+            limit=f"{-MAX_PRIORITY} to {MAX_PRIORITY}",
+            hint="0 is usual.",
+        )
+
+
+def _check_budgets(options: SceneOptions, limits: StoreOptions) -> None:
+    seconds, gaussians = options.time_budget_s, options.max_gaussians
+    if seconds is not None:
+        check_seconds(seconds, "time_budget_s")
+    if gaussians is not None:
+        if gaussians < 1:
+            raise InvalidInputError(
+                f"a budget of {gaussians} Gaussians", field="max_gaussians", hint="Give at least 1, or leave it out."
+            )
+        if gaussians > limits.max_gaussians:
+            raise LimitExceededError(
+                f"a budget of {gaussians} Gaussians",
+                field="max_gaussians",
+                limit=f"{limits.max_gaussians}",
+            )
+
+
+def _check_length(field: str, text: str, limit: int) -> None:
+    if len(text) > limit:
+        raise LimitExceededError(f"{field} of {len(text)} characters", field=field, limit=f"{limit} characters")
+
+
+def admit_upload(folder: Path, settings: CaptureSettings, strict: bool) -> ValidatedUpload:
+    """The upload of a folder, checked in a process of its own; raises as `validate_in_sandbox`."""
+    from fastsplat.service.capture.untrusted.sandbox import (
+        validate_in_sandbox,  # loads with the first upload, not with the server
+    )
+
+    return validate_in_sandbox(folder, settings, strict)
+
+
+def check_labels(options: SceneOptions, upload: ValidatedUpload, settings: Settings) -> None:
+    """Raise if the configured detectors cannot know what they are to look for, or to withhold.
+
+    Raises:
+        InvalidInputError: they cannot know some of the labels, and no label maps came.
+        ModelUnavailableError: none of them knows people, or what moves, that are to be withheld.
+    """
+    withholds = options.privacy or options.movers == "ignore"
+    if not withholds and (not options.labels or upload.has_labels):
+        return  # onnxruntime loads with the first upload that names something
+    from fastsplat.service.perception.capture_detection import check_labels_known
+    from fastsplat.service.perception.detectors.open_detectors import check_texts_known
+    from fastsplat.service.perception.movers import mover_detectors
+
+    if options.labels and not upload.has_labels:
+        check_labels_known(options.labels, settings.perception)
+        check_texts_known(options.labels, settings.perception, settings.models, field="labels")
+    if withholds:
+        mover_detectors(options.movers, options.privacy, settings.perception, settings.models)

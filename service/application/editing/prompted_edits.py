@@ -1,0 +1,203 @@
+"""Prompts of `split` and `add`: checked, segmented in renderings of the scene, and turned into Gaussians."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.answering.open_scenes import view_of
+from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
+from fastsplat.service.application.editing.warm_segmenter import WarmSegmenter
+from fastsplat.service.common.call_scheduling import charge
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.settings import Settings
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPrompt
+
+if TYPE_CHECKING:
+    from fastsplat.service.instances.prompt_answers import PicturePrompt
+    from fastsplat.service.query.edits.edit import Edit as SceneEdit
+
+_MAX_PROMPT_PIXELS = 64
+"""Pixels on and beside the thing that one prompt may have."""
+
+_PICTURE_COST = 2.0**23
+"""Segmenting a picture takes about as long as rendering so many pixels."""
+
+
+@dataclass(frozen=True)
+class ShownPiece:
+    """The Gaussians that a prompt shows, int64 [K], and the names of the views that say so, "" for a free viewpoint."""
+
+    rows: NDArray[np.int64]
+    views: tuple[str, ...]
+
+
+class PromptedEdits:
+    """What prompts show. Every method is safe from any thread.
+
+    Pictures are renderings of the version that is edited, also where the scene keeps its photos: these do not show what
+    edits have moved, and not every view has one. Where both could be used, they led to the same pieces.
+    """
+
+    def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
+        self._settings = settings
+        self._segmenter = WarmSegmenter(settings, memory)
+
+    def check(self, edits: Sequence[Edit]) -> None:
+        """Raise unless all prompts can be looked at, and account for what they cost; before anything is done.
+
+        Raises:
+            InvalidInputError, LimitExceededError: with the field inside `edits`.
+            RateLimitedError, CallAgainError: as `charge`.
+        """
+        count = 0
+        for number, edit in enumerate(edits):
+            if edit.prompt is not None and edit.action in PROMPTED:
+                count += 1
+                try:
+                    _check(edit.prompt, _MAX_PROMPT_PIXELS)
+                except (InvalidInputError, LimitExceededError) as error:
+                    raise error.within(f"edits[{number}].prompt") from error
+        if count:
+            charge(count * self._settings.prompts.views * _PICTURE_COST)
+
+    def bytes(self, edits: Sequence[Edit], gaussians: int) -> int:
+        """What segmenting holds at its peak beside the open scene and the edits, by estimate."""
+        if not any(edit.action in PROMPTED for edit in edits):
+            return 0
+        side = self._settings.prompts.max_side
+        return self._segmenter.bytes + masks_bytes([_square(side)], 1, gaussians)
+
+    @contextmanager
+    def running(self, edits: Sequence[Edit]) -> Iterator[None]:
+        """A block around what reserves `bytes` and makes these edits."""
+        if any(edit.action in PROMPTED for edit in edits):
+            with self._segmenter.used():
+                yield
+        else:
+            yield
+
+    def piece(self, index: SceneIndex, edit: SceneEdit) -> ShownPiece | None:
+        """The Gaussians that the prompt of a `split` or `add` shows; None for an edit without one.
+
+        Raises:
+            NotFoundError: no such view; or, for split, no such thing, label or object.
+            InvalidInputError: a pixel outside the picture or, for split, not on the thing; a box that is outside or has
+                no area.
+            ModelUnavailableError: the segmenter is not installed.
+            CancelledError: nobody waits for the edit any more.
+        """
+        if edit.prompt is None or edit.action not in PROMPTED:
+            return None
+        from fastsplat.service.instances.prompted_pieces import PromptedScene, find_piece
+        from fastsplat.service.query.edits.prompted_things import split_thing
+        from fastsplat.service.query.things.prompt_views import further_views
+
+        thing_id = split_thing(index, edit) if edit.action == "split" else 0
+        try:
+            posed = view_of(index, edit.prompt.view) if edit.prompt.view is not None else edit.prompt.camera
+            assert posed is not None
+            prompt = _in_picture(edit.prompt, posed)
+            small = self._picture_of(posed)
+            prompt = prompt.scaled(small.camera.width / posed.camera.width, small.camera.height / posed.camera.height)
+            ids = index.things.map(small)
+            _check_on_thing(prompt, ids, thing_id)
+        except (NotFoundError, InvalidInputError) as error:
+            raise error.within("prompt") from error
+        opened = self._segmenter.get()
+        gaussians = index.scene.gaussians
+        more = self._settings.prompts.views - 1
+        scene = PromptedScene(
+            gaussians,
+            index.things.owner == thing_id if thing_id else None,
+            opened.segmenter,
+            lambda view: opened.embedding(gaussians, view, lambda: index.render(view)),
+            lambda rows: [self._picture_of(view) for view in further_views(index.scene, rows, posed, more)],
+            index.settings.backend,
+        )
+        piece = find_piece(scene, small, prompt, ids)
+        return ShownPiece(piece.rows, tuple(view.name for view in piece.views))
+
+    def _picture_of(self, posed: PosedCamera) -> PosedCamera:
+        from fastsplat.service.splatting.training_views import training_size
+
+        return replace(posed, camera=training_size(posed.camera, self._settings.prompts.max_side))
+
+
+def _check(prompt: ThingPrompt, max_pixels: int) -> None:
+    if (prompt.camera is None) == (prompt.view is None):
+        raise InvalidInputError(
+            "a prompt needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
+        )
+    if not prompt.pixels and prompt.box is None:
+        raise InvalidInputError(
+            "a prompt without a pixel on the thing or a box around it",
+            field="pixels",
+            hint="Send at least one of the two.",
+        )
+    count = len(prompt.pixels) + len(prompt.background)
+    if count > max_pixels:
+        raise LimitExceededError(
+            f"{count} pixels in one prompt",
+            field="pixels" if len(prompt.pixels) >= len(prompt.background) else "background",
+            limit=f"{max_pixels} pixels, background included",
+            hint="A few pixels say as much.",
+        )
+
+
+def _in_picture(prompt: ThingPrompt, posed: PosedCamera) -> PicturePrompt:
+    from fastsplat.service.instances.prompt_answers import PicturePrompt
+
+    width, height = posed.camera.width, posed.camera.height
+    for field, pixels in (("pixels", prompt.pixels), ("background", prompt.background)):
+        for number, pixel in enumerate(pixels):
+            if not (0 <= pixel.x < width and 0 <= pixel.y < height):
+                raise InvalidInputError(
+                    f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
+                    field=f"{field}[{number}]",
+                    limit=f"0 to below {width} and 0 to below {height}",
+                    hint="Send pixels of the camera's own picture.",
+                )
+    box = prompt.box
+    if box is not None and not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
+        raise InvalidInputError(
+            f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
+            f"{width}×{height}",
+            field="box",
+            limit=f"left below right, at most {width}; top below bottom, at most {height}",
+            hint="Send pixels of the camera's own picture.",
+        )
+    return PicturePrompt(_array(prompt.pixels), _array(prompt.background), None if box is None else _corners(box))
+
+
+def _check_on_thing(prompt: PicturePrompt, ids: NDArray[np.uint16], thing_id: int) -> None:
+    """Refuse pixels that are not on the thing that is split."""
+    from fastsplat.service.instances.prompt_answers import values_at
+
+    for number, shown in enumerate(values_at(ids, prompt.pixels).tolist() if thing_id else ()):
+        if shown != thing_id:
+            raise InvalidInputError(
+                f"the pixel shows {f'thing {shown}' if shown else 'no thing'}, not thing {thing_id}",
+                field=f"pixels[{number}]",
+                hint="Pick the pixel first: it says which thing is there.",
+            )
+
+
+def _array(pixels: Sequence[Pixel]) -> NDArray[np.float64]:
+    return np.array(pixels, np.float64).reshape(-1, 2)
+
+
+def _corners(box: PixelBox) -> NDArray[np.float64]:
+    return np.array([box.left, box.top, box.right, box.bottom], np.float64)
+
+
+def _square(side: int) -> PosedCamera:
+    return PosedCamera(Camera(side, side, float(side), float(side), side / 2, side / 2), np.eye(4))

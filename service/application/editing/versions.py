@@ -1,0 +1,383 @@
+"""Edits as new versions of a scene: written beside the old one, shown at once, undone by pointing back."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import secrets
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
+from fastsplat.service.application.base.validate import check_request_id, check_texts
+from fastsplat.service.application.editing.prompted_edits import PromptedEdits
+from fastsplat.service.application.editing.version_rows import PROMPTED, dictionary_rows, version_of
+from fastsplat.service.capture.photos.scene_photos import share_photos
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.alignment import alignment_to_json
+from fastsplat.service.scene.changes import changed_views
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scaling import scaling_to_json
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Scene, Things
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.name_repository import NewName, VersionNames
+from fastsplat.service.store.store import Store
+from fastsplat.service.store.version_repository import NewVersion, VersionRecord
+from fastsplat_contract.errors import (
+    ConflictError,
+    DatabaseError,
+    InvalidInputError,
+    LimitExceededError,
+    NotFoundError,
+    NotReadyError,
+    ObjectStoreError,
+)
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
+from fastsplat_contract.thing_prompts import PromptedThing
+
+_MAX_EDITS = 100
+"""Edits in one request."""
+
+_TRIES = 5
+
+
+class Versions:
+    """The versions of scenes. Every method is safe from any thread."""
+
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, prompted: PromptedEdits
+    ) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+        self._memory = memory
+        self._prompted = prompted
+
+    def edit(
+        self, scene_id: str, edits: Sequence[Edit], request_id: str = "", looked_at: str = "", author: str = ""
+    ) -> SceneVersion:
+        """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
+
+        Beyond `CallSettings.max_versions`, undone versions and then the oldest ones are removed; never the trained one.
+
+        Questions that are being answered keep the version they began with.
+
+        Args:
+            scene_id: which scene.
+            edits: at least one.
+            request_id: the same id with the same edits returns the version that they made; "" for none.
+            looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
+            author: the id of the key by which this is asked for; "" for none.
+
+        Raises:
+            NotFoundError: there is no such scene, version, label, object or thing.
+            NotReadyError: its training has not finished, or has failed.
+            InvalidInputError: an edit that makes no sense.
+            LimitExceededError: too many edits, duplicates that make the scene too large, or more memory than a request
+                may hold.
+            ConflictError: the request id was used before for other edits, or a person has given a thing another name.
+            ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
+        """
+        self._check(edits, request_id)
+        check_texts(looked_at, "version")
+        self._prompted.check(edits)
+        rows = [to_plain(edit) for edit in edits]
+        for row in rows:  # what no caller could be shown again, as of a length that is not 1, becomes no version
+            from_plain(Edit, row)
+        digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+        self._scenes.version(scene_id, "")
+        with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
+            for remaining in reversed(range(_TRIES)):
+                earlier = self._store.versions.made_by(scene_id, request_id, digest)
+                if earlier is not None:
+                    return self._in_force(earlier)
+                current = self._scenes.version(scene_id, "")
+                try:
+                    return self._make(scene_id, current, edits, request_id, digest, rows, looked_at, author)
+                except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
+                    if not remaining:
+                        raise
+        raise AssertionError
+
+    def undo(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go back to the version before the current one; returns it.
+
+        Args:
+            scene_id: which scene.
+            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            ConflictError: there is nothing to undo, or another version is current.
+        """
+        self._scenes.version(scene_id, "")
+        return version_of(self._store.versions.step_back(scene_id, version))
+
+    def redo(self, scene_id: str, version: str = "") -> SceneVersion:
+        """Go forward to the version that was current last of those made of the current one; returns it.
+
+        An edit after an undo ends nothing: what was undone stays, to be restored, and a redo from where both were made
+        goes to the one that was current last.
+
+        Args:
+            scene_id: which scene.
+            version: redo only if this is the current version, so that a retry redoes once; "" whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            ConflictError: there is nothing to redo, or another version is current.
+        """
+        self._scenes.version(scene_id, "")
+        return version_of(self._store.versions.step_forward(scene_id, version))
+
+    def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
+        """Make any version current, before the current one, after it or beside it; returns it. All others stay.
+
+        Args:
+            scene_id: which scene.
+            version: to become current.
+            expected: restore only if this is the current version; "" whatever it is.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            InvalidInputError: no version is named.
+            ConflictError: another version than the expected one is current.
+        """
+        self._scenes.version(scene_id, "")
+        check_texts((version, expected), "version")
+        if not version:
+            raise InvalidInputError("no version", field="version", hint="Name one of the scene's versions.")
+        return version_of(self._store.versions.restore(scene_id, version, expected))
+
+    def all(self, scene_id: str) -> tuple[SceneVersion, ...]:
+        """Every version of a scene, oldest first; without authors where the scene is all that the caller is shown.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+        """
+        self._scenes.version(scene_id, "")
+        scene = self._store.scenes.scene(scene_id)
+        versions = tuple(version_of(record) for record in self._store.versions.of(scene))
+        # Who follows a link to one scene is a stranger to those who made it.
+        return tuple(replace(version, author="") for version in versions) if self._store.only_scene else versions
+
+    def resolve(self, scene_id: str, version: str = "") -> str:
+        """The name of a version that can be read; "" stands for the current one.
+
+        Raises:
+            NotFoundError, NotReadyError: as `Answers.query`.
+        """
+        return self._scenes.version(scene_id, version)
+
+    def _in_force(self, earlier: VersionRecord) -> SceneVersion:
+        """The version that a request id made, if the current one is it or was made of it.
+
+        Raises:
+            ConflictError: it was undone.
+        """
+        versions = {known.version: known for known in self.all(earlier.scene_id)}
+        version = next((known.version for known in versions.values() if known.current), "")
+        while version in versions and version != earlier.version:
+            version = versions[version].parent
+        if version not in versions:
+            raise ConflictError(
+                f"the edit of request id {earlier.request_id!r} was undone; its version was {earlier.version}",
+                field="request_id",
+                hint="Send the edit under a new request id to make it again.",
+            )
+        return versions[version]
+
+    def _make(
+        self,
+        scene_id: str,
+        parent: str,
+        edits: Sequence[Edit],
+        request_id: str,
+        digest: str,
+        rows: Sequence[Mapping[str, Any]],
+        looked_at: str,
+        author: str,
+    ) -> SceneVersion:
+        seen: Things | None = None
+        if looked_at:
+            seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
+        before = self._scenes.reading(scene_id, parent, lambda index, _: index)
+        sources = self._sources(edits)  # first: opening a scene has its own share of the memory
+        size = edit_bytes(before.scene, (one.scene for one in sources.values()))
+        size += self._prompted.bytes(edits, len(before.scene.gaussians))
+        with self._prompted.running(edits), self._memory.reserve(size, "edits"):
+            index, made = self._apply(before, edits, seen, sources)
+            stored = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
+            return self._publish(scene_id, parent, before, index, request_id, digest, stored, author)
+
+    def _publish(
+        self,
+        scene_id: str,
+        parent: str,
+        before: SceneIndex,
+        index: SceneIndex,
+        request_id: str,
+        digest: str,
+        rows: Sequence[Mapping[str, Any]],
+        author: str,
+    ) -> SceneVersion:
+        edited = index.scene
+        version = f"e{secrets.token_hex(8)}"
+        record = self._store.scenes.scene(scene_id)
+        dictionary = dictionary_rows(record.dictionary, index)
+        changes = list(changed_views(edited.quality))
+        same = edited.gaussians is before.scene.gaussians
+        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
+        key = self._store.keys.find(author) if author else None
+        try:
+            names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
+            published, removed = self._store.versions.publish(
+                NewVersion(
+                    scene_id=scene_id,
+                    version=version,
+                    parent=parent,
+                    request_id=request_id,
+                    request_digest=digest,
+                    gaussians=len(edited.gaussians),
+                    dictionary=dictionary,
+                    edits=rows,
+                    names=names,
+                    author=key.name if key is not None else "",
+                    scaling=scaling_to_json(edited.scaling),
+                    alignment=alignment_to_json(edited.alignment),
+                    quality={**record.quality, "changed_by": changes} if changes else None,
+                    max_versions=self._settings.calls.max_versions,
+                )
+            )
+        except BaseException:
+            # The database may have done what was asked though its answer was lost: then the folder is needed. Where it
+            # does not answer now either, a worker's cleanup decides.
+            with suppress(DatabaseError):
+                if not self._store.versions.is_published(scene_id, version):
+                    self._store.blobs.drop_version(scene_id, version)
+            raise
+        with suppress(ObjectStoreError):  # what stays, a worker's cleanup removes
+            for old in removed:
+                self._store.blobs.drop_version(scene_id, old)
+        self._scenes.keep(scene_id, version, index)
+        return version_of(published)
+
+    def _apply(
+        self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
+    ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
+        """The index of the edited scene, and what was made of prompts, by the number of the edit, as JSON."""
+        from fastsplat.service.query.edits.apply_edit import apply_edit
+        from fastsplat.service.query.edits.edit import Edit as SceneEdit
+
+        before = index.things.table
+        made: dict[int, dict[str, Any]] = {}
+        for number, edit in enumerate(edits):
+            matrix = None if edit.transform is None else edit.transform.matrix()
+            scene_edit = SceneEdit(**{**vars(edit), "transform": matrix})
+            try:
+                piece = self._prompted.piece(index, scene_edit)
+                scene = apply_edit(
+                    index,
+                    scene_edit,
+                    seen,
+                    before,
+                    sources.get(number),
+                    max_gaussians=self._settings.store.max_gaussians,
+                    piece=None if piece is None else piece.rows,
+                )
+                self._check_growth(len(index.scene.gaussians), len(scene.gaussians))
+                self._memory.check(edit_bytes(scene, ()), "things")
+            except (InvalidInputError, NotFoundError, NotReadyError, LimitExceededError, ConflictError) as error:
+                raise error.within(f"edits[{number}]") from error
+            index = index.after(scene)
+            if piece is not None:
+                new_id = index.things.table.table[-1].id
+                made[number] = to_plain(PromptedThing(number, new_id, len(piece.rows), piece.views))
+            check_cancelled()
+        return index, made
+
+    def _sources(self, edits: Sequence[Edit]) -> dict[int, SceneIndex]:
+        """The scenes that things are inserted from, by the number of the edit."""
+        sources = {}
+        for number, edit in enumerate(edits):
+            if edit.source is not None and edit.action == "insert":
+                try:
+                    sources[number] = self._source(edit.source)
+                except (NotFoundError, NotReadyError) as error:
+                    raise error.within(f"edits[{number}]") from error
+        return sources
+
+    def _source(self, source: InsertSource) -> SceneIndex:
+        try:
+            return self._scenes.reading(source.scene_id, source.version, lambda index, _: index)
+        except (NotFoundError, NotReadyError) as error:
+            raise error.within("source") from error
+
+    def _check_growth(self, before: int, after: int) -> None:
+        limit = self._settings.store.max_gaussians
+        if after > max(before, limit):
+            raise LimitExceededError(
+                f"{after} Gaussians",
+                field="things",
+                limit=f"{limit}",
+                hint="Add fewer, or remove some first.",
+            )
+
+    def _write(self, scene: Scene, scene_id: str, version: str, parent: Path, same_gaussians: bool) -> None:
+        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The
+        folder of its parent lends its photos, and where the Gaussians are the same its PLY file."""
+        scratch = self._store.blobs.upload(version)
+        try:
+            scratch.mkdir(parents=True)
+            write_scene(scene, scratch / "artefact")
+            if not same_gaussians or not _linked(parent / "scene.ply", scratch / "scene.ply"):
+                write_ply(scene.gaussians, scratch / "scene.ply")
+            share_photos(parent, scratch)
+            self._store.blobs.publish(scratch, scene_id, version)
+        finally:
+            remove(scratch)
+
+    def _check(self, edits: Sequence[Edit], request_id: str) -> None:
+        check_request_id(request_id)
+        check_texts(tuple(edits), "edits")
+        limit = _MAX_EDITS
+        if not edits:
+            raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
+        if len(edits) > limit:
+            raise LimitExceededError(
+                f"{len(edits)} edits",
+                field="edits",
+                limit=f"{limit} edits",
+                hint="Send them in several requests.",
+            )
+
+
+def _names_of(before: Things | None, after: Things | None, limit: int) -> VersionNames:
+    """The names that people gave in a version, of things that have an appearance, and those that it took over."""
+    known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
+    named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
+    unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
+    given = [
+        NewName(thing.id, thing.name, thing.appearance, thing.picture)
+        for thing in named
+        if known.get(thing.id) != thing.name
+    ]
+    return VersionNames(given, unchanged, limit)
+
+
+def _linked(file: Path, place: Path) -> bool:
+    """Whether `place` is the same file now; not every file system has links."""
+    try:
+        os.link(file, place)
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,254 @@
+"""A scene as an MCAP file for Foxglove: boxes with names, labelled points, cameras, photos, frames, floor map.
+
+This module needs the optional package foxglove-sdk, Foxglove's own writer with its own schemas.
+
+Frames: the root is the world frame of the version, called by the name of the map that the scene was put into (`map` for
+a map without a name), or `scene`. `ROOT/trained` is the frame of the scene as it was trained, in units of this version;
+it is there if the scene was put into a map. `ROOT/camera` is the camera of the moment, OpenCV axes.
+
+A scene has no clock. What does not move is logged at the time at which the version was made; the cameras follow from
+then on, in their order, ten in a second of the file.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from foxglove import Context, channels, messages, open_mcap
+from foxglove.mcap import MCAPWriteOptions
+from PIL import Image
+
+from fastsplat.service.application.exporting.scene_recording import (
+    SceneRecording,
+    described,
+    thing_color,
+    thing_facts,
+)
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, OccupancyMap
+from fastsplat.service.scene.frames import frame_id
+from fastsplat.service.scene.point_ply import point_rows
+from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.poses import F64, Quaternion, Vector3, quaternion_of, vector3
+from fastsplat_contract.scenes import Box
+from fastsplat_contract.thing_messages import SceneThing
+
+STEP_NS = 100_000_000
+"""Between two cameras."""
+
+_GRID = np.dtype([("occupancy", "i1"), ("red", "u1"), ("green", "u1"), ("blue", "u1"), ("alpha", "u1")])
+_CELL_GRAYS = {FREE: 230, OCCUPIED: 20}
+_TEXT_PIXELS = 14.0
+_THING_ALPHA, _SURFACE_ALPHA = 0.35, 0.1
+_NUMERIC = {
+    "i1": messages.PackedElementFieldNumericType.Int8,
+    "u1": messages.PackedElementFieldNumericType.Uint8,
+    "u2": messages.PackedElementFieldNumericType.Uint16,
+    "f4": messages.PackedElementFieldNumericType.Float32,
+}
+
+
+def foxglove_file(index: SceneIndex, recording: SceneRecording, things: Sequence[int] = ()) -> bytes:
+    """An MCAP file; the same arguments give the same bytes.
+
+    Topics: `/things` (foxglove.SceneUpdate: an entity for each thing that has a box, by its id, of a cube and a text),
+    `/points` (foxglove.PointCloud: the properties of `point_ply`, and alpha), `/cameras` (foxglove.PosesInFrame: all),
+    `/camera/calibration`, `/camera/image`, `/tf`, and for scenes that have one `/map` (foxglove.Grid: `occupancy` as in
+    nav_msgs/OccupancyGrid, and colors). Metadata: `scene`; `labels` and `things`, names by id.
+
+    Args:
+        index: the scene.
+        recording: see `SceneRecording`.
+        things: ids; empty: all.
+    """
+    scene, buffer, context = index.scene, io.BytesIO(), Context()
+    listed = [thing for thing in index.things.listed if not things or thing.id in things]
+    root, start = frame_id(scene), recording.created_ns
+    # One thread: how several share the work may change the bytes.
+    with open_mcap(buffer, context=context, writer_options=MCAPWriteOptions(compression_threads=0)) as writer:
+        writer.write_metadata("scene", described(scene, recording, listed))
+        writer.write_metadata("labels", {str(i): entry.label for i, entry in enumerate(scene.dictionary.entries, 1)})
+        writer.write_metadata("things", {str(thing.id): thing.name for thing in listed})
+        channels.SceneUpdateChannel("/things", context=context).log(
+            _boxes(listed, scene.up(), root, start), log_time=start
+        )
+        channels.PointCloudChannel("/points", context=context).log(
+            _cloud(recording.points, root, start), log_time=start
+        )
+        channels.PosesInFrameChannel("/cameras", context=context).log(
+            messages.PosesInFrame(
+                timestamp=_time(start),
+                frame_id=root,
+                poses=[_pose(*_motion(posed.world_from_camera)) for posed in scene.cameras],
+            ),
+            log_time=start,
+        )
+        if recording.floor is not None:
+            channels.GridChannel("/map", context=context).log(_grid(recording.floor, root, start), log_time=start)
+        _log_frames(scene, recording, root, context)
+    return buffer.getvalue()
+
+
+def _log_frames(scene: Scene, recording: SceneRecording, root: str, context: Context) -> None:
+    """The frame of the trained scene, then each camera with its intrinsics and its photo, at its time."""
+    start, frame = recording.created_ns, f"{root}/camera"
+    tf = channels.FrameTransformChannel("/tf", context=context)
+    calibration = channels.CameraCalibrationChannel("/camera/calibration", context=context)
+    image = channels.CompressedImageChannel("/camera/image", context=context)
+    if scene.alignment is not None:
+        rotation = quaternion_of(np.array(scene.alignment.rotation))
+        tf.log(
+            _transform(root, f"{root}/trained", Vector3(*scene.alignment.translation), rotation, start), log_time=start
+        )
+    for number, posed in enumerate(scene.cameras):
+        at, photo, camera = start + number * STEP_NS, recording.photos.get(number), posed.camera
+        tf.log(_transform(root, frame, *_motion(posed.world_from_camera), at), log_time=at)
+        if photo is not None:
+            with Image.open(io.BytesIO(photo)) as opened:
+                camera = camera.scaled_to(*opened.size)
+            image.log(
+                messages.CompressedImage(timestamp=_time(at), frame_id=frame, data=photo, format="jpeg"), log_time=at
+            )
+        calibration.log(_calibration(camera, frame, at), log_time=at)
+
+
+def _boxes(listed: Sequence[SceneThing], up: F64 | None, root: str, at: int) -> messages.SceneUpdate:
+    return messages.SceneUpdate(
+        entities=[
+            messages.SceneEntity(
+                timestamp=_time(at),
+                frame_id=root,
+                id=str(thing.id),
+                metadata=[messages.KeyValuePair(key=key, value=value) for key, value in thing_facts(thing).items()],
+                cubes=[_cube(thing, thing.box)],
+                texts=[_text(thing, thing.box, up)],
+            )
+            for thing in listed
+            if thing.box is not None
+        ]
+    )
+
+
+def _cube(thing: SceneThing, box: Box) -> messages.CubePrimitive:
+    return messages.CubePrimitive(
+        pose=_pose(box.center.position, box.center.orientation),
+        size=_vector(box.size),
+        color=_color(thing.id, _SURFACE_ALPHA if thing.kind == "surface" else _THING_ALPHA),
+    )
+
+
+def _text(thing: SceneThing, box: Box, up: F64 | None) -> messages.TextPrimitive:
+    """A name over the box, or in its middle where up is unknown."""
+    place = np.array(box.center.position)
+    if up is not None:
+        axes = box.center.matrix()[:3, :3]
+        place = place + up * float(np.abs(axes.T @ up) @ np.array(box.size)) / 2
+    return messages.TextPrimitive(
+        pose=_pose(vector3(place), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        billboard=True,
+        font_size=_TEXT_PIXELS,
+        scale_invariant=True,
+        color=_color(thing.id, 1.0),
+        text=thing.name or f"thing {thing.id}",
+    )
+
+
+def _color(thing_id: int, alpha: float) -> messages.Color:
+    red, green, blue = thing_color(thing_id)
+    return messages.Color(r=red, g=green, b=blue, a=alpha)
+
+
+def _cloud(points: bytes, root: str, at: int) -> messages.PointCloud:
+    rows = point_rows(points)
+    # Foxglove takes colors from four fields, none of which may be missing.
+    packed = np.empty(len(rows), np.dtype([*rows.dtype.descr, ("alpha", "u1")]))
+    for name in rows.dtype.names or ():
+        packed[name] = rows[name]
+    packed["alpha"] = 255
+    return messages.PointCloud(
+        timestamp=_time(at),
+        frame_id=root,
+        pose=_pose(Vector3(0.0, 0.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        point_stride=packed.dtype.itemsize,
+        fields=_fields(packed.dtype),
+        data=packed.tobytes(),
+    )
+
+
+def _grid(floor: OccupancyMap, root: str, at: int) -> messages.Grid:
+    """The floor at its height; what is unknown cannot be seen."""
+    packed = np.zeros(floor.cells.shape, _GRID)
+    packed["occupancy"] = floor.cells
+    for value, gray in _CELL_GRAYS.items():
+        for channel in ("red", "green", "blue"):
+            packed[channel][floor.cells == value] = gray
+        packed["alpha"][floor.cells == value] = 255
+    width = floor.cells.shape[1]
+    return messages.Grid(
+        timestamp=_time(at),
+        frame_id=root,
+        pose=_pose(Vector3(*floor.origin, floor.floor), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        column_count=width,
+        cell_size=messages.Vector2(x=floor.resolution, y=floor.resolution),
+        row_stride=width * _GRID.itemsize,
+        cell_stride=_GRID.itemsize,
+        fields=_fields(_GRID),
+        data=packed.tobytes(),
+    )
+
+
+def _fields(rows: np.dtype[Any]) -> list[messages.PackedElementField]:
+    return [
+        messages.PackedElementField(name=name, offset=offset, type=_NUMERIC[kind.str[1:]])
+        for name, (kind, offset, *_) in (rows.fields or {}).items()
+    ]
+
+
+def _calibration(camera: Camera, frame: str, at: int) -> messages.CameraCalibration:
+    """In OpenCV's and ROS' pixels: the center of the top-left one is (0, 0)."""
+    cx, cy = camera.cx - 0.5, camera.cy - 0.5
+    return messages.CameraCalibration(
+        timestamp=_time(at),
+        frame_id=frame,
+        width=camera.width,
+        height=camera.height,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=[camera.fx, 0.0, cx, 0.0, camera.fy, cy, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[camera.fx, 0.0, cx, 0.0, 0.0, camera.fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def _transform(parent: str, child: str, translation: Vector3, rotation: Quaternion, at: int) -> messages.FrameTransform:
+    return messages.FrameTransform(
+        timestamp=_time(at),
+        parent_frame_id=parent,
+        child_frame_id=child,
+        translation=_vector(translation),
+        rotation=_quaternion(rotation),
+    )
+
+
+def _motion(pose: F64) -> tuple[Vector3, Quaternion]:
+    return vector3(pose[:3, 3]), quaternion_of(pose[:3, :3])
+
+
+def _pose(position: Vector3, orientation: Quaternion) -> messages.Pose:
+    return messages.Pose(position=_vector(position), orientation=_quaternion(orientation))
+
+
+def _vector(vector: Vector3) -> messages.Vector3:
+    return messages.Vector3(**vector._asdict())
+
+
+def _quaternion(rotation: Quaternion) -> messages.Quaternion:
+    return messages.Quaternion(**rotation._asdict())
+
+
+def _time(at: int) -> messages.Timestamp:
+    return messages.Timestamp(*divmod(at, 10**9))

@@ -1,0 +1,208 @@
+"""A scene's points, meshes and Gaussians as files in which its things have their names."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.exporting.camera_files import transforms
+from fastsplat.service.common.zips import zipped
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.surface_mesh import surface_mesh
+from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, surface_points
+from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
+from fastsplat.service.scene.colmap_writing import colmap_model
+from fastsplat.service.scene.mesh_glb import mesh_glb
+from fastsplat.service.scene.point_ply import point_ply, point_rows
+from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, splat_glb
+from fastsplat.service.scene.types import Thing
+from fastsplat_contract.errors import InvalidInputError
+
+ViewsOf = Callable[[SceneIndex], tuple[SurfaceView, ...]]
+
+REST = "unassigned"
+"""Name of the node of what belongs to no thing."""
+
+_PER_GAUSSIAN, _PER_PIXEL, _PER_POINT, _PER_VOXEL = 768, 160, 200, 100
+
+
+def surface_bytes(index: SceneIndex, *, mesh: bool) -> int:
+    """Estimated peak of taking a scene's surfaces from its views, in bytes: one rendering, the views, the points, and
+    the voxels of a mesh.
+
+    Args:
+        index: the scene.
+        mesh: whether the surfaces are meshed.
+
+    Raises:
+        InvalidInputError: the scene has no cameras.
+    """
+    pixels = [
+        posed.camera.width * posed.camera.height for posed in surface_cameras(index.scene.cameras, index.settings)
+    ]
+    return (
+        _PER_GAUSSIAN * len(index.scene.gaussians)
+        + _PER_PIXEL * max(pixels)
+        + (BYTES_PER_PIXEL + 12) * sum(pixels)
+        + _PER_POINT * MAX_SURFACE_POINTS
+        + (_PER_VOXEL * index.settings.max_surface_voxels if mesh else 0)
+    )
+
+
+def points_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
+    """Labelled points on the surfaces, see `point_ply` and `surface_points`.
+
+    Args:
+        index: the scene.
+        name: of the scene.
+        things: only these; empty: all.
+        cell: distance between points, scene units; 0: as fine as the views are.
+        views_of: the scene's surfaces as its cameras show them.
+
+    Raises:
+        NotFoundError: the scene has no thing of one of these ids.
+        InvalidInputError: a part, or a scene without cameras.
+        LimitExceededError: too many points.
+    """
+    _check_whole(index, things)
+    samples, width = surface_points(views_of(index), cell=cell)
+    if things:
+        samples = samples.where(np.isin(samples.things, list(things)))
+    labels = {number: entry.label for number, entry in enumerate(index.scene.dictionary.entries, 1)}
+    return point_ply(
+        samples.points,
+        samples.normals,
+        samples.colors,
+        samples.labels,
+        samples.things,
+        samples.confidence,
+        {
+            "scene": name,
+            "units": _units(index),
+            "cell": width,
+            "label": labels,
+            "thing": {thing.id: thing.name for thing in _things(index, things)},
+        },
+    )
+
+
+def splats_file(index: SceneIndex, name: str, things: Sequence[int]) -> bytes:
+    """The Gaussians as GLB, a node for each thing, see `splat_glb`.
+
+    Raises:
+        NotFoundError, InvalidInputError: as `points_file`.
+        LimitExceededError: larger than a GLB can be.
+    """
+    _check_whole(index, things)
+    return splat_glb(
+        index.scene.gaussians, nodes_of(index, index.things.owner, things), about(index, name, index.scene.cameras)
+    )
+
+
+def mesh_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
+    """The surfaces as a GLB of triangles, a node for each thing, see `mesh_glb` and `surface_mesh`.
+
+    Args:
+        index, name, things, views_of: as for `points_file`.
+        cell: width of a voxel, scene units; 0: as fine as the views are.
+
+    Raises:
+        NotFoundError, InvalidInputError: as `points_file`.
+        LimitExceededError: too many voxels.
+    """
+    _check_whole(index, things)
+    most = index.settings.max_surface_voxels
+    mesh = surface_mesh(
+        views_of(index),
+        cell=cell,
+        most_voxels=most,
+        limit=f"{most} voxels (FASTSPLAT_QUERY__MAX_SURFACE_VOXELS)",
+    )
+    seen = mesh.vertices
+    described = about(index, name, index.scene.cameras)
+    described.extras["voxel"] = mesh.voxel
+    groups = nodes_of(index, mesh.things, things)
+    return mesh_glb(seen.points, seen.normals, seen.colors, seen.labels, seen.confidence, mesh.faces, groups, described)
+
+
+def cameras_file(
+    index: SceneIndex, name: str, things: Sequence[int], cell: float, views_of: ViewsOf = surface_views
+) -> bytes:
+    """A zip of `transforms.json` (nerfstudio, with `ply_file_path`), `points.ply` (see `points_file`), and COLMAP's
+    binary model with the same points in `sparse/0/`.
+
+    Args:
+        index, name, things, cell, views_of: as for `points_file`; the cameras are always all of the scene's.
+
+    Raises:
+        NotFoundError, InvalidInputError, LimitExceededError: as `points_file`.
+    """
+    cameras = index.scene.cameras
+    points = points_file(index, name, things, cell, views_of)
+    rows = point_rows(points)
+    positions = np.stack([rows[axis] for axis in "xyz"], axis=1)
+    colors = np.stack([rows[channel] for channel in ("red", "green", "blue")], axis=1)
+    model = colmap_model(cameras, positions, colors)
+    return zipped(
+        {
+            "transforms.json": transforms(cameras, ply_file_path="points.ply"),
+            "points.ply": points,
+            **{f"sparse/0/{file}": content for file, content in model.items()},
+        }
+    )
+
+
+def nodes_of(index: SceneIndex, owner: NDArray[np.integer], things: Sequence[int]) -> list[NamedRows]:
+    """A node for each thing that owns something, in the order of their ids, then one for what belongs to none; only
+    `things` where there are any.
+
+    Args:
+        index: the scene.
+        owner: [K], the thing of each element, 0 for none.
+        things: ids.
+    """
+    nodes = []
+    for thing in _things(index, things):
+        rows = np.flatnonzero(owner == thing.id)
+        if len(rows):
+            label_id = index.scene.dictionary.id_of(thing.name) if thing.name else None
+            extras: dict[str, Any] = {"thing": thing.id, "name": thing.name, "probability": thing.probability}
+            extras |= {"label": label_id or 0, "surface": thing.surface}
+            nodes.append(NamedRows(thing.name or f"thing {thing.id}", extras, rows))
+    if not things and len(rest := np.flatnonzero(~np.isin(owner, [thing.id for thing in index.things.present]))):
+        nodes.append(NamedRows(REST, {"thing": 0}, rest))
+    return nodes
+
+
+def about(index: SceneIndex, name: str, cameras: Sequence[Any]) -> GlbScene:
+    """What a GLB says of a scene beside its shapes."""
+    up = index.scene.up()
+    extras = {"units": _units(index), "upright": up is not None}
+    return GlbScene(name, extras, up, tuple(cameras))
+
+
+def _units(index: SceneIndex) -> str:
+    return "metres" if index.scene.scale == "METRIC" else "arbitrary"
+
+
+def _things(index: SceneIndex, things: Sequence[int]) -> list[Thing]:
+    return [thing for thing in index.things.present if not things or thing.id in things]
+
+
+def _check_whole(index: SceneIndex, things: Sequence[int]) -> None:
+    index.things.check_all(things)
+    whole = {thing.id for thing in index.things.present}
+    for number, thing_id in enumerate(things):
+        if thing_id not in whole:
+            raise InvalidInputError(
+                f"thing {thing_id} is a part of another one",
+                field=f"things[{number}]",
+                hint="Parts alone are exported as ply, spz or sog.",
+            )

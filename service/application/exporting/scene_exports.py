@@ -1,0 +1,328 @@
+"""Scenes as files for other programs."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.answering.mask_encodings import mask_ply
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.answering.photos import size_of
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
+from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
+from fastsplat.service.application.base.optional_packages import FOXGLOVE, RERUN, needed
+from fastsplat.service.application.base.validate import check_texts
+from fastsplat.service.application.exporting.geometry_files import (
+    ViewsOf,
+    cameras_file,
+    mesh_file,
+    points_file,
+    splats_file,
+    surface_bytes,
+)
+from fastsplat.service.application.exporting.kept_surfaces import KeptSurfaces
+from fastsplat.service.application.exporting.map_files import map_bytes, map_file, map_of
+from fastsplat.service.application.exporting.scene_page import scene_page
+from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
+from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.occupancy import OccupancyMap
+from fastsplat.service.scene.sog_writing import sog_bytes
+from fastsplat.service.scene.spz_writing import spz_bytes
+from fastsplat.service.scene.types import Gaussians
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.exports import ExportFormat, ExportRequest
+from fastsplat_contract.goal_messages import Goal
+
+MEDIA_TYPES: Mapping[ExportFormat, str] = {
+    "ply": "application/x-ply",
+    "spz": "application/octet-stream",
+    "html": "text/html",
+    "points": "application/x-ply",
+    "glb": "model/gltf-binary",
+    "mesh": "model/gltf-binary",
+    "cameras": "application/zip",
+    "sog": "application/octet-stream",
+    "mcap": "application/octet-stream",
+    "map": "application/zip",
+    "rerun": "application/octet-stream",
+}
+"""Of each format, as HTTP names it."""
+
+UNREPEATABLE: frozenset[ExportFormat] = frozenset({"rerun"})
+"""Formats of which the same version is the same content, not the same bytes."""
+
+_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras", "mcap", "map")
+
+ROBOT_RADIUS = 0.2
+"""Metres, where a caller says none."""
+
+_CACHED_BYTES = 128 << 20
+
+
+class Exports:
+    """Files of finished scenes, and places on the map of their floor. Every method is safe from any thread.
+
+    Whole scenes as SPZ are kept in memory: every visit of the page asks for one, and making it costs seconds for a
+    million Gaussians. So are the views of a scene's surfaces, of which points, mesh and cameras are made.
+    """
+
+    def __init__(self, store: Store, scenes: OpenScenes, memory: MemoryBudget) -> None:
+        self._store = store
+        self._scenes = scenes
+        self._memory = memory
+        self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
+        self._surfaces = KeptSurfaces(memory)
+
+    def over(self, store: Store, scenes: OpenScenes) -> Exports:
+        """The same memory, with the scenes of another view of the store."""
+        other = copy.copy(self)
+        other._store = store
+        other._scenes = scenes
+        return other
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._splats.drop(lambda key: key[0] == scene_id)
+        self._surfaces.forget(scene_id)
+
+    def file(self, request: ExportRequest) -> bytes:
+        """The file that is asked for.
+
+        Raises:
+            NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
+            InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
+                format without cells, surfaces of a scene without cameras, a version that is no plain text.
+            LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
+            NotReadyError: as `Answers.query`.
+            MissingPackageError: mcap or rerun, where the package that it needs is not installed.
+            SceneFileError: a stored photo is damaged.
+        """
+        check_texts(replace(request, scene_id=""))
+        _check_cell(request)
+        write = _WRITERS[request.format]
+        return self._scenes.reading(
+            request.scene_id, request.version, lambda index, version: write(self, index, version, request)
+        )
+
+    def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
+        """The free place nearest to a thing from which a robot sees it, see `goal_near`.
+
+        Args:
+            scene_id: which scene.
+            thing_id: of a thing or a part.
+            robot_radius: metres; 0: 0.2.
+            version: of the scene; "" is the current one.
+
+        Raises:
+            NotFoundError: unknown scene, version or thing; there is no such place.
+            InvalidInputError: the scene is not in metres with z up, or shows no floor; a radius that is none; a thing
+                without a box.
+            LimitExceededError, NotReadyError: as `file`.
+        """
+        from fastsplat.service.query.surfaces.goals import goal_near  # scipy loads with the first call
+
+        check_texts(version, "version")
+
+        def read(index: SceneIndex, read_version: str) -> Goal:
+            needed = map_bytes(index)  # refuses a scene without a map
+            try:
+                thing = index.things.get(thing_id)
+            except NotFoundError as error:
+                raise NotFoundError(error.message, field="thing_id", hint=error.hint) from error
+            with self._memory.reserve(needed, "scene_id"):
+                known = map_of(index, 0.0, lambda one: self._surfaces.views(scene_id, read_version, one))
+            return goal_near(known, thing, robot_radius or ROBOT_RADIUS, read_version)
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        def make() -> bytes:
+            gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+            with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+                return spz_bytes(gaussians)
+
+        if request.things:
+            return make()
+        size = 32 * len(index.scene.gaussians)
+        return self._splats.get((request.scene_id, version), lambda: size, make)
+
+    def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+            return sog_bytes(gaussians)
+
+    def _ply(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        gaussians = index.scene.gaussians
+        with self._memory.reserve(export_bytes(gaussians), "scene_id"):
+            every = np.ones(len(gaussians), np.bool_)
+            rows = thing_rows(index, request.things)
+            return mask_ply(gaussians, every if rows is None else rows)
+
+    def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        if request.things:
+            raise InvalidInputError(
+                "a page of some things alone", field="things", hint="Ask for the whole scene, or for another format."
+            )
+        name = self._name(request)
+        spz = self._spz(index, version, request)
+        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
+            return scene_page(index, name, spz)
+
+    def _points(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+            return points_file(
+                index, self._name(request), request.things, request.cell, self._views_of(request, version)
+            )
+
+    def _cameras(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=False), "scene_id"):
+            return cameras_file(
+                index, self._name(request), request.things, request.cell, self._views_of(request, version)
+            )
+
+    def _mesh(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
+            return mesh_file(index, self._name(request), request.things, request.cell, self._views_of(request, version))
+
+    def _glb(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
+            return splats_file(index, self._name(request), request.things)
+
+    def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with needed(FOXGLOVE, 'the format "mcap"'):
+            from fastsplat.service.application.exporting.foxglove_file import foxglove_file
+        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
+        floor, floor_missing = self._floor(index, version, request)
+        with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
+            views = self._views_of(request, version)
+            points = points_file(index, self._name(request), request.things, request.cell, views)
+            recording = self._recording(request, version, points, files, left_out)
+            recording = replace(recording, floor=floor, floor_missing=floor_missing)
+            return foxglove_file(index, recording, request.things)
+
+    def _rerun(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        with needed(RERUN, 'the format "rerun"'):
+            from fastsplat.service.application.exporting.rerun_file import rerun_file
+        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
+        gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+        with self._memory.reserve(export_bytes(gaussians) + 3 * sum(files.values()), "scene_id"):
+            recording = self._recording(request, version, b"", files, left_out)
+            return rerun_file(index, gaussians, recording, request.things)
+
+    def _recording(
+        self, request: ExportRequest, version: str, points: bytes, photos: Iterable[int], photos_left_out: int
+    ) -> SceneRecording:
+        created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
+        contents = self._photo_contents(request.scene_id, version, photos)
+        return SceneRecording(
+            request.scene_id, version, self._name(request), created_ns, points, contents, photos_left_out
+        )
+
+    def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
+        """The map of the floor, or why there is none."""
+        if request.things:
+            return None, "a map is of a whole scene"
+        try:
+            needed_bytes = map_bytes(index)
+        except InvalidInputError as error:
+            return None, error.message
+        with self._memory.reserve(needed_bytes, "scene_id"):
+            try:
+                return map_of(index, 0.0, self._views_of(request, version)), ""
+            except (InvalidInputError, LimitExceededError) as error:
+                return None, error.message
+
+    def _photo_files(
+        self, scene_id: str, version: str, cameras: int, choose: Callable[[Mapping[int, int]], Sequence[int]]
+    ) -> tuple[dict[int, int], int]:
+        """Bytes of the stored photos that `choose` takes, by the number of their camera, and how many it leaves out."""
+        folder = self._scenes.folder(scene_id, version)
+        sizes = {number: size for number in range(cameras) if (size := size_of(photo_path(folder, number)))}
+        photos = {number: sizes[number] for number in choose(sizes)}
+        return photos, len(sizes) - len(photos)
+
+    def _photo_contents(self, scene_id: str, version: str, numbers: Iterable[int]) -> dict[int, bytes]:
+        """Checked JPEG files by the number of their camera."""
+        folder = self._scenes.folder(scene_id, version)
+        paths = {number: photo_path(folder, number) for number in numbers}
+        try:
+            if paths:
+                names = [path.relative_to(folder).as_posix() for path in paths.values()]
+                self._store.blobs.check_version(folder, *names)
+            return {number: path.read_bytes() for number, path in paths.items()}
+        except (FileNotFoundError, SceneFileError) as error:
+            if folder.is_dir():
+                raise
+            raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene") from error
+
+    def _created_at(self, scene_id: str, version: str) -> float:
+        """When the version was made, seconds since 1970."""
+        for made in self._store.versions.of(self._store.scenes.scene(scene_id)):
+            if made.version == version:
+                return made.created_at
+        raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
+
+    def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
+        if request.things:
+            raise InvalidInputError(
+                "a map of some things alone", field="things", hint="Ask for the whole scene, or for another format."
+            )
+        with self._memory.reserve(map_bytes(index), "scene_id"):
+            return map_file(index, request.cell, self._views_of(request, version))
+
+    def _views_of(self, request: ExportRequest, version: str) -> ViewsOf:
+        return lambda index: self._surfaces.views(request.scene_id, version, index)
+
+    def _name(self, request: ExportRequest) -> str:
+        return self._store.scenes.scene(request.scene_id).name
+
+
+_WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportRequest], bytes]] = {
+    "ply": Exports._ply,
+    "spz": Exports._spz,
+    "html": Exports._html,
+    "points": Exports._points,
+    "glb": Exports._glb,
+    "mesh": Exports._mesh,
+    "cameras": Exports._cameras,
+    "sog": Exports._sog,
+    "mcap": Exports._mcap,
+    "map": Exports._map,
+    "rerun": Exports._rerun,
+}
+
+
+def _check_cell(request: ExportRequest) -> None:
+    if not (math.isfinite(request.cell) and request.cell >= 0):
+        raise InvalidInputError(f"a cell of {request.cell}", field="cell", hint="Scene units, above 0.")
+    if request.cell and request.format not in _WITH_CELLS:
+        raise InvalidInputError(
+            f'the format "{request.format}" has no cells', field="cell", hint=f"For {', '.join(_WITH_CELLS)} alone."
+        )
+
+
+def thing_rows(index: SceneIndex, things: Sequence[int]) -> NDArray[np.bool_] | None:
+    """bool [G]: the Gaussians of these things or parts; None without any.
+
+    Raises:
+        NotFoundError: the scene has no thing of one of these ids.
+    """
+    if not things:
+        return None
+    own = [index.things.get(thing_id) for thing_id in dict.fromkeys(things)]
+    rows = np.isin(index.things.owner, [thing.id for thing in own if not thing.parent])
+    parts = [thing.id for thing in own if thing.parent]
+    return np.asarray(rows | np.isin(index.things.part_owner, parts) if parts else rows)
+
+
+def _rows(gaussians: Gaussians, rows: NDArray[np.bool_] | None) -> Gaussians:
+    if rows is None:
+        return gaussians
+    return replace(gaussians, **{name: array[rows] for name, array in vars(gaussians).items()})

@@ -1,0 +1,97 @@
+"""A scene as one HTML file: the viewer of `api/web/src/offline/`, the Gaussians, and answers to its own names."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from base64 import b64encode
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.query_text import MAX_TEXTS
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.json_codec import to_plain
+
+TEMPLATE = Path(__file__).resolve().parents[3] / "api" / "web" / "dist" / "offline.html"
+"""The built viewer, in a checkout and in a wheel."""
+
+MAX_NAMES = 1_000
+"""Labels that a file answers for; those with the most Gaussians come first."""
+
+_MAX_CAMERAS = 200
+_PLACE = "<!--scene-->"
+_LEVEL = 6
+
+
+def scene_page(index: SceneIndex, name: str, spz: bytes) -> bytes:
+    """The file, UTF-8. It opens from disk, loads nothing, and answers the labels and aliases of the scene with what the
+    scene itself says of them now; any other text it calls not answerable.
+
+    Args:
+        index: the scene.
+        name: of the scene, for people.
+        spz: its Gaussians.
+
+    Raises:
+        NotFoundError: the viewer is not built in this installation.
+    """
+    before, after = _viewer()
+    entries = index.scene.dictionary.entries
+    present = [label_id for label_id in range(1, len(entries) + 1) if index.label_counts[label_id]]
+    present.sort(key=lambda label_id: -index.label_counts[label_id])
+    listed = [entries[label_id - 1] for label_id in present[:MAX_NAMES]]
+    names = list(dict.fromkeys(text for entry in listed for text in (entry.label, *entry.aliases)))
+    data: dict[str, Any] = {
+        "name": name,
+        "cameras": [to_plain(posed) for posed in index.scene.cameras[:_MAX_CAMERAS]],
+        "gaussians": len(index.scene.gaussians),
+        "labels": [entry.label for entry in listed],
+        "names": [{"name": text, "key": label_key(text), "answer": number} for number, text in enumerate(names)],
+        "answers": list(_answers(index, names)),
+        "left_out": len(present) - len(listed),
+        "splat": b64encode(spz).decode(),
+    }
+    # No "<" in the file's data: nothing in a name can end the element that holds it, or begin another.
+    content = json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    return f'{before}<script type="application/json" id="scene">{content}</script>{after}'.encode()
+
+
+def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
+    packed: dict[tuple[int, ...], str] = {}
+    at_once = MAX_TEXTS
+    for start in range(0, len(names), at_once):
+        check_cancelled()
+        for answer in index.ask(names[start : start + at_once]):
+            if answer.relevant_ids not in packed:
+                bits = np.packbits(index.mask3d(answer)).tobytes()
+                packed[answer.relevant_ids] = b64encode(gzip.compress(bits, _LEVEL, mtime=0)).decode()
+            yield {
+                "verdict": answer.verdict,
+                "relation": answer.relation,
+                "relation_subject": answer.relation_subject,
+                "explanation": answer.explanation,
+                "probability": answer.probability,
+                "objects": [to_plain(thing) for thing in index.objects_of(answer)],
+                "rows": packed[answer.relevant_ids] if answer.relevant_ids else "",
+            }
+
+
+def _viewer() -> tuple[str, str]:
+    """What stands before the scene's data, and behind it."""
+    try:
+        before, place, after = TEMPLATE.read_text(encoding="utf-8").partition(_PLACE)
+    except FileNotFoundError:
+        place = ""
+    if not place:
+        raise NotFoundError(
+            "the viewer of single files is not built in this installation",
+            field="format",
+            hint="Install Node.js 18.19 or later with npm and run: make page. The other formats work without it.",
+        )
+    return before, after

@@ -1,0 +1,110 @@
+"""What recordings of a scene for robotics viewers (Foxglove, Rerun) say, whatever their format."""
+
+from __future__ import annotations
+
+import colorsys
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from fastsplat.service.query.surfaces.occupancy import OccupancyMap
+from fastsplat.service.scene.frames import frame_id
+from fastsplat.service.scene.scaling import capture_scaling
+from fastsplat.service.scene.types import Scene
+from fastsplat_contract.thing_messages import SceneThing
+
+MOST_PHOTO_BYTES = 64 << 20
+"""Of all photos in one file; of a scene that has more, every second, third ... is in it."""
+
+_HUE_STEP = 0.618034
+
+
+@dataclass(frozen=True)
+class SceneRecording:
+    """What a recording says of a scene beside what is in its index.
+
+    Attributes:
+        scene_id, version, name: of the scene.
+        created_ns: when the version was made, nanoseconds since 1970.
+        points: a file of `point_ply`, for formats that hold points.
+        photos: JPEG files, by the number of their camera.
+        photos_left_out: how many stored ones are not among them.
+        floor: the map of the floor, for scenes that have one.
+        floor_missing: why they have none.
+    """
+
+    scene_id: str
+    version: str
+    name: str
+    created_ns: int
+    points: bytes
+    photos: Mapping[int, bytes]
+    photos_left_out: int = 0
+    floor: OccupancyMap | None = None
+    floor_missing: str = ""
+
+
+def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> list[int]:
+    """The numbers of photos, evenly through all, that together are at most so large; as many as that allows.
+
+    Args:
+        sizes: bytes of each photo, by the number of its camera.
+        most: bytes.
+    """
+    numbers = sorted(sizes)
+    for step in range(1, len(numbers) + 1):
+        if sum(sizes[number] for number in numbers[::step]) <= most:
+            return numbers[::step]
+    return []
+
+
+def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
+    """What is recorded of a scene as a whole, with a warning where lengths are not metres.
+
+    Args:
+        scene, recording: of which.
+        listed: the things in the recording.
+    """
+    scaling, metric = scene.scaling or capture_scaling(scene.quality), scene.scale == "METRIC"
+    up = scene.up()
+    lines = {
+        "scene_id": recording.scene_id,
+        "version": recording.version,
+        "name": recording.name,
+        "frame_id": frame_id(scene),
+        "scale": scene.scale,
+        "unit": "metre" if metric else "arbitrary",
+        "up": "unknown" if up is None else json.dumps(up.tolist()),
+        "things": str(len(listed)),
+        "things_without_box": json.dumps([thing.id for thing in listed if thing.box is None]),
+        "cameras": str(len(scene.cameras)),
+        "photos": str(len(recording.photos)),
+        "photos_left_out": str(recording.photos_left_out),
+    }
+    if recording.floor_missing:
+        lines["no_map"] = recording.floor_missing
+    if not metric:
+        lines["warning"] = "Lengths are not metres, though viewers show them as such: the scene's scale is arbitrary."
+    elif scaling is not None:
+        lines["meters_per_unit"] = repr(float(scaling.meters_per_unit))
+        lines["meters_per_unit_95"] = json.dumps([float(scaling.low), float(scaling.high)])
+    return lines
+
+
+def thing_facts(thing: SceneThing) -> dict[str, str]:
+    """What is recorded of a thing beside its box."""
+    return {
+        "name": thing.name,
+        "source": thing.source or "",
+        "probability": repr(float(thing.probability)),
+        "suggestions": json.dumps({each.name: float(each.probability) for each in thing.suggestions}),
+        "kind": thing.kind,
+        "surface": thing.surface,
+        "gaussians": str(thing.gaussian_count),
+        "meters": json.dumps(thing.meters),
+    }
+
+
+def thing_color(thing_id: int) -> tuple[float, float, float]:
+    """Red, green and blue from 0 to 1; those of neighboring ids lie far apart."""
+    return colorsys.hsv_to_rgb(thing_id * _HUE_STEP % 1.0, 0.7, 1.0)

@@ -1,0 +1,83 @@
+"""Orders to look again at a finished scene: checked here, done by a worker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fastsplat.service.application.base.validate import check_request_id, check_texts
+from fastsplat.service.application.jobs.scene_orders import order_job
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.scene.things import checked_name
+from fastsplat.service.settings import Settings, StoreOptions
+from fastsplat.service.store.records import LOOK_AGAIN, NewJob
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
+
+
+def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: Settings) -> NewJob:
+    """The job that searches a scene for texts once more.
+
+    Args:
+        scene_id: which scene.
+        request: what to look for.
+        project: whose scene it is.
+        settings: which detector looks, and limits.
+
+    Raises:
+        InvalidInputError: no texts; one that is empty, too long, there twice, of several lines or of control
+            characters, or that the configured detector cannot know.
+        LimitExceededError: too many texts.
+        ModelUnavailableError: no open-set detector is configured.
+    """
+    check_request_id(request.request_id)
+    check_texts(request.texts, "texts")
+    texts = _checked(request.texts, settings.store)
+    _check_models(texts, settings)
+    return order_job(LOOK_AGAIN, scene_id, request.request_id, to_plain(LookAgainIn(texts)), project)
+
+
+def _checked(texts: Sequence[str], limits: StoreOptions) -> tuple[str, ...]:
+    """The texts without white space at their ends."""
+    if not texts:
+        raise InvalidInputError(
+            "no texts", field="texts", limit=f"1 to {limits.max_labels} texts", hint="Say what to look for."
+        )
+    if len(texts) > limits.max_labels:
+        raise LimitExceededError(
+            f"{len(texts)} texts",
+            field="texts",
+            limit=f"{limits.max_labels} texts",
+            hint="Look for them in several operations.",
+        )
+    first: dict[str, int] = {}
+    checked = []
+    for number, text in enumerate(texts):
+        field = f"texts[{number}]"
+        if len(text) > limits.max_label_chars:
+            raise LimitExceededError(
+                f"a text of {len(text)} characters",
+                field=field,
+                limit=f"{limits.max_label_chars} characters",
+                hint="A word or two say what a thing is.",
+            )
+        checked.append(checked_name(text, field))
+        key = label_key(checked[-1])
+        if not key:
+            raise InvalidInputError(f"{text[:80]!r} has no word to look for", field=field, hint="Say what to look for.")
+        if key in first:
+            raise InvalidInputError(
+                f"{text[:80]!r} is the same as texts[{first[key]}], {texts[first[key]][:80]!r}",
+                field=field,
+                limit="each text once; case and plural do not matter",
+                hint="Leave one out.",
+            )
+        first[key] = number
+    return tuple(checked)
+
+
+def _check_models(texts: Sequence[str], settings: Settings) -> None:
+    from fastsplat.service.perception.detectors.open_detectors import check_open_set_detector, check_texts_known
+
+    check_open_set_detector(settings.perception)
+    check_texts_known(texts, settings.perception, settings.models, field="texts")

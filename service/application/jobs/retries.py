@@ -1,0 +1,67 @@
+"""Failed and cancelled jobs tried again, with their whole upload or without some of its photos."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
+from fastsplat.service.capture.uploads.photo_exclusion import photo_paths, without_photos
+from fastsplat.service.store.job_repository import no_upload
+from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import InvalidInputError, NotReadyError
+from fastsplat_contract.operations import FINAL_STATES
+
+
+def retry(
+    operation_id: str, exclude: Sequence[str], store: Store, quotas: Quotas, project: str, retention_s: float
+) -> OperationRecord:
+    """Queue a failed or cancelled job again; one in another state stays as it is.
+
+    Args:
+        operation_id: which.
+        exclude: photos of its upload to leave out, beside those of earlier retries.
+        store: of the project.
+        quotas: of how many jobs may wait or run.
+        project: whose job it is.
+        retention_s: seconds for which uploads of failed and cancelled jobs are kept.
+
+    Raises:
+        NotFoundError: there is none of that id, its scene was deleted, or its upload is not stored any more.
+        InvalidInputError: the upload has no photo of such a name, or too few are left.
+        NotReadyError: photos are to be left out of a job that was neither failed nor cancelled.
+        QuotaError: as many of the project's jobs wait or run as may.
+    """
+    record = store.scenes.operation(operation_id)
+    if record.state in ("FAILED", "CANCELLED"):
+        if record.kind == "create_scene" and record.upload_id not in store.blobs.ids("uploads"):
+            raise no_upload(operation_id)
+        quotas.check_retry(project)
+    paths = _checked(record, exclude, store) if exclude else ()
+    if not set(paths) <= set(record.excluded) and record.state not in ("FAILED", "CANCELLED"):
+        raise NotReadyError(
+            f"operation {operation_id!r} is {record.state}",
+            field="exclude",
+            hint="Its scene is made with all its photos; delete it, and post the others as a new one."
+            if record.state in FINAL_STATES
+            else "Cancel it first, then retry it without them.",
+        )
+    return store.jobs.retry(operation_id, time.time() - retention_s, paths)
+
+
+def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:
+    """The paths of the photos to leave out of a job's upload."""
+    if record.kind != "create_scene":
+        raise InvalidInputError(
+            f"a job of the kind {record.kind} reads no upload that photos could be left out of",
+            field="exclude",
+            hint="Retry it without.",
+        )
+    if record.upload_id not in store.blobs.ids("uploads"):
+        raise no_upload(record.id)
+    manifest, _ = read_manifest(store.blobs.fetch_upload(record.upload_id) / record.options["admitted"])
+    paths = photo_paths(manifest, exclude)
+    without_photos(manifest, {*record.excluded, *paths})
+    return paths

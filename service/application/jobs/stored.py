@@ -1,0 +1,173 @@
+"""Stored rows to what callers see."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from datetime import UTC, datetime
+from itertools import islice
+from typing import Any, TypeVar
+
+import numpy as np
+
+from fastsplat.service.capture.types import ValidatedUpload
+from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
+from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
+from fastsplat.service.scene.assessment import assess
+from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
+from fastsplat.service.scene.upright import vertical_of
+from fastsplat.service.store.codec import camera_from_json
+from fastsplat.service.store.damaged_rows import decodes, each_readable
+from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
+from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, OperationKind, StageProgress
+from fastsplat_contract.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.scenes import (
+    DictionaryEntry,
+    ScaleSource,
+    Scene,
+    SceneAlignment,
+    SceneScaling,
+    SceneSummary,
+)
+from fastsplat_contract.train_more_messages import TrainMoreResult
+
+T = TypeVar("T")
+
+_LEFT_OUT = "left_out"
+_MAX_LEFT_OUT = 100
+
+
+def left_out_to_json(upload: ValidatedUpload) -> dict[str, Any]:
+    """What stands beside a job's options of the files of its upload that cannot be used, for `operation_of`."""
+    return {_LEFT_OUT: dict(islice(upload.left_out.items(), _MAX_LEFT_OUT))}
+
+
+@decodes("operation")
+def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> Operation:
+    """What a caller sees of an operation row; a metric that is no finite number is left out.
+
+    Args:
+        record: the row.
+        worker: who works on it; None once it is done.
+    """
+    error, done = record.error, record.state in FINAL_STATES
+    files = {} if done or record.progress_files is None else record.progress_files
+    left = record.stages[-1]["metrics"].get(SECONDS_LEFT) if record.stages and worker == "working" else None
+    return Operation(
+        id=record.id,
+        scene_id=record.scene_id,
+        state=record.state,
+        done=done,
+        created_at=_time(record.created_at),
+        updated_at=_time(record.updated_at),
+        stages=tuple(_stage_of(stage) for stage in record.stages),
+        error=None if error is None else OperationError(**{**error, "photos": tuple(error.get("photos", ()))}),
+        kind=record.kind,
+        look_again=_result_of(record, "look_again", LookAgainResult),
+        train_more=_result_of(record, "train_more", TrainMoreResult),
+        attempt=record.attempt,
+        worker=worker,
+        seconds_left=left if left is not None and 0 <= left < math.inf else None,
+        finish_requested=record.finish_requested,
+        preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
+        placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
+        again_after=record.again_after,
+        left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
+    )
+
+
+def _result_of(record: OperationRecord, kind: OperationKind, result: type[T]) -> T | None:
+    return None if record.result is None or record.kind != kind else from_plain(result, dict(record.result))
+
+
+@decodes("scene")
+def summary_of(record: SceneRecord) -> SceneSummary:
+    """What a list shows of a scene row."""
+    return SceneSummary(
+        id=record.id,
+        name=record.name,
+        state=record.state,
+        operation_id=record.operation_id,
+        created_at=_time(record.created_at),
+        gaussians=record.gaussians,
+        scale=record.scale if record.scaling is None else "METRIC",
+        version=record.version,
+        label_count=len(record.dictionary),
+    )
+
+
+def summaries_of(records: Sequence[SceneRecord]) -> tuple[SceneSummary, ...]:
+    """The same of many, without those whose rows cannot be read."""
+    return tuple(each_readable(records, summary_of))
+
+
+@decodes("scene")
+def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
+    """What a caller sees of a scene row, with at most `max_listed` of its labels and cameras."""
+    unit = None if record.scaling is None else record.scaling["meters_per_unit"]
+    alignment = alignment_from_json(record.alignment)
+    frame = frame_similarity(unit, alignment)  # rows have that of the trained version
+    cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
+    return Scene(
+        **vars(summary_of(record)),
+        camera_count=len(record.cameras),
+        dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
+        cameras=cameras,
+        quality=record.quality,
+        assessment=assess(record.quality, cameras) if record.state == "READY" else None,
+        scaling=_scaling_of(record),
+        vertical=vertical_of(record.quality, alignment, cameras),
+        alignment=_alignment_of(record),
+    )
+
+
+def _scaling_of(record: SceneRecord) -> SceneScaling | None:
+    measured, scaling = capture_scaling(record.quality), scaling_from_json(record.scaling)
+    if scaling is None:
+        measured_by = capture_scale_source(record.quality)
+        return None if measured is None else SceneScaling(measured_by, 1.0, measured.low, measured.high, 0)
+    alignment = alignment_from_json(record.alignment)
+    by_pairs = alignment is not None and alignment.scaled
+    count = len(scaling.lengths) - (measured is not None) - by_pairs
+    source: ScaleSource = "known_length" if count else "point_pairs"
+    return SceneScaling(source, scaling.meters_per_unit, scaling.low, scaling.high, count)
+
+
+def _alignment_of(record: SceneRecord) -> SceneAlignment | None:
+    alignment = alignment_from_json(record.alignment)
+    if alignment is None:
+        return None
+    return SceneAlignment(
+        alignment.frame,
+        alignment.pairs,
+        alignment.rms,
+        alignment.residuals,
+        alignment.outliers,
+        Pose(Vector3(*alignment.translation), quaternion_of(np.array(alignment.rotation))),
+    )
+
+
+@decodes("scene")
+def labels_of(record: SceneRecord, rows: Sequence[Mapping[str, Any]]) -> tuple[DictionaryEntry, ...]:
+    """What a caller sees of some entries of a scene's dictionary."""
+    return tuple(label_of(row) for row in rows)
+
+
+def label_of(row: Mapping[str, Any]) -> DictionaryEntry:
+    """What a caller sees of a stored dictionary entry; a row may hold more than callers are shown."""
+    shown = {field.name: row[field.name] for field in fields(DictionaryEntry)}
+    return DictionaryEntry(**{**shown, "aliases": tuple(row["aliases"])})
+
+
+def _stage_of(row: Mapping[str, Any]) -> StageProgress:
+    metrics = {name: value for name, value in row["metrics"].items() if math.isfinite(value) and name != SECONDS_LEFT}
+    shown = {field.name: row[field.name] for field in fields(StageProgress)}
+    return StageProgress(**{**shown, "metrics": metrics})
+
+
+def _time(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)

@@ -1,0 +1,168 @@
+"""Depth maps of uploads as their tools store them: gray images, NumPy arrays, and Record3D's compressed floats.
+
+Run on a stranger's bytes only in the confined processes that check uploads and decode pictures.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.formats.image_io import open_map, read_size
+from fastsplat.service.capture.formats.lzfse_files import unpack_lzfse
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+
+ARRAY_SUFFIX, COMPRESSED_SUFFIX = ".npy", ".depth"
+IMAGE_SUFFIXES = frozenset({".png", ".tif", ".tiff"})
+_FARTHEST = 1_000.0
+"""Scene units: what is stated farther away is no measurement of a sensor."""
+_UNITS = (1e-9, 1e3)
+_SLACK_BYTES = 4_096
+_LOW_CONFIDENCE = 0
+"""ARKit has 0 low, 1 medium, 2 high (ARConfidenceLevel); Polycam stretches the same levels over 0..255."""
+
+
+@dataclass(frozen=True)
+class DepthFile:
+    """One depth map of an upload: camera z of every pixel.
+
+    Attributes:
+        path: relative to the upload: a 16-bit gray image, a `.npy` array, or `.depth`, float32 compressed by LZFSE.
+        unit: scene units of one stored unit.
+        size: (width, height) of the pixels as stored, where the file itself does not say; else None.
+        confidence: path of ARKit's confidence of every pixel, if there is one: pixels of the lowest level are unknown.
+    """
+
+    path: str
+    unit: float
+    size: tuple[int, int] | None = None
+    confidence: str | None = None
+
+
+def check_depth_unit(unit: Any, *, field: str) -> float:
+    """The unit as a number.
+
+    Raises:
+        InvalidInputError: it is no number from 1e-9 to 1000.
+    """
+    if isinstance(unit, bool) or not isinstance(unit, int | float) or not _UNITS[0] <= unit <= _UNITS[1]:
+        raise InvalidInputError(
+            f"the depth unit is {str(unit)[:60]!r}",
+            field=field,
+            limit=f"{_UNITS[0]:g} to {_UNITS[1]:g}",
+            hint="Say how many scene units one step of the depth maps is, e.g. 0.001 for millimetres.",
+        )
+    return float(unit)
+
+
+def depth_size(root: Path, file: DepthFile, settings: CaptureSettings) -> tuple[int, int]:
+    """(width, height) of a depth map as stored, without reading its pixels.
+
+    Raises:
+        CorruptImageError: it is no image or no array of two dimensions.
+        LimitExceededError: it has more than `max_image_pixels`.
+    """
+    suffix = PurePosixPath(file.path).suffix.lower()
+    if suffix == ARRAY_SUFFIX:
+        height, width = _open_array(root / file.path, file.path).shape[:2]
+    elif suffix == COMPRESSED_SUFFIX:
+        assert file.size is not None
+        width, height = file.size
+    else:
+        return read_size(root, file.path, settings)
+    if width * height > settings.max_image_pixels:
+        raise LimitExceededError(
+            f"{file.path} has {width}×{height} pixels",
+            field=file.path,
+            limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
+            hint="Send smaller depth maps.",
+        )
+    return int(width), int(height)
+
+
+def read_depth(root: Path, file: DepthFile, settings: CaptureSettings) -> NDArray[np.float32]:
+    """float32 [H, W] of a depth map as stored, scene units; 0 where it is unknown: not finite, not positive, farther
+    than 1000 units, or of low confidence.
+
+    Raises:
+        CorruptImageError, LimitExceededError: as `depth_size`, and where the content is cut short or damaged.
+        InvalidInputError: it has colors, or its confidence has another size.
+    """
+    width, height = depth_size(root, file, settings)
+    suffix = PurePosixPath(file.path).suffix.lower()
+    stored: NDArray[Any]
+    if suffix == ARRAY_SUFFIX:
+        stored = np.asarray(_open_array(root / file.path, file.path)).reshape(height, width)
+    elif suffix == COMPRESSED_SUFFIX:
+        stored = np.frombuffer(_decompressed(root, file.path, 4 * width * height), "<f4").reshape(height, width)
+    else:
+        stored = open_map(root, file.path, settings)
+    with np.errstate(over="ignore", invalid="ignore"):
+        depth = (stored.astype(np.float64) * file.unit).astype(np.float32)
+        depth[~((depth > 0) & (depth <= _FARTHEST))] = 0.0  # false for NaN too
+    if file.confidence is not None:
+        depth[_confidence(root, file.confidence, (width, height), settings) <= _LOW_CONFIDENCE] = 0.0
+    return depth
+
+
+def sample_depth(depth: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """float32 [H, W] of another size (width, height), nearest neighbor: no value of two surfaces is mixed."""
+    if depth.shape[1::-1] == size:
+        return depth
+    return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT), np.float32)
+
+
+def _open_array(path: Path, name: str) -> NDArray[Any]:
+    """[H, W] of a `.npy` file, not yet read into memory; its length is compared with its header."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, OSError, EOFError, SyntaxError, OverflowError, TypeError) as error:
+        raise CorruptImageError(
+            f"{name} is not a readable array: {error}"[:300], field=name, hint="Save it again by numpy.save."
+        ) from error
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fu" or math.prod(array.shape) == 0:
+        raise CorruptImageError(
+            f"{name} is not an array of depths", field=name, hint="Save float or unsigned numbers [H, W]."
+        )
+    if array.ndim == 3 and array.shape[2] == 1:
+        array = array[..., 0]
+    if array.ndim != 2:
+        raise CorruptImageError(
+            f"{name} has the shape {array.shape}", field=name, hint="Save one number per pixel, [H, W]."
+        )
+    return np.asarray(array)
+
+
+def _confidence(root: Path, name: str, size: tuple[int, int], settings: CaptureSettings) -> NDArray[np.integer]:
+    if PurePosixPath(name).suffix.lower() in IMAGE_SUFFIXES:
+        levels = open_map(root, name, settings)
+        if levels.shape[1::-1] != size:
+            raise InvalidInputError(
+                f"{name} has {levels.shape[1]}×{levels.shape[0]} pixels, its depth map {size[0]}×{size[1]}",
+                field=name,
+                hint="Send confidence maps of exactly their depth map's size, or none.",
+            )
+        return levels
+    return np.frombuffer(_decompressed(root, name, size[0] * size[1]), np.uint8).reshape(size[1], size[0])
+
+
+def _decompressed(root: Path, name: str, expected_bytes: int) -> bytes:
+    path = root / name
+    if path.stat().st_size > expected_bytes + _SLACK_BYTES:
+        raise CorruptImageError(
+            f"{name} has {path.stat().st_size} bytes, more than it may unpack to",
+            field=name,
+            limit=f"{expected_bytes} bytes",
+            hint="Export the recording again.",
+        )
+    packed = path.read_bytes()
+    if len(packed) == expected_bytes:  # some exports leave it as it is
+        return packed
+    return unpack_lzfse(packed, name, expected_bytes)

@@ -1,0 +1,287 @@
+"""Reads and checks images of uploads, decodes them upright, and writes the images of a capture."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ExifTags, Image, UnidentifiedImageError
+
+from fastsplat.service.capture.formats.photo_times import taken_at_of_exif
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+
+IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif"})
+UNSUPPORTED_SUFFIXES = frozenset({".avif", ".dng", ".cr2", ".nef", ".arw", ".gif", ".exr"})
+Image.init()  # registers all decoders, of which only these are ever tried:
+IMAGE_FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "BMP")
+_HEIF_MARK = b"ftyp"
+_MIRRORED = frozenset({2, 4, 5, 7})
+_TRANSPOSED = frozenset({5, 6, 7, 8})
+_QUARTER_TURNS = {6: 1, 3: 2, 8: 3}  # EXIF orientation to clockwise rotations by 90° that make it upright
+_MAX_EXPOSURE_EV = 40.0
+_Number = TypeVar("_Number", np.uint8, np.uint16)
+
+
+@dataclass(frozen=True)
+class PhotoInfo:
+    """The size, orientation and lens in an image's header.
+
+    Attributes:
+        path: relative to the upload, with forward slashes.
+        width, height: of the pixels as stored, before the orientation is applied.
+        orientation: EXIF orientation, 1..8; 1 is upright.
+        lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
+        focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
+        exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
+            bias that the photographer set is in these three already.)
+        taken_at: when it was taken, seconds since 1970; None where the photo does not say it with its time zone.
+    """
+
+    path: str
+    width: int
+    height: int
+    orientation: int
+    lens: str
+    focal_35mm: float
+    exposure_ev: float | None = None
+    taken_at: float | None = None
+
+    @property
+    def upright_size(self) -> tuple[int, int]:
+        """(width, height) once the orientation is applied."""
+        return (self.height, self.width) if self.orientation in _TRANSPOSED else (self.width, self.height)
+
+    @property
+    def focal_of_side(self) -> float | None:
+        """Focal length over the longer side, by the diagonal of the frame that `focal_35mm` is of; None if unknown."""
+        if not self.focal_35mm:
+            return None
+        diagonal = math.hypot(self.width, self.height)
+        return self.focal_35mm / math.hypot(36.0, 24.0) * diagonal / max(self.width, self.height)
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether applying the orientation mirrors the image."""
+        return self.orientation in _MIRRORED
+
+    @property
+    def quarter_turns(self) -> int:
+        """Clockwise rotations by 90° that make the stored pixels upright, for an image that is not mirrored."""
+        return _QUARTER_TURNS.get(self.orientation, 0)
+
+
+def check_image(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
+    """The header of an image, once every row was decoded (coarsely where the format can: it still reads all bytes).
+
+    Raises:
+        CorruptImageError: not an image of a supported format, cut short, or of colors that cannot be read.
+        LimitExceededError: more pixels than `max_image_pixels`; read from the header, before decoding.
+    """
+    with _open(root / name, name, settings) as image:
+        # The EXIF of a PNG may stand behind its pixels: to ask for it decodes them, and hides what is wrong with them.
+        info = None if image.format == "PNG" else _info(image, name)
+        image.draft("RGB", (max(1, image.width // 8), max(1, image.height // 8)))
+        _decode(image, name)
+        # Whether its colors can be read says one pixel; of gray values beyond 8 bits, whose range counts, all.
+        _rgb(image if image.mode.startswith("I") else image.crop((0, 0, 1, 1)), name)
+        return info or _info(image, name)
+
+
+def read_header(root: Path, name: str, settings: CaptureSettings) -> PhotoInfo:
+    """The header of an image by its first bytes; its pixels are not decoded. Raises as `check_image`."""
+    with _open(root / name, name, settings) as image:
+        return _info(image, name)
+
+
+def read_size(root: Path, name: str, settings: CaptureSettings) -> tuple[int, int]:
+    """(width, height) as stored, by the first bytes alone; nothing is decoded. Raises as `check_image`."""
+    with _open(root / name, name, settings) as image:
+        return image.width, image.height
+
+
+def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3], upright. 16-bit values keep their upper byte; what is transparent turns black.
+
+    Black, because a scene is trained before black: where the photo shows nothing, the scene learns nothing.
+    """
+    return apply_orientation(load_stored(root, info.path, settings), info.orientation)
+
+
+def load_stored(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] as stored, its orientation not yet applied; else as `load_upright`."""
+    with _open(root / name, name, settings) as image:
+        _decode(image, name)
+        return _rgb(image, name)
+
+
+def apply_orientation(pixels: NDArray[_Number], orientation: int) -> NDArray[_Number]:
+    """Upright pixels by EXIF orientation (CIPA DC-008, 4.6.4 A: where the stored first row and column belong)."""
+    upright = {
+        1: lambda p: p,
+        2: lambda p: p[:, ::-1],
+        3: lambda p: p[::-1, ::-1],
+        4: lambda p: p[::-1],
+        5: lambda p: p.swapaxes(0, 1),
+        6: lambda p: np.rot90(p, -1),
+        7: lambda p: p[::-1, ::-1].swapaxes(0, 1),
+        8: lambda p: np.rot90(p, 1),
+    }[orientation](pixels)
+    return np.ascontiguousarray(upright)
+
+
+def open_map(root: Path, name: str, settings: CaptureSettings) -> NDArray[np.uint16]:
+    """uint16 [H, W]: a label map or mask stored as one channel of 1, 8 or 16 bits, or as palette indices.
+
+    Raises:
+        InvalidInputError: it has colors instead of ids.
+        CorruptImageError, LimitExceededError: as `check_image`.
+    """
+    with _open(root / name, name, settings) as image:
+        _decode(image, name)
+        if image.mode not in ("1", "L", "P", "I", "I;16", "I;16B"):
+            raise InvalidInputError(
+                f"{name} has colors ({image.mode}) where one label id per pixel is expected",
+                field=name,
+                hint="Save label maps as 8- or 16-bit gray PNG.",
+            )
+        values = np.asarray(image)
+    if values.dtype == np.int32 and (values.min() < 0 or values.max() > 65535):
+        raise InvalidInputError(
+            f"{name} has label ids outside 0..65535", field=name, hint="Save it as 16-bit gray PNG."
+        )
+    return values.astype(np.uint16)
+
+
+def save_rgb(pixels: NDArray[np.uint8], path: Path) -> None:
+    """Write uint8 [H, W, 3] in the format of the path's suffix: lossless PNG, or JPEG with very little loss."""
+    image = Image.fromarray(pixels)
+    if path.suffix == ".png":
+        image.save(path, compress_level=1)
+    else:
+        image.save(path, quality=95, subsampling=0)
+
+
+def load_rgb(path: Path) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] of an image that this service wrote."""
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
+    try:
+        with path.open("rb") as file:
+            is_heif = file.read(8)[4:] == _HEIF_MARK
+        if is_heif:
+            _register_heif()
+        image = Image.open(path, formats=("HEIF",) if is_heif else IMAGE_FORMATS)
+    except Image.DecompressionBombError as error:
+        raise _too_many_pixels(name, "far too many", settings) from error
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, TypeError, EOFError) as error:
+        raise CorruptImageError(
+            f"{name} is not an image this service can read",
+            field=name,
+            hint="Remove it, or save it again as JPEG, PNG, WebP, TIFF, BMP or HEIC.",
+        ) from error
+    if image.width * image.height > settings.max_image_pixels:
+        image.close()
+        raise _too_many_pixels(name, f"{image.width}×{image.height}", settings)
+    return image
+
+
+@cache
+def _register_heif() -> None:
+    """Let Pillow read HEIC. Its library is loaded by the first such file, which is a process of the sandbox.
+
+    libheif turns the pixels by the file's own transformations, and what EXIF says of the orientation is set to upright
+    by the plugin: neither is applied twice. Thumbnails and depth maps inside are not looked at.
+    """
+    pi_heif = importlib.import_module("pi_heif")
+    pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
+
+
+def _too_many_pixels(name: str, size: str, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"{name} has {size} pixels",
+        field=name,
+        limit=f"{settings.max_image_pixels} pixels an image (FASTSPLAT_CAPTURE__MAX_IMAGE_PIXELS)",
+        hint="Send a smaller version.",
+    )
+
+
+def _decode(image: Image.Image, name: str) -> None:
+    size = image.size
+    try:
+        image.load()
+        if image.size != size:
+            raise ValueError(f"its header says {size[0]}×{size[1]} pixels, its content {image.width}×{image.height}")
+    except (
+        RuntimeError,  # libheif's
+        OSError,
+        ValueError,
+        SyntaxError,
+        EOFError,
+        IndexError,
+        Image.DecompressionBombError,
+    ) as error:
+        raise CorruptImageError(
+            f"{name} is cut short or damaged: {error}", field=name, hint="Copy it again from the camera, or remove it."
+        ) from error
+
+
+def _info(image: Image.Image, name: str) -> PhotoInfo:
+    try:
+        exif = image.getexif()
+        detail = exif.get_ifd(ExifTags.IFD.Exif)
+        orientation = exif.get(ExifTags.Base.Orientation, 1)
+        focal = float(detail.get(ExifTags.Base.FocalLengthIn35mmFilm, 0) or 0)
+        exposure_ev, taken_at = _exposure_ev(detail), taken_at_of_exif(detail, exif.get_ifd(ExifTags.IFD.GPSInfo))
+        maker = [str(exif.get(tag, "")).strip("\0 ") for tag in (ExifTags.Base.Make, ExifTags.Base.Model)]
+    except Exception:  # a mangled EXIF block says nothing about the pixels, and Pillow raises a dozen types for it
+        orientation, focal, maker, exposure_ev, taken_at = 1, 0.0, ["", ""], None, None
+    if orientation not in range(1, 9):
+        orientation = 1
+    if not 5.0 <= focal <= 2_000.0:
+        focal = 0.0
+    lens = "/".join([*maker, f"{focal:g}"])
+    return PhotoInfo(name, image.width, image.height, int(orientation), lens, focal, exposure_ev, taken_at)
+
+
+def _exposure_ev(detail: Mapping[int, Any]) -> float | None:
+    """See `PhotoInfo.exposure_ev`, of the tags of the Exif IFD (CIPA DC-008, 4.6.5)."""
+    speed = detail.get(ExifTags.Base.ISOSpeedRatings)
+    speed = speed[0] if isinstance(speed, tuple) and speed else speed
+    exposure: list[Any] = [detail.get(ExifTags.Base.ExposureTime), speed, detail.get(ExifTags.Base.FNumber)]
+    if any(value is None for value in exposure):
+        return None
+    seconds, iso, f_number = (float(value) for value in exposure)
+    if not (seconds > 0 and iso > 0 and f_number > 0):
+        return None
+    exposure_ev = math.log2(seconds * iso / 100 / f_number**2)
+    return exposure_ev if abs(exposure_ev) <= _MAX_EXPOSURE_EV else None
+
+
+def _rgb(image: Image.Image, name: str) -> NDArray[np.uint8]:
+    if image.mode in ("I;16", "I;16B", "I;16L", "I"):
+        wide = np.asarray(image).astype(np.int64)
+        if wide.min() < 0 or wide.max() > 65535:
+            raise CorruptImageError(f"{name} has gray values outside 0..65535", field=name, hint="Save it as 8 bits.")
+        gray = (wide >> 8).astype(np.uint8)
+        return np.repeat(gray[..., None], 3, axis=2)
+    if image.mode in ("RGBA", "LA", "PA", "RGBa", "La") or "transparency" in image.info:
+        rgba = image.convert("RGBA")
+        black = Image.new("RGBA", rgba.size, (0, 0, 0, 255))
+        return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
+    try:
+        return np.asarray(image.convert("RGB"))
+    except ValueError as error:
+        raise CorruptImageError(
+            f"{name} has a color mode {image.mode} that cannot be read", field=name, hint="Save it as 8-bit RGB."
+        ) from error

@@ -1,0 +1,217 @@
+"""360° panoramas: where a picture lies on the sphere, and its six pinhole faces."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.photos.camera_model import Undistortion
+from fastsplat.service.capture.photos.lens_faces import FACES, LensFace, face_camera, face_rays
+from fastsplat_contract.errors import InvalidInputError
+
+F64 = NDArray[np.float64]
+
+_MAX_XMP_BYTES = 1 << 17
+_MAX_SIDE = 1 << 20
+_LEAST_SIDE = 64
+_RATIO_TOLERANCE = 0.01
+_FULL_WIDTH = 0.999
+
+
+@dataclass(frozen=True)
+class PanoramaFrame:
+    """Where an equirectangular picture lies on the sphere, in pixels of the full 360° × 180° picture.
+
+    Attributes:
+        width, height: of the full picture; width is twice the height.
+        left, top: of the stored picture in it.
+        stored_width, stored_height: of the stored picture.
+        pitch_deg, roll_deg: of the picture's center as its metadata say them (GPano), or None.
+
+    Raises:
+        InvalidInputError: no such picture can be.
+    """
+
+    width: int
+    height: int
+    left: int
+    top: int
+    stored_width: int
+    stored_height: int
+    pitch_deg: float | None = None
+    roll_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        sides = (self.width, self.height, self.stored_width, self.stored_height)
+        if not (
+            all(_LEAST_SIDE <= side <= _MAX_SIDE for side in sides)
+            and abs(self.width - 2 * self.height) <= _RATIO_TOLERANCE * self.width
+            and 0 <= self.left <= self.width + 1 - self.stored_width
+            and 0 <= self.top <= self.height + 1 - self.stored_height
+            and abs(self.pitch_deg or 0.0) <= 90
+            and abs(self.roll_deg or 0.0) <= 180
+        ):
+            raise InvalidInputError("no panorama lies so on the sphere", field="panorama", hint="Check its metadata.")
+
+    @property
+    def around(self) -> bool:
+        """Whether the left and the right edge show the same."""
+        return self.stored_width >= _FULL_WIDTH * self.width
+
+    @property
+    def vertical(self) -> F64 | None:
+        """Unit vector up, float64 [3], in the picture's frame (OpenCV axes, z to its center); None where unknown.
+
+        Google's Photo Sphere XMP: the pose is rotated first by the heading, then the pitch, then the roll; positive
+        pitch looks up, positive roll turns the camera clockwise.
+        """
+        if self.pitch_deg is None or self.roll_deg is None:
+            return None
+        pitch, roll = math.radians(self.pitch_deg), math.radians(self.roll_deg)
+        level = np.array([0.0, -math.cos(pitch), math.sin(pitch)])
+        cosine, sine = math.cos(roll), math.sin(roll)
+        turned = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(turned @ level)
+
+
+def full_frame(name: str, width: int, height: int) -> PanoramaFrame:
+    """The frame of a picture that is a whole sphere.
+
+    Raises:
+        InvalidInputError: it is not twice as wide as high.
+    """
+    if min(width, height) < _LEAST_SIDE or abs(width - 2 * height) > _RATIO_TOLERANCE * width:
+        raise InvalidInputError(
+            f"{name} has {width}×{height} pixels, a 360° panorama is twice as wide as high",
+            field=name,
+            limit="an aspect of 2:1",
+            hint="Export the photos or the video as equirectangular 360° × 180°, for one eye, or leave the lens away.",
+        )
+    return PanoramaFrame(width, height, 0, 0, width, height)
+
+
+def frame_of_xmp(xmp: bytes, width: int, height: int) -> PanoramaFrame | None:
+    """The frame that a picture's XMP says (https://developers.google.com/streetview/spherical-metadata), or None where
+    it says none or nothing that can be.
+
+    Args:
+        xmp: the packet; no more than its first 128 KiB are read, and it is not parsed as XML.
+        width, height: of the stored picture.
+    """
+    text = xmp[:_MAX_XMP_BYTES].decode("utf-8", "replace")
+    if metadata_value(text, "GPano:ProjectionType") != "equirectangular":
+        return None
+    names = ("FullPanoWidthPixels", "FullPanoHeightPixels", "CroppedAreaLeftPixels", "CroppedAreaTopPixels")
+    cropped = _number(text, "CroppedAreaImageWidthPixels")
+    stated = [number for name in names if (number := _number(text, name)) is not None]
+    pitch, roll = _number(text, "PosePitchDegrees"), _number(text, "PoseRollDegrees")
+    whole = not any(metadata_value(text, f"GPano:{name}") for name in names)
+    if not whole and len(stated) < len(names):
+        return None
+    full_width, full_height, left, top = (width, height, 0.0, 0.0) if whole else stated
+    # Editors that resize a picture leave its numbers as they were.
+    scale = width / cropped if cropped and not whole else 1.0
+    full_width, full_height, left, top = (round(number * scale) for number in (full_width, full_height, left, top))
+    try:
+        return PanoramaFrame(full_width, full_height, left, top, width, height, pitch, roll)
+    except InvalidInputError:
+        return None
+
+
+def panorama_faces(frame: PanoramaFrame, size: tuple[int, int], side: int) -> Iterator[LensFace]:
+    """The six faces of a panorama; those that a partial one does not show are left out.
+
+    The undistortions are for pixels as `wrapped` returns them.
+
+    Args:
+        frame: of the stored picture.
+        size: (width, height) that the stored picture was reduced to.
+        side: of a face, pixels.
+    """
+    camera = face_camera(side)
+    rays = face_rays(camera)
+    scale = np.array([size[0] / frame.stored_width, size[1] / frame.stored_height])
+    for name, rotation in FACES.items():
+        x, y, z = np.moveaxis(rays @ rotation.T, -1, 0)
+        u = (np.arctan2(x, z) / (2 * np.pi) + 0.5) * frame.width - frame.left
+        v = (np.arctan2(y, np.hypot(x, z)) / np.pi + 0.5) * frame.height - frame.top
+        if frame.around:
+            u %= frame.width
+        map_xy = np.stack([u * scale[0], v * scale[1]], axis=-1) + 0.5  # - 0.5 for OpenCV, + 1 for the border
+        if not frame.around:
+            map_xy[(u < 0) | (u > frame.stored_width) | (v < 0) | (v > frame.stored_height)] = -1e6
+        elif frame.stored_height < frame.height:
+            map_xy[(v < 0) | (v > frame.stored_height)] = -1e6
+        if (map_xy[..., 0] > -1e5).any():
+            yield LensFace(name, rotation, Undistortion(camera, map_xy.astype(np.float32)))
+
+
+def shown_by_any(masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, NDArray[np.bool_]]:
+    """bool [S, S] by face: its own mask, and where it shows what the mask of a face beside it covers; they overlap."""
+    whole = {face: mask.copy() for face, mask in masks.items()}
+    for source, mask in masks.items():
+        if not mask.any():
+            continue
+        camera = face_camera(len(mask))
+        rays = face_rays(camera)
+        for face, union in whole.items():
+            local = rays @ (FACES[face].T @ FACES[source])
+            ahead = local[..., 2] > 1e-6
+            columns, rows = (
+                np.floor(local[ahead, axis] / local[ahead, 2] * camera.fx + camera.cx).astype(np.int64)
+                for axis in range(2)
+            )
+            inside = (np.minimum(columns, rows) >= 0) & (np.maximum(columns, rows) < len(mask))
+            ahead[ahead] = inside
+            union[ahead] |= mask[rows[inside], columns[inside]]
+    return whole
+
+
+def wrapped(pixels: NDArray[np.uint8] | NDArray[np.uint16], frame: PanoramaFrame) -> NDArray[np.uint8]:
+    """A panorama's pixels or ids [H, W, ...] with a border of one pixel, which goes around where the picture does."""
+    beside: Literal["wrap", "edge"] = "wrap" if frame.around else "edge"
+    rest = [(0, 0)] * (pixels.ndim - 2)
+    tall = np.pad(pixels, [(1, 1), (0, 0), *rest], mode="edge")
+    return np.asarray(np.pad(tall, [(0, 0), (1, 1), *rest], mode=beside))
+
+
+def decoded_size(frame: PanoramaFrame, side: int) -> tuple[int, int]:
+    """(width, height) that a stored picture is worth reducing to for faces of `side` pixels: as sharp in their middles,
+    so that memory is bounded by the faces and not by the picture."""
+    scale = min(1.0, 2 * math.pi * face_camera(side).fx / frame.width)
+    return max(1, round(frame.stored_width * scale)), max(1, round(frame.stored_height * scale))
+
+
+def face_side(frame: PanoramaFrame, most: int) -> int:
+    """Pixels of a face that is as sharp in its middle as the picture, at most `most`; even, at least 32."""
+    native = frame.width / (2 * math.pi) * 2 * math.tan(math.radians(48.0))
+    return max(32, int(min(native, most)) // 2 * 2)
+
+
+def nadir_mask(camera_side: int, face: str, nadir_deg: float) -> NDArray[np.bool_] | None:
+    """bool [S, S]: false within `nadir_deg` of straight down, where the photographer or the tripod stands; None where a
+    face shows nothing of that."""
+    rays = face_rays(face_camera(camera_side)) @ FACES[face].T
+    kept = rays[..., 1] < math.cos(math.radians(nadir_deg)) * np.linalg.norm(rays, axis=-1)
+    return None if nadir_deg <= 0 or kept.all() else np.asarray(kept)
+
+
+def metadata_value(text: str, name: str) -> str:
+    """The value of a property as "GPano:ProjectionType" in XMP, written as an attribute or as an element; "" if it is
+    not there. The text is searched, not parsed."""
+    match = re.search(rf'{name}\s{{0,8}}(?:=\s{{0,8}}["\']|>)\s{{0,8}}([^"\'<]{{1,40}})', text)
+    return match.group(1).strip() if match else ""
+
+
+def _number(text: str, name: str) -> float | None:
+    try:
+        value = float(metadata_value(text, f"GPano:{name}"))
+    except ValueError:
+        return None
+    return value if math.isfinite(value) and abs(value) <= _MAX_SIDE else None

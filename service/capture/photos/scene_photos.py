@@ -1,0 +1,75 @@
+"""Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
+
+A photo's number is that of its camera in the scene. The copies are undistorted as trained, so that they fit the pinhole
+cameras that the scene serves, and are made of pixels alone: what else the file said (place, device) is left out. When
+they were taken stands in the scene's quality (`TAKEN_AT`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+from PIL import Image
+
+from fastsplat.service.capture.formats.kept_capture import keep_rest
+from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.atomic import link_or_copy
+
+_FOLDER = "photos"
+
+
+def write_photos(
+    capture: Capture, folder: Path, settings: PhotoSettings, on_photo: Callable[[int], None] = lambda done: None
+) -> int:
+    """Write the copies of a capture's photos below the folder of a version; returns how many. None are written where
+    the settings say so, nor of a capture whose pictures were rendered.
+
+    Args:
+        capture: whose views are the scene's cameras, in order.
+        folder: of the version, which is not published yet.
+        settings: see `PhotoSettings`.
+        on_photo: called before each photo with how many there are; may raise `CancelledError`.
+    """
+    if settings.keep == "off" or capture.report.source == "splat":
+        return 0
+    (folder / _FOLDER).mkdir()
+    sizes = []
+    for number, view in enumerate(capture.views):
+        on_photo(number)
+        with Image.open(view.image_path) as image:
+            small = image.convert("RGB")
+        small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS, reducing_gap=3.0)
+        small.info.clear()
+        sizes.append(small.size)
+        small.save(photo_path(folder, number), format="JPEG", quality=settings.quality, optimize=True)
+    keep_rest(capture, folder / _FOLDER, sizes)
+    return len(capture.views)
+
+
+def photo_path(folder: Path, number: int) -> Path:
+    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one.
+
+    Args:
+        folder: of the version.
+        number: of the camera.
+    """
+    return folder / _FOLDER / f"{number:05d}.jpg"
+
+
+def photo_folder(folder: Path) -> Path:
+    """Where the photos of a version are, and what else is kept of the capture.
+
+    Args:
+        folder: of the version.
+    """
+    return folder / _FOLDER
+
+
+def share_photos(source: Path, target: Path) -> None:
+    """Make the photos of one version those of another, too, which is not published yet: as links where the file
+    system has them, else as copies."""
+    if (source / _FOLDER).is_dir():
+        shutil.copytree(source / _FOLDER, target / _FOLDER, copy_function=link_or_copy)

@@ -1,0 +1,177 @@
+"""Pixels of photos that enter nothing: people and other things that move, masked before anything else is done.
+
+What a photo shows is decided by the caller's `FindMovers`; this package runs no detector. Under a promise of privacy
+the pixels are replaced by a uniform gray in memory, before the photo is measured, matched, trained on or written
+anywhere: two photos that differ only inside their mask are the same photo from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fastsplat.service.capture.formats.image_io import save_rgb
+from fastsplat.service.capture.types import CaptureReport, View, WithheldReport
+from fastsplat_contract.operations import Privacy
+
+BLANK = 128
+"""What a withheld pixel is stored as, in all three channels."""
+_RIM = 0.015
+"""Of the longer side: so far around what is withheld nothing is learnt either. A structural similarity reads 5 pixels
+to each side, a feature a few times its scale."""
+_MIN_RIM_PX = 4
+
+FindMovers = Callable[[NDArray[np.uint8]], NDArray[np.bool_]]
+"""bool [H, W] of an upright photo uint8 [H, W, 3] RGB: true where it shows what is to be withheld. It must say the same
+whenever it is asked about the same pixels."""
+
+
+@dataclass(frozen=True)
+class Withholding:
+    """What is left out of a capture's photos.
+
+    Attributes:
+        find: says which pixels.
+        privacy: what was promised: "people", their pixels are stored nowhere either; None: they are only not used.
+    """
+
+    find: FindMovers
+    privacy: Privacy | None = None
+
+    def apply(self, pixels: NDArray[np.uint8], movers: NDArray[np.bool_] | None = None) -> WithheldPhoto:
+        """The photo as everything that follows may see it.
+
+        Args:
+            pixels: uint8 [H, W, 3], upright.
+            movers: bool [H, W], where something is to be withheld; None: it is looked for.
+        """
+        movers = self.find(pixels) if movers is None else movers
+        assert movers.shape == pixels.shape[:2] and movers.dtype == np.bool_
+        if not movers.any():
+            return WithheldPhoto(pixels)
+        if self.privacy:
+            pixels = np.where(movers[..., None], np.uint8(BLANK), pixels)
+        rim = max(_MIN_RIM_PX, round(_RIM * max(movers.shape)))
+        return WithheldPhoto(pixels, ~dilated(movers, rim), float(movers.mean()))
+
+
+@dataclass(frozen=True)
+class WithheldPhoto:
+    """A photo after `Withholding.apply`.
+
+    Attributes:
+        pixels: uint8 [H, W, 3].
+        usable: bool [H, W], false where nothing may be learnt; None where every pixel may be used.
+        share: of its pixels that are withheld, 0..1, the rim around them not counted.
+    """
+
+    pixels: NDArray[np.uint8]
+    usable: NDArray[np.bool_] | None = None
+    share: float = 0.0
+
+
+class WithheldPixels:
+    """What is left out of the photos of one capture, as it is built.
+
+    Args:
+        withholding: which pixels; None: none are looked for, and every photo stays as it is.
+        folder: for masks of photos whose features are extracted; made with the first.
+    """
+
+    def __init__(self, withholding: Withholding | None, folder: Path) -> None:
+        self._withholding, self._folder = withholding, folder
+        self._shares: dict[str, float] = {}
+
+    @property
+    def promised(self) -> bool:
+        """Whether what is withheld may decide nothing, as a promise of privacy says."""
+        return self._withholding is not None and self._withholding.privacy is not None
+
+    def movers(self, pixels: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+        """bool [H, W]: what `take` would look for by itself; None where nothing is looked for."""
+        return None if self._withholding is None else self._withholding.find(pixels)
+
+    def take(
+        self, name: str, pixels: NDArray[np.uint8], file: str = "", movers: NDArray[np.bool_] | None = None
+    ) -> WithheldPhoto:
+        """The photo `name` as it may be used; with `file`, the mask of its features is stored under that name.
+        `movers` is what is to be withheld, where that is known already.
+        """
+        if self._withholding is None:
+            return WithheldPhoto(pixels)
+        photo = self._withholding.apply(pixels, movers)
+        self._shares[name] = photo.share
+        if file and photo.usable is not None:
+            self._save(photo.usable, file)
+        return photo
+
+    def take_frame(self, path: Path, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """As `take`, of a video's frame that was written to `path`, where it is written anew if it is blanked."""
+        photo = self.take(path.name, pixels, path.name)
+        if photo.pixels is not pixels:
+            save_rgb(photo.pixels, path)
+        return photo.pixels
+
+    def split(self, name: str, views: Sequence[str]) -> None:
+        """Say that the photo `name` became these views: each withholds the photo's share."""
+        if name in self._shares:
+            share = self._shares.pop(name)
+            self._shares.update(dict.fromkeys(views, share))
+
+    def usable(self, file: str) -> NDArray[np.bool_] | None:
+        """`WithheldPhoto.usable` of the photo whose mask was stored for `file`."""
+        path = self._mask(file)
+        return _load(path) if path.is_file() else None
+
+    def mask_features(self, views: Sequence[View]) -> None:
+        """Store the masks of written views, as those of their features."""
+        for view in views:
+            if self._shares.get(view.posed.name) and view.valid_path is not None:
+                self._save(_load(view.valid_path), view.image_path.name)
+
+    @property
+    def request(self) -> dict[str, str]:
+        """What structure from motion is to be told: the folder of the masks; nothing if there are none."""
+        return {"mask_folder": str(self._folder)} if self._folder.is_dir() else {}
+
+    def reported(self, report: CaptureReport) -> CaptureReport:
+        """The report with what is withheld of each photo, to 1/10,000, and of all; as it is if none was looked for."""
+        if self._withholding is None:
+            return report
+        shares = list(self._shares.values())
+        mean = sum(shares) / len(shares) if shares else 0.0
+        withheld = WithheldReport(self._withholding.privacy, sum(share > 0 for share in shares), mean)
+        photos = tuple(replace(photo, withheld=round(self._shares.get(photo.name, 0.0), 4)) for photo in report.photos)
+        return replace(report, photos=photos, withheld=withheld)
+
+    def _mask(self, file: str) -> Path:
+        return self._folder / f"{file}.png"  # as COLMAP looks for it
+
+    def _save(self, usable: NDArray[np.bool_], file: str) -> None:
+        path = self._mask(file)  # a face of a panorama lies in a folder of its own
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(usable.astype(np.uint8) * 255).save(path)
+
+
+def both_masks(one: NDArray[np.bool_] | None, other: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """bool [H, W]: where both masks are true; one that is None is true everywhere."""
+    if one is None or other is None:
+        return other if one is None else one
+    return one & other
+
+
+def dilated(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
+    """bool [H, W]: the mask and all pixels at most so far away from it."""
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * pixels + 1, 2 * pixels + 1))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+
+
+def _load(path: Path) -> NDArray[np.bool_]:
+    with Image.open(path) as image:
+        return np.asarray(image) > 0

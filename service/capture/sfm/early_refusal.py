@@ -1,0 +1,128 @@
+"""Photos of which no scene can be made, known by their matches alone, before minutes are spent on placing them.
+
+Only what structure from motion cannot make up for is refused: photos that share nothing, that fall into groups each too
+small for a scene, or that were all taken from one place. A rotation maps two photos from one place onto each other at
+any depth (Hartley & Zisserman, Multiple View Geometry, 8.4.2); a wall is no such case, as its homography is none of a
+rotation. Runs in the child process of `service.capture.untrusted.sandbox` only.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.sfm.geometry import PHOTO_HINT
+from fastsplat.service.capture.sfm.model_agreement import VerifiedMatches
+from fastsplat_contract.errors import ReconstructionError
+
+F64 = NDArray[np.float64]
+
+_FOCALS = (0.5, 0.56, 0.63, 0.71, 0.8, 0.92, 1.1, 1.35, 1.8, 2.6)
+"""Of the longer side, where a camera's focal length is not known."""
+_SAME_PLACE = 0.005
+"""Of the longer side: a match that is nearer to where a rotation takes it shows no depth."""
+_TURNED = 0.85
+"""Share of the matches of a pair that show no depth where it was taken from one place."""
+_ROUNDS = 4
+_NEARLY_ALL = 0.8
+_FEW = 20
+"""Photos; fewer are often too few."""
+
+
+def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None:
+    """Refuse photos that cannot become a scene.
+
+    Args:
+        database: features and verified matches.
+        min_share: of the photos that must get a place.
+        complete: whether all pairs were matched; before that only photos from one place are refused, where nearly all
+            are linked.
+
+    Raises:
+        ReconstructionError: what is wrong with the photos as a whole, and what would help.
+    """
+    verified = VerifiedMatches(database)
+    with pycolmap.Database.open(database) as reader:
+        images = {image.image_id: image.camera_id for image in reader.read_all_images()}
+        cameras = {camera.camera_id: camera for camera in reader.read_all_cameras()}
+    count = len(images)
+    largest = _largest_group(images, verified.pairs)
+    if complete and not verified.pairs:
+        raise _refusal(f"no two of the {count} photos show the same thing", count)
+    if complete and largest < max(2, min_share * count):
+        raise _refusal(
+            f"the photos show places that have nothing in common: no more than {largest} of {count} belong together",
+            count,
+            f"a share of {min_share:g}",
+        )
+    if largest < _NEARLY_ALL * count and not complete:
+        return
+    for (first, second), rows in verified.pairs.items():
+        one, other = cameras[images[first]], cameras[images[second]]
+        pixels = verified.pixels[first][rows[:, 0]], verified.pixels[second][rows[:, 1]]
+        if shows_depth(one, other, *(part.astype(np.float64) for part in pixels)):
+            return
+    raise _refusal("all photos were taken from one place: depth cannot be told from photos that only turn", count)
+
+
+def shows_depth(one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64) -> bool:
+    """Whether no rotation explains nearly all matches [M, 2] of two photos, at any focal length that their cameras may
+    have: then they were taken from different places."""
+    known = one.has_prior_focal_length and other.has_prior_focal_length
+    return not any(
+        _share_turned(one, other, pixels1, pixels2, focal) >= _TURNED for focal in (None,) * known or _FOCALS
+    )
+
+
+def _share_turned(
+    one: pycolmap.Camera, other: pycolmap.Camera, pixels1: F64, pixels2: F64, focal: float | None
+) -> float:
+    """Share of the matches that the best rotation explains, the cameras' focal length being `focal` longer sides."""
+    rays1, rays2 = _rays(one, pixels1, focal), _rays(other, pixels2, focal)
+    usable = np.isfinite(rays1).all(axis=1) & np.isfinite(rays2).all(axis=1)
+    rays1, rays2 = rays1[usable], rays2[usable]
+    longer = max(other.width, other.height)
+    allowed = _SAME_PLACE / (focal or other.mean_focal_length() / longer)
+    kept = np.ones(len(rays1), bool)
+    for _ in range(_ROUNDS):
+        left, _, right = np.linalg.svd(rays2[kept].T @ rays1[kept])
+        rotation = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        angles = np.linalg.norm(rays1 @ rotation.T - rays2, axis=1)
+        kept = angles <= max(allowed, float(np.quantile(angles, 0.7)))
+    return float((angles <= allowed).sum() / len(pixels1))
+
+
+def _rays(camera: pycolmap.Camera, pixels: F64, focal: float | None) -> F64:
+    """float64 [M, 3] of unit length."""
+    if focal is not None:
+        length = focal * max(camera.width, camera.height)
+        plane = (pixels - [camera.width / 2, camera.height / 2]) / length
+    else:
+        plane = np.asarray(camera.cam_from_img(pixels))
+    rays = np.column_stack([plane, np.ones(len(plane))])
+    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+
+def _largest_group(images: Iterable[int], pairs: Mapping[tuple[int, int], NDArray[np.uint32]]) -> int:
+    """Images of the largest group that pairs with matches link."""
+    group = {image: image for image in images}
+
+    def head(image: int) -> int:
+        while group[image] != image:
+            group[image] = group[group[image]]
+            image = group[image]
+        return image
+
+    for first, second in pairs:
+        group[head(first)] = head(second)
+    return max(Counter(head(image) for image in group).values())
+
+
+def _refusal(message: str, count: int, limit: str = "") -> ReconstructionError:
+    few = f"{count} photos are few. " if count < _FEW else ""
+    return ReconstructionError(message, limit=limit, hint=few + PHOTO_HINT)

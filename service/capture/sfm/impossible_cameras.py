@@ -1,0 +1,64 @@
+"""Takes images out of a model whose camera no lens has, or whose pose is no place.
+
+A photo that shares its camera with no other, e.g. a crop, says little of its own lens: bundle adjustment may arrive at
+one that folds the picture over itself. Runs in the child process of `service.capture.untrusted.sandbox` only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pycolmap
+
+from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.photos.lens_faces import lens_of
+from fastsplat.service.capture.sfm import rigs
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.photo_verdicts import NotPlaced
+
+_FOCAL_RANGE = (0.25, 8.0)
+"""Of the longer side: 127° to 7° of view."""
+
+
+def take_out_impossible(models: Sequence[pycolmap.Reconstruction], max_side: int) -> dict[str, NotPlaced]:
+    """Take images and their observations out of the models, and points that no place is left for.
+
+    Args:
+        models: changed.
+        max_side: of undistorted images, pixels.
+
+    Returns:
+        Why each of these images has no place, by its name: "lens" or "unknown".
+    """
+    reasons: dict[str, NotPlaced] = {}
+    for model in models:
+        impossible = {number for number, camera in model.cameras.items() if not _is_possible(camera, max_side)}
+        for image in [image for image in model.images.values() if image.has_pose]:
+            if image.camera_id in impossible:
+                reasons[image.name] = "lens"
+            elif not np.isfinite(image.cam_from_world().matrix()).all():
+                reasons[image.name] = "unknown"
+            else:
+                continue
+            if image.has_pose:  # else with another image of its frame
+                model.deregister_frame(image.frame_id)
+        for number in [number for number, point in model.points3D.items() if not np.isfinite(point.xyz).all()]:
+            model.delete_point3D(number)
+    placed = {image.name for model in models for image in model.images.values() if image.has_pose}
+    return {name: reason for name, reason in reasons.items() if name not in placed}
+
+
+def _is_possible(camera: pycolmap.Camera, max_side: int) -> bool:
+    if not np.isfinite(camera.params).all():
+        return False
+    if not _FOCAL_RANGE[0] <= rigs.relative_focal(camera) <= _FOCAL_RANGE[1]:
+        return False
+    params = tuple(float(value) for value in camera.params)
+    camera_model = CameraModel(camera.model.name, camera.width, camera.height, params)
+    try:
+        check_camera_model(camera_model, field="camera")
+        lens_of(camera_model, max_side, field="camera")
+    except InvalidInputError:
+        return False
+    return True

@@ -1,0 +1,295 @@
+"""COLMAP's mappers, and what is tried when the first one leaves photos without a place or contradicts their matches.
+
+The first mapping has COLMAP's own thresholds. Only where it is poor is there more, always in this order:
+
+1. pairs whose matches contradict those of other pairs are taken out (`match_cycles`), where the model contradicts many;
+2. lower thresholds, which cost one more mapping at most, as features and matches are there;
+3. guided matching (COLMAP's) of the pairs that join photos without a place to others, then as before;
+4. those that are left once more, with the matches that the next paragraph is about.
+
+Each is judged by matches that it was not given (`model_agreement.choose_held_out`), which the first mapping had:
+so what comes later is not favored.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pycolmap
+
+from fastsplat.service.capture.sfm import geometry, mapping_snapshots, match_cycles, rigs
+from fastsplat.service.capture.sfm.model_agreement import (
+    PairMatches,
+    VerifiedMatches,
+    choose_held_out,
+    give_back,
+    withhold,
+)
+
+Report = Callable[[float, str], None]
+Models = list[pycolmap.Reconstruction]
+"""All disconnected models, largest first."""
+Rematch = Callable[[Path, Sequence[tuple[int, int]]], None]
+"""Matches pairs of images of a database anew, guided by the geometry that they have."""
+
+SEED = 0
+_MOST_MODELS = 10
+_FEWEST_INLIERS = 15
+_FEWEST_MATCHES = 10
+_FEWEST_INITIAL_INLIERS = 50
+_GUIDED_PAIRS_PER_IMAGE = 3
+_MOST_GUIDED_PAIRS = 48
+"""One takes ten times as long as an ordinary pair."""
+_FEW_PLACED = 0.8
+_AS_GOOD = 0.98
+"""Held-out matches that a model explains may be fewer by this factor where it places more photos."""
+_GLOBAL_PLACED = 0.95
+_FEWEST_TO_HOLD_OUT = 60
+"""Matches of a pair that can do without a tenth of them."""
+_FEWEST_OF_REPEATS = 30
+_FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
+"""Shares of the progress: most captures need no more than the first mapping."""
+
+
+def mapper_options(*, lower: bool = False) -> pycolmap.IncrementalPipelineOptions:
+    """Repeatable options; `lower` asks for fewer matches to begin with, of a pair, and of an image with the points."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = options.mapper.random_seed = options.triangulation.random_seed = SEED
+    options.min_model_size = 2
+    options.max_num_models = _MOST_MODELS
+    if lower:
+        options.min_num_matches = _FEWEST_MATCHES
+        options.mapper.abs_pose_min_num_inliers = _FEWEST_INLIERS
+        options.mapper.init_min_num_inliers = _FEWEST_INITIAL_INLIERS
+    return options
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """What one mapping made of the images.
+
+    Attributes:
+        models: see `Models`.
+        verified: matches of the images.
+    """
+
+    models: Models
+    verified: VerifiedMatches
+
+    @cached_property
+    def contradictions(self) -> tuple[int, int]:
+        """Of the largest model, see `VerifiedMatches.contradictions`; (0, 0) without models."""
+        return self.verified.contradictions(self.models[0]) if self.models else (0, 0)
+
+    @property
+    def placed(self) -> int:
+        """Images of the largest model."""
+        return self.models[0].num_reg_images() if self.models else 0
+
+    @property
+    def repeats(self) -> bool:
+        """Whether so many pairs contradict the largest model as where things repeat."""
+        return bool(geometry.repetition_warning(*self.contradictions))
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """One capture that is mapped.
+
+    Attributes:
+        database: features and verified matches of its images.
+        images: folder of the images.
+        folder: where models and copies of the database go.
+        entries: the images, as `sfm.reconstruct` takes them.
+        rematch: see `Rematch`.
+        report: receives a message and the share of the mapping that is done.
+    """
+
+    database: Path
+    images: Path
+    folder: Path
+    entries: Sequence[dict[str, Any]]
+    rematch: Rematch
+    report: Report
+
+    @property
+    def count(self) -> int:
+        """Of images."""
+        return len(self.entries)
+
+    @cached_property
+    def _verified(self) -> VerifiedMatches:
+        return VerifiedMatches(self.database)
+
+    def run(self, global_images: int) -> Mapped:
+        """The best models that were reached; by the global mapper first where there are more than `global_images`,
+        and none of them the faces of panoramas."""
+        best = Mapped([], self._verified)
+        if self.count > global_images and not rigs.has_rigs(self.entries):
+            self.report(0.0, f"registering {self.count} images at once")
+            best = self._globally()
+            if self._is_fine(best, _GLOBAL_PLACED):
+                return best
+        best = self._better(best, self._first(), self._verified.pairs)
+        return best if self._is_fine(best, 1.0) else self._again(best)
+
+    def _is_fine(self, mapped: Mapped, share: float) -> bool:
+        return mapped.placed > 0 and mapped.placed >= share * self.count and not mapped.repeats
+
+    def _first(self) -> Mapped:
+        registered = 2
+
+        def report_next_image() -> None:
+            nonlocal registered
+            registered += 1
+            mapping_snapshots.keep_newest(snapshots, self.folder, pycolmap.Reconstruction)
+            done = min(registered, self.count)
+            self.report(_FIRST_DONE * done / self.count, f"registering images {done}/{self.count}")
+
+        snapshots = self.folder / "snapshots"
+        snapshots.mkdir()
+        options = mapper_options()
+        options.snapshot_path = snapshots
+        options.snapshot_frames_freq = mapping_snapshots.frames_between(self.count)
+        return self._map(self.database, "models", options, report_next_image)
+
+    def _globally(self) -> Mapped:
+        """By rotation averaging and global positioning (Pan et al., "Global structure-from-motion revisited", ECCV
+        2024), whose time grows with the matches and not with the square of the images."""
+        options = pycolmap.GlobalPipelineOptions()
+        options.num_threads = options.mapper.num_threads = 1
+        options.random_seed = options.mapper.random_seed = SEED
+        options.min_model_size = 2
+        output = self.folder / "global"
+        output.mkdir()
+        return self._largest_first(pycolmap.global_mapping(self.database, self.images, output, options=options))
+
+    def _again(self, best: Mapped) -> Mapped:
+        pairs, wrong = self._verified.pairs, set[tuple[int, int]]()
+        if best.repeats:
+            best, wrong = self._consistent(best)
+        if not self._left_out(best):
+            return best
+        copy = self._copy("again", wrong)
+        pairs = {pair: rows for pair, rows in pairs.items() if pair not in wrong}
+        held_out = choose_held_out(pairs, _FEWEST_TO_HOLD_OUT)
+        withhold(copy, held_out)
+        tries = (("lower", False), ("guided", True), ("complete", False))
+        for number, (name, guided) in enumerate(tries):
+            left = self._left_out(best)
+            if not left:
+                break
+            begin, end = (
+                _CONSISTENT_DONE + (1 - _CONSISTENT_DONE) * part / len(tries) for part in (number, number + 1)
+            )
+            message = f"registering {len(left)} images that have no place yet, try {number + 1} of {len(tries)}"
+            self.report(begin, message)
+            if guided:
+                self.rematch(copy, _strongest_pairs(pairs, held_out, left))
+                withhold(copy, held_out)
+            if name == "complete":
+                give_back(copy, held_out)
+            few = len(left) > (1 - _FEW_PLACED) * self.count and name != "complete"
+            start = None if few or not best.models else best.models[0]
+            on_image = self._counter(0 if start is None else start.num_reg_images(), begin, end, message)
+            again = self._map(copy, name, mapper_options(lower=True), on_image, start)
+            best = self._better(best, again, held_out)
+        return best
+
+    def _consistent(self, best: Mapped) -> tuple[Mapped, set[tuple[int, int]]]:
+        """The better of `best` and what is mapped without contradicting pairs, and in the latter case these pairs."""
+        message = "registering images without contradicting pairs"
+        self.report(_FIRST_DONE, message)
+        wrong = set(match_cycles.contradicting_pairs(self._verified.pairs, self._verified.pixels))
+        if not wrong:
+            return best, wrong
+        trial = self._copy("consistent", wrong)
+        # Right pairs may have few matches beside wrong ones that look the same: all of them have a say.
+        held_out = choose_held_out(self._verified.pairs, _FEWEST_OF_REPEATS)
+        withhold(trial, held_out)
+        on_image = self._counter(0, _FIRST_DONE, _CONSISTENT_DONE, message)
+        better = self._better(best, self._map(trial, "consistent", mapper_options(), on_image), held_out)
+        return (best, set()) if better is best else (better, wrong)
+
+    def _counter(self, placed: int, begin: float, end: float, message: str) -> Callable[[], None]:
+        """Called for each image, reports how far a mapping of `placed` and more images has come."""
+
+        def count() -> None:
+            nonlocal placed
+            placed = min(placed + 1, self.count)
+            self.report(begin + (end - begin) * placed / self.count, message)
+
+        return count
+
+    def _copy(self, name: str, without: Collection[tuple[int, int]]) -> Path:
+        """A copy of the database, in which these pairs are not verified."""
+        copy = self.folder / f"{name}.db"
+        shutil.copyfile(self.database, copy)
+        with pycolmap.Database.open(copy) as editor:
+            for pair in without:
+                editor.delete_two_view_geometry(*pair)
+        return copy
+
+    def _map(
+        self,
+        database: Path,
+        name: str,
+        options: pycolmap.IncrementalPipelineOptions,
+        on_image: Callable[[], None] = lambda: None,
+        start: pycolmap.Reconstruction | None = None,
+    ) -> Mapped:
+        """Models from nothing, or `start` with more images."""
+        output = self.folder / name
+        output.mkdir()
+        rigs.hold_rigs(options, database, self.entries)
+        before = ""
+        if start is not None:
+            (output / "start").mkdir()
+            start.write(output / "start")
+            before = str(output / "start")
+        return self._largest_first(
+            pycolmap.incremental_mapping(
+                database, self.images, output, options=options, input_path=before, next_image_callback=on_image
+            )
+        )
+
+    def _largest_first(self, models: dict[int, pycolmap.Reconstruction]) -> Mapped:
+        return Mapped(largest_first(models.values()), self._verified)
+
+    def _better(self, best: Mapped, later: Mapped, held_out: PairMatches) -> Mapped:
+        """`later` if it places more images and explains no fewer matches, or explains more; else `best`."""
+        if not best.models or not later.models:
+            return best if best.models else later
+        matches, matches_later = (self._verified.explained(some.models[0], held_out) for some in (best, later))
+        if later.placed > best.placed:
+            return later if matches_later >= _AS_GOOD * matches else best
+        return later if matches_later * _AS_GOOD > matches else best
+
+    def _left_out(self, best: Mapped) -> set[int]:
+        """Ids of the images without a place."""
+        model = best.models[0] if best.models else None
+        placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
+        with pycolmap.Database.open(self.database) as reader:
+            return {image.image_id for image in reader.read_all_images()} - placed
+
+
+def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
+    """In the order of `Models`."""
+    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+
+
+def _strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:
+    """The few pairs with most matches, without those that are held out, of each of these images, sorted."""
+    of_image = defaultdict(list)
+    for pair, rows in matches.items():
+        for image_id in set(pair) & images:
+            of_image[image_id].append((len(held_out.get(pair, ())) - len(rows), pair))
+    strongest = {row for rows in of_image.values() for row in sorted(rows)[:_GUIDED_PAIRS_PER_IMAGE]}
+    return sorted(pair for _, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])

@@ -1,0 +1,155 @@
+"""Decodes the pictures of an upload in a confined child process that hands back their pixels, bare.
+
+Decoders are where a stranger's bytes meet the most native code. What comes out of the child is read as so many numbers
+as were asked for, so that nothing it could send is parsed again; the files of a capture are written from them by the
+process that trusts them. `service.capture.untrusted.image_decoding` is the child's side.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.formats.depth_files import DepthFile
+from fastsplat.service.capture.formats.image_io import PhotoInfo
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.untrusted.image_decoding import DECODED
+from fastsplat.service.capture.untrusted.sandbox import error_from_json, kill_sandboxed, sandbox_error, start_sandboxed
+from fastsplat_contract.errors import ResourceError
+
+_MAX_ERROR_BYTES = 1 << 16
+_ENDING_S = 10.0
+_HEADER_BYTES = 4 * 8
+_MAX_FOCAL = 2_000.0
+
+
+class ImageDecoder:
+    """One child for all pictures of an upload; a context manager, for one thread.
+
+    Args:
+        folder: an empty folder of the child's own.
+        roots: folders, which exist, with pictures to decode; the child can read no others.
+        settings: limits of an image. Memory is bounded by `validation_memory_bytes`, the time for one picture by
+            `validation_seconds`, the processor time for all by `sfm_seconds`.
+    """
+
+    def __init__(self, folder: Path, roots: Sequence[Path], settings: CaptureSettings) -> None:
+        self._folder = folder
+        self._settings = settings
+        request = {"roots": [str(root) for root in roots], "settings": settings.model_dump(mode="json")}
+        self._process: subprocess.Popen[bytes] = start_sandboxed("decode", request, folder, settings)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        kill_sandboxed(self._process)
+
+    def photo(self, root: Path, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3] of a photo below `root`, upright, averaged down to `size` (width, height).
+
+        Raises:
+            CorruptImageError, LimitExceededError: as `check_image`.
+            ResourceError: it took more memory or time than it may, or the child crashed.
+        """
+        pixels = self._decode("rgb", root, photo.path, photo, size, 3)
+        return np.frombuffer(pixels, dtype=np.uint8).reshape(size[1], size[0], 3)
+
+    def header(self, root: Path, name: str) -> PhotoInfo:
+        """The size, orientation and focal length of an image below `root` that was not looked at before.
+
+        Raises:
+            CorruptImageError, LimitExceededError: as `check_image`, by its first bytes.
+            ResourceError: as `photo`, or the child said what no header can say.
+        """
+        unknown = PhotoInfo(name, 1, 1, 1, "", 0.0)
+        answer = self._decode("header", root, name, unknown, (1, 1), _HEADER_BYTES)
+        width, height, orientation, focal = np.frombuffer(answer, dtype=np.float64).tolist()
+        pixels = width * height
+        if not (1 <= pixels <= self._settings.max_image_pixels and 1 <= orientation <= 8 and 0 <= focal <= _MAX_FOCAL):
+            raise ResourceError(f"decoding {name} went wrong", field=name, hint="Save it again as JPEG or PNG.")
+        return PhotoInfo(name, int(width), int(height), int(orientation), "", focal)
+
+    def ids(self, root: Path, name: str, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16]:
+        """uint16 [H, W] of the label map or mask `name` of a photo, upright, sampled down to `size` (width, height).
+
+        Raises:
+            InvalidInputError: it has colors instead of ids.
+            CorruptImageError, LimitExceededError, ResourceError: as `photo`.
+        """
+        pixels = self._decode("map", root, name, photo, size, 2)
+        return np.frombuffer(pixels, dtype=np.uint16).reshape(size[1], size[0])
+
+    def depth(self, root: Path, file: DepthFile, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.float32]:
+        """float32 [H, W] of a depth map as stored, scene units, 0 where unknown, sampled to `size` (width, height).
+
+        Raises:
+            InvalidInputError, CorruptImageError, LimitExceededError: as `read_depth`.
+            ResourceError: as `photo`.
+        """
+        pixels = self._decode("depth", root, file.path, photo, size, 4, asdict(file))
+        return np.frombuffer(pixels, dtype=np.float32).reshape(size[1], size[0])
+
+    def _decode(
+        self,
+        kind: Literal["rgb", "map", "depth", "header"],
+        root: Path,
+        name: str,
+        photo: PhotoInfo,
+        size: tuple[int, int],
+        pixel_bytes: int,
+        depth: dict[str, Any] | None = None,
+    ) -> bytearray:
+        asked = {"kind": kind, "root": str(root), "name": name, "photo": asdict(photo), "size": size, "depth": depth}
+        deadline = time.monotonic() + self._settings.validation_seconds
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(asked).encode() + b"\n")
+            self._process.stdin.flush()
+        except BrokenPipeError as error:
+            raise self._ended() from error
+        if self._receive(1, name, deadline) == DECODED:
+            return self._receive(size[0] * size[1] * pixel_bytes, name, deadline)
+        line = bytearray()
+        while not line.endswith(b"\n") and len(line) < _MAX_ERROR_BYTES:
+            line += self._receive(1, name, deadline)
+        raise error_from_json(json.loads(line))
+
+    def _receive(self, count: int, name: str, deadline: float) -> bytearray:
+        assert self._process.stdout is not None
+        buffer, done = bytearray(count), 0
+        # Not by the buffered reader, which would take what select is to see.
+        pipe = self._process.stdout.fileno()
+        while done < count:
+            if not select.select([pipe], [], [], max(0.0, deadline - time.monotonic()))[0]:
+                raise ResourceError(
+                    f"decoding {name} took too long",
+                    field=name,
+                    limit=f"{self._settings.validation_seconds} s",
+                    hint="Send a smaller version.",
+                )
+            length = os.readv(pipe, [memoryview(buffer)[done:]])
+            if not length:
+                raise self._ended()
+            done += length
+        return buffer
+
+    def _ended(self) -> Exception:
+        try:
+            status = self._process.wait(_ENDING_S)
+        except subprocess.TimeoutExpired:  # it closed its pipes and lives on
+            status = kill_sandboxed(self._process)
+        return sandbox_error("decode", status, self._folder, self._settings)

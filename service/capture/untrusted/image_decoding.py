@@ -1,0 +1,99 @@
+"""Pictures of an upload as a capture uses them: decoded, upright, reduced. In the confined child, for strangers' ones.
+
+`service.capture.untrusted.image_decoder` is the other side. Imports little, as the child must start fast.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.formats.depth_files import DepthFile, read_depth, sample_depth
+from fastsplat.service.capture.formats.image_io import PhotoInfo, apply_orientation, load_upright, open_map, read_header
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat_contract.errors import FastSplatError
+
+DECODED, REFUSED = b"d", b"r"
+"""First byte of an answer: pixels follow, as many bytes as were asked for; or an error as one line of JSON."""
+
+
+def decode_requests(
+    request: Mapping[str, Any], answers: BinaryIO, error_of: Callable[[Exception], Mapping[str, Any] | None]
+) -> None:
+    """Answer one request a line of stdin until it is closed.
+
+    A line is {"root", "name", "photo", "size", "kind"}: the folder, and the image or map in it; the photo's header as
+    `PhotoInfo`; (width, height) of the answer; "rgb" (uint8 [H, W, 3]), "map" (uint16 [H, W]), "depth" (float32 [H, W],
+    of the `DepthFile` that "depth" is), or "header" (float64 [4]: width, height, orientation and focal_35mm of an image
+    without a `PhotoInfo`).
+
+    Args:
+        request: the task's: its "settings".
+        answers: receives `DECODED` and the pixels, row by row, or `REFUSED` and an error.
+        error_of: an exception as JSON; None if it is none that a caller expects.
+    """
+    settings = CaptureSettings(**request["settings"])
+    for line in sys.stdin.buffer:
+        asked = json.loads(line)
+        root, photo, size = Path(asked["root"]), PhotoInfo(**asked["photo"]), tuple(asked["size"])
+        pixels: NDArray[Any]
+        try:
+            if asked["kind"] == "map":
+                pixels = load_upright_map(root, asked["name"], photo, size, settings)
+            elif asked["kind"] == "depth":
+                pixels = sample_depth(read_depth(root, DepthFile(**asked["depth"]), settings), size)
+            elif asked["kind"] == "header":
+                header = read_header(root, asked["name"], settings)
+                numbers = header.width, header.height, header.orientation, header.focal_35mm
+                pixels = np.array(numbers, np.float64)
+            else:
+                pixels = reduce(load_upright(root, photo, settings), size)
+        except (FastSplatError, MemoryError, OSError) as error:
+            details = error_of(error)
+            if details is None:
+                raise
+            answers.write(REFUSED + json.dumps(details).encode() + b"\n")
+        else:
+            answers.write(DECODED)
+            answers.write(np.ascontiguousarray(pixels).data)
+        answers.flush()
+
+
+def load_upright_map(
+    root: Path, name: str, photo: PhotoInfo, size: tuple[int, int], settings: CaptureSettings
+) -> NDArray[np.uint16]:
+    """uint16 [H, W] of a stored map, reduced to `size`.
+
+    A map drawn on the upright image stays; one of another size was drawn on the stored pixels.
+    """
+    stored = open_map(root, name, settings)
+    if stored.shape[1::-1] != photo.upright_size:
+        stored = apply_orientation(stored, photo.orientation)
+    return reduce_ids(stored, size)
+
+
+def reduced_size(width: int, height: int, max_side: int) -> tuple[int, int]:
+    """(width, height) with the longer side at most `max_side`."""
+    scale = min(1.0, max_side / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
+
+
+def reduce(pixels: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] averaged down to `size` (width, height)."""
+    if pixels.shape[1::-1] == size:
+        return pixels
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def reduce_ids(ids: NDArray[np.uint16], size: tuple[int, int]) -> NDArray[np.uint16]:
+    """uint16 [H, W] sampled down to `size` (width, height), nearest neighbor."""
+    if ids.shape[1::-1] == size:
+        return ids
+    return np.asarray(cv2.resize(ids, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint16)

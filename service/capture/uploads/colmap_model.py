@@ -1,0 +1,262 @@
+"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them.
+
+A model of 158 bytes can make a trusting reader allocate gigabytes, and a cut-off one can pass with zero intrinsics; so
+every read here is bounded by what the file really holds, and every number is checked.
+"""
+
+from __future__ import annotations
+
+import posixpath
+import struct
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import BinaryIO, NoReturn
+
+import numpy as np
+import pycolmap
+
+from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model, model_names, parameter_count
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage, check_position, resolve_file
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+_MAX_NAME_BYTES = 1_024
+_HINT = "Export the model again."
+_POINT_HEAD = struct.Struct("<Q3d3BdQ")
+
+_Pose = tuple[str, int, tuple[float, ...]]  # image name, camera id, qw qx qy qz tx ty tz
+_Point = tuple[tuple[float, ...], tuple[int, ...], float]  # position, color, error in pixels
+
+
+def model_suffix(folder: Path) -> str | None:
+    """ ".bin" or ".txt" when the folder holds a model in that form (binary first), else None."""
+    for suffix in (".bin", ".txt"):
+        if all((folder / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
+            return suffix
+    return None
+
+
+def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, left_out: LeftOut) -> PosedDataset:
+    """Cameras, poses and points of a COLMAP model; points3D may be missing.
+
+    Args:
+        root: the upload's folder.
+        model: the model's folder, relative to `root`.
+        images: the images' folder, relative to `root`; the model's image names are relative to it.
+        settings: limits.
+        left_out: receives images with an invalid camera or pose, and those that are missing or outside the upload.
+
+    Raises:
+        InvalidInputError: cut short, an invalid point, or no image is left. The message names the file.
+        LimitExceededError: more images or points than the settings allow.
+    """
+    folder = root / model
+    suffix = model_suffix(folder)
+    assert suffix is not None
+    name = {part: f"{model}/{part}{suffix}".removeprefix("./") for part in ("cameras", "images", "points3D")}
+    binary = suffix == ".bin"
+    cameras_path, images_path, points_path = (folder / f"{part}{suffix}" for part in name)
+    camera_models = dict((_binary_cameras if binary else _text_cameras)(cameras_path, name["cameras"]))
+    posed_images = []
+    for pose in _bounded((_binary_images if binary else _text_images)(images_path, name["images"]), settings):
+        with left_out.costs(posixpath.normpath(posixpath.join(images, pose[0])), f"{name['images']}: {pose[0]}"):
+            posed_images.append(_posed_image(root, images, pose, camera_models, name))
+    if not posed_images:
+        problem = InvalidInputError(f"{name['images']}: no image has a pose", field=name["images"], hint=_HINT)
+        raise left_out.refusal(problem)
+    if len({image.name for image in posed_images}) != len(posed_images):
+        raise InvalidInputError(f"{name['images']}: two images share a name", field=name["images"], hint=_HINT)
+    positions: list[tuple[float, ...]] = []
+    colors: list[tuple[int, ...]] = []
+    errors: list[float] = []
+    if points_path.is_file():
+        for position, color, error in (_binary_points if binary else _text_points)(points_path, name["points3D"]):
+            if len(positions) >= settings.max_model_points:
+                raise _too_many_points(name["points3D"], settings)
+            positions.append(position)
+            colors.append(color)
+            errors.append(error)
+    points = np.array(positions, dtype=np.float32).reshape(-1, 3)
+    if not np.isfinite(points).all():
+        raise InvalidInputError(f"{name['points3D']} has NaN or infinite positions", field=name["points3D"], hint=_HINT)
+    known_errors = [error for error in errors if np.isfinite(error) and error >= 0]
+    return PosedDataset(
+        images=tuple(sorted(posed_images, key=lambda image: image.name)),
+        points=points,
+        point_colors=np.array(colors, dtype=np.uint8).reshape(-1, 3),
+        mean_reprojection_error_px=float(np.mean(known_errors)) if known_errors else 0.0,
+    )
+
+
+def _posed_image(
+    root: Path, images: str, pose: _Pose, camera_models: dict[int, CameraModel], names: Mapping[str, str]
+) -> PosedImage:
+    image_name, camera_id, numbers = pose
+    field = names["images"]
+    where = f"{field}: {image_name}"
+    if camera_id not in camera_models:
+        raise InvalidInputError(f"{where} uses camera {camera_id}, which does not exist", field=field, hint=_HINT)
+    check_camera_model(camera_models[camera_id], field=f"{names['cameras']}: camera {camera_id}")
+    if not np.isfinite(numbers).all():
+        raise InvalidInputError(f"{where} has NaN or infinite numbers in its pose", field=field, hint=_HINT)
+    length = float(np.linalg.norm(numbers[:4]))
+    if abs(length - 1.0) > 1e-2:
+        raise InvalidInputError(f"{where} has a quaternion of length {length:.4g}, expected 1", field=field, hint=_HINT)
+    world_from_camera = np.eye(4)
+    w, x, y, z = np.array(numbers[:4]) / length
+    world_from_camera[:3, :3] = pycolmap.Rotation3d(np.array([x, y, z, w])).inverse().matrix()
+    world_from_camera[:3, 3] = -world_from_camera[:3, :3] @ numbers[4:]
+    check_rigid(world_from_camera, field=where)
+    check_position(world_from_camera, where)
+    path = resolve_file(root, images, image_name, field)
+    return PosedImage(image_name, path, camera_models[camera_id], world_from_camera)
+
+
+def _bounded(poses: Iterator[_Pose], settings: CaptureSettings) -> Iterator[_Pose]:
+    for count, pose in enumerate(poses, 1):
+        if count > settings.max_images:
+            raise LimitExceededError(
+                "the COLMAP model has more images than this server accepts",
+                field="images",
+                limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
+                hint="Send fewer images.",
+            )
+        yield pose
+
+
+def _too_many_points(field: str, settings: CaptureSettings) -> LimitExceededError:
+    return LimitExceededError(
+        f"{field} has more points than this server accepts",
+        field=field,
+        limit=f"{settings.max_model_points} points",
+        hint="Send a sparse model.",
+    )
+
+
+class _Binary:
+    """Reads a binary file, never more than it has left."""
+
+    def __init__(self, file: BinaryIO, size: int, field: str) -> None:
+        self._file, self._left, self._field = file, size, field
+
+    def take(self, form: struct.Struct) -> tuple[float, ...]:
+        return form.unpack(self._read(form.size))
+
+    def count(self, least_bytes: int) -> int:
+        """The count of entries of at least so many bytes each."""
+        (number,) = _U64.unpack(self._read(8))
+        if number * least_bytes > self._left:
+            self.fail(f"claims {number} entries, but is too short for them")
+        return int(number)
+
+    def skip(self, size: int) -> None:
+        if size > self._left:
+            self.fail("is cut short")
+        self._file.seek(size, 1)
+        self._left -= size
+
+    def name(self) -> str:
+        letters = bytearray()
+        while (letter := self._read(1)) != b"\0":
+            letters += letter
+            if len(letters) > _MAX_NAME_BYTES:
+                self.fail(f"has an image name longer than {_MAX_NAME_BYTES} bytes")
+        try:
+            return letters.decode()
+        except UnicodeDecodeError:
+            self.fail("has an image name that is not UTF-8")
+
+    def fail(self, problem: str) -> NoReturn:
+        raise InvalidInputError(f"{self._field} {problem}", field=self._field, hint=_HINT)
+
+    def _read(self, size: int) -> bytes:
+        data = self._file.read(size) if size <= self._left else b""
+        if len(data) < size:
+            self.fail("is cut short")
+        self._left -= size
+        return data
+
+
+_U64 = struct.Struct("<Q")
+_CAMERA_HEAD = struct.Struct("<IiQQ")
+_IMAGE_HEAD = struct.Struct("<I7dI")
+
+
+def _binary_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_CAMERA_HEAD.size)):
+            camera_id, model_id, width, height = (int(value) for value in reader.take(_CAMERA_HEAD))
+            model = model_names().get(model_id)
+            if model is None:
+                reader.fail(f"has a camera of the model {model_id}, which is unknown or spherical")
+            params = reader.take(struct.Struct(f"<{parameter_count(model)}d"))
+            yield camera_id, CameraModel(model, width, height, params)
+
+
+def _binary_images(path: Path, field: str) -> Iterator[_Pose]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_IMAGE_HEAD.size + 9)):
+            head = reader.take(_IMAGE_HEAD)
+            name = reader.name()
+            reader.skip(24 * reader.count(24))
+            yield name, int(head[8]), head[1:8]
+
+
+def _binary_points(path: Path, field: str) -> Iterator[_Point]:
+    with path.open("rb") as file:
+        reader = _Binary(file, path.stat().st_size, field)
+        for _ in range(reader.count(_POINT_HEAD.size)):
+            head = reader.take(_POINT_HEAD)
+            track = int(head[8])
+            reader.skip(8 * track)
+            yield head[1:4], tuple(int(value) for value in head[4:7]), head[7]
+
+
+def _lines(path: Path, field: str) -> Iterator[list[str]]:
+    """The words of each line; a comment or an empty line has none."""
+    try:
+        with path.open(encoding="utf-8") as file:
+            for line in file:
+                yield [] if line.startswith("#") else line.split()
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(f"{field} is not text", field=field, hint=_HINT) from error
+
+
+def _text_cameras(path: Path, field: str) -> Iterator[tuple[int, CameraModel]]:
+    for words in _lines(path, field):
+        if words:
+            try:
+                yield int(words[0]), CameraModel(words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:])))
+            except (ValueError, IndexError) as error:
+                raise _bad_line(field, words) from error
+
+
+def _text_images(path: Path, field: str) -> Iterator[_Pose]:
+    lines = _lines(path, field)
+    for words in lines:
+        if words:
+            try:
+                yield " ".join(words[9:]), int(words[8]), tuple(map(float, words[1:8]))
+            except (ValueError, IndexError) as error:
+                raise _bad_line(field, words) from error
+            next(lines, None)  # the observations, which may be an empty line
+
+
+def _text_points(path: Path, field: str) -> Iterator[_Point]:
+    for words in _lines(path, field):
+        if words:
+            try:
+                color = tuple(int(word) for word in words[4:7])
+                if len(words) < 8 or not all(0 <= value <= 255 for value in color):
+                    raise ValueError
+                yield tuple(map(float, words[1:4])), color, float(words[7])
+            except ValueError as error:
+                raise _bad_line(field, words) from error
+
+
+def _bad_line(field: str, words: list[str]) -> InvalidInputError:
+    return InvalidInputError(f"{field} has the line {' '.join(words)[:80]!r}", field=field, hint=_HINT)

@@ -1,0 +1,72 @@
+"""Reads frames that 3D Scanner App exports ("all data"): one JSON a frame with ARKit's pose, beside its photo.
+
+    frame_00000.json   "cameraPoseARFrame" (16 numbers, row by row), "intrinsics" (9 numbers, row by row)
+    frame_00000.jpg    photo; of many frames there is none
+    depth_00000.png    16 bits, millimetres
+    conf_00000.png     ARKit's levels 0 to 2
+
+Layout: exports of the app (https://3dscannerapp.com), as public readers of them describe it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path, PurePosixPath
+
+from fastsplat.service.capture.formats.bounded_json import read_json
+from fastsplat.service.capture.formats.depth_files import DepthFile
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.phones import arkit
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
+from fastsplat_contract.errors import InvalidInputError
+
+_FRAME = re.compile(r"frame_(\d{1,9})\.json")
+_MILLIMETRE = 0.001
+
+
+def find_scanner_app(files: Iterable[str]) -> str:
+    """The folder of the frames, relative to the upload; "" if this is no such recording."""
+    paths = [PurePosixPath(path) for path in files]
+    names = {path.as_posix() for path in paths}
+    frames = (path for path in paths if _FRAME.fullmatch(path.name))
+    folders = {path.parent for path in frames if path.with_suffix(".jpg").as_posix() in names}
+    return min(folders, key=lambda folder: (len(folder.parts), folder)).as_posix() if folders else ""
+
+
+def read_scanner_app(
+    root: Path, folder: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings, left_out: LeftOut
+) -> PosedDataset:
+    """Cameras, poses and depth maps of a recording; arguments and errors as `read_polycam`."""
+    place = PurePosixPath(folder)
+    names = sorted(path.name for path in (root / folder).iterdir() if _FRAME.fullmatch(path.name))
+    with_photo = [name for name in names if (place / name).with_suffix(".jpg").as_posix() in sizes]
+    chosen, warnings = arkit.spread(with_photo, settings)
+    images = []
+    for name in chosen:
+        with left_out.costs((place / name).with_suffix(".jpg").as_posix(), (place / name).as_posix()):
+            images.append(_image(root, place, name, sizes, settings))
+    return arkit.recording(images, folder, warnings, left_out)
+
+
+def _image(
+    root: Path, place: PurePosixPath, name: str, sizes: Mapping[str, tuple[int, int]], settings: CaptureSettings
+) -> PosedImage:
+    path = (place / name).as_posix()
+    document = read_json(root / path, path, settings)
+    if not isinstance(document, dict):
+        raise InvalidInputError(f"{path} is not a JSON object", field=path, hint="Export the recording again.")
+    photo = (place / name).with_suffix(".jpg").as_posix()
+    k = arkit.numbers(document.get("intrinsics"), 9, f"{path}: intrinsics")
+    matrix = arkit.numbers(document.get("cameraPoseARFrame"), 16, f"{path}: cameraPoseARFrame").reshape(4, 4)
+    number = PurePosixPath(name).stem.removeprefix("frame_")
+    depth, confidence = ((place / f"{kind}_{number}.png").as_posix() for kind in ("depth", "conf"))
+    has_depth, has_confidence = (root / depth).is_file(), (root / confidence).is_file()
+    return PosedImage(
+        name=PurePosixPath(photo).name,
+        path=photo,
+        camera_model=arkit.pinhole([float(k[0]), float(k[4]), float(k[2]), float(k[5])], sizes[photo], path),
+        world_from_camera=arkit.world_from_camera(matrix, path),
+        depth=DepthFile(depth, _MILLIMETRE, None, confidence if has_confidence else None) if has_depth else None,
+    )

@@ -1,0 +1,84 @@
+"""Checks images of an upload one by one: their headers before any is decoded, then every row."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from fastsplat.service.capture.formats.image_io import PhotoInfo, check_image, read_size
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat_contract.errors import CorruptImageError, LimitExceededError
+
+_MAX_PIXELS_PER_BYTE = 200
+"""An upload with more pixels than so many times its bytes as sent is refused as a decompression bomb. A photo has
+about 4, a synthetic image on a plain background up to 50. The first 256 megapixels are free."""
+
+_FREE_PIXELS = 256_000_000
+
+
+def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: CaptureSettings) -> None:
+    """Refuse images by their headers, before any is decoded: a few bytes may claim many pixels.
+
+    Those whose header says that they are no image, or too large a one, are never decoded and do not count.
+
+    Raises:
+        LimitExceededError: more than `max_images`, or more pixels than `max_pixels` or than their bytes allow.
+    """
+    if len(names) > 2 * settings.max_images:
+        raise too_many_images(len(names), settings)
+    pixels, ratio = 0, _MAX_PIXELS_PER_BYTE
+    for name in names:
+        try:
+            width, height = read_size(files, name, settings)
+        except (CorruptImageError, LimitExceededError):
+            continue
+        pixels += width * height
+        if pixels > settings.max_pixels:
+            raise LimitExceededError(
+                "the images of the upload have too many pixels together",
+                field=name,
+                limit=f"{settings.max_pixels} pixels",
+                hint="Send fewer or smaller images.",
+            )
+        if pixels > max(_FREE_PIXELS, ratio * sent_bytes):
+            raise LimitExceededError(
+                f"the images have more than {ratio} pixels a byte of the upload, as decompression bombs do",
+                field=name,
+                limit=f"{ratio} pixels a byte",
+                hint="Send fewer or smaller images.",
+            )
+
+
+def too_many_images(count: int, settings: CaptureSettings) -> LimitExceededError:
+    """The error of an upload of so many images."""
+    return LimitExceededError(
+        f"the upload has {count} images",
+        field="files",
+        limit=f"{settings.max_images} images (FASTSPLAT_CAPTURE__MAX_IMAGES)",
+        hint="Send fewer images.",
+    )
+
+
+def usable_photos(
+    files: Path, paths: Sequence[str], settings: CaptureSettings, left_out: LeftOut
+) -> tuple[PhotoInfo, ...]:
+    """The images of which every row could be decoded, in the order of their paths; others go to `left_out`.
+
+    Raises:
+        LimitExceededError: more than `max_images`.
+    """
+    if len(paths) > settings.max_images:
+        raise too_many_images(len(paths), settings)
+    photos = []
+    with ThreadPoolExecutor(max_workers=min(4, os.cpu_count() or 1)) as pool:
+        jobs = [(path, pool.submit(check_image, files, path, settings)) for path in paths]
+        try:
+            for path, job in jobs:
+                with left_out.costs(path):
+                    photos.append(job.result())
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return tuple(photos)

@@ -1,0 +1,172 @@
+"""Validates uploads that bring poses: a frame that cannot be used is left out, and the rest goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from fastsplat.service.capture.formats.image_io import PhotoInfo, open_map, read_size
+from fastsplat.service.capture.formats.upload_manifest import UploadManifest
+from fastsplat.service.capture.photos.camera_model import aspect_error
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.uploads.colmap_model import read_colmap
+from fastsplat.service.capture.uploads.depth_validation import check_depths, depth_images
+from fastsplat.service.capture.uploads.label_maps import check_label_map, match_label_maps, read_label_table
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.phones.polycam import read_polycam
+from fastsplat.service.capture.uploads.phones.record3d import read_record3d
+from fastsplat.service.capture.uploads.phones.scanner_app import read_scanner_app
+from fastsplat.service.capture.uploads.photo_validation import check_pixels, usable_photos
+from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
+from fastsplat.service.capture.uploads.transforms import read_transforms
+from fastsplat.service.capture.uploads.upload_kind import UploadContents
+from fastsplat_contract.errors import InvalidInputError
+
+_PHONES = {"polycam": read_polycam, "record3d": read_record3d, "arkit": read_scanner_app}
+
+
+def read_posed_dataset(
+    files: Path,
+    upload: UploadManifest | UploadContents,
+    sizes: Mapping[str, tuple[int, int]],
+    settings: CaptureSettings,
+    left_out: LeftOut | None = None,
+) -> PosedDataset:
+    """Images with cameras and poses of an upload that has some.
+
+    Args:
+        files: the upload's folder.
+        upload: says of which kind it is.
+        sizes: (width, height) of its images as stored.
+        settings: limits.
+        left_out: receives frames that cannot be used; None: one such frame is an error.
+
+    Raises:
+        InvalidInputError, LimitExceededError, CorruptImageError: see the readers.
+    """
+    left_out = left_out or LeftOut(strict=True)
+    if upload.source == "colmap":
+        return read_colmap(files, upload.poses, upload.image_folder, settings, left_out)
+    if upload.source in _PHONES:
+        return _PHONES[upload.source](files, upload.poses, sizes, settings, left_out)
+    return read_transforms(files, upload.poses, sizes, settings, left_out)
+
+
+def read_validated_dataset(files: Path, manifest: UploadManifest, settings: CaptureSettings) -> PosedDataset:
+    """The images of a validated upload that its manifest has, with cameras and poses."""
+    sizes = {photo.path: (photo.width, photo.height) for photo in manifest.photos}
+    any_share = settings.model_copy(update={"min_frames_present": 0.0})  # what was left out counts as missing by now
+    dataset = read_posed_dataset(files, manifest, sizes, any_share, LeftOut())
+    return replace(dataset, images=tuple(image for image in dataset.images if image.path in sizes))
+
+
+class ImageSizes(Mapping[str, tuple[int, int]]):
+    """(width, height) of images as stored, read from their headers when looked up."""
+
+    def __init__(self, files: Path, paths: tuple[str, ...], settings: CaptureSettings) -> None:
+        self._files, self._paths, self._settings = files, frozenset(paths), settings
+
+    def __getitem__(self, path: str) -> tuple[int, int]:
+        if path not in self._paths:
+            raise KeyError(path)
+        return read_size(self._files, path, self._settings)
+
+    def __contains__(self, path: object) -> bool:
+        return path in self._paths
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._paths)
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+
+def validate_posed(
+    files: Path, contents: UploadContents, sent_bytes: int, settings: CaptureSettings, left_out: LeftOut
+) -> UploadManifest:
+    """The manifest of an upload with poses.
+
+    A frame costs itself where its image, its mask, its label map or its depth map cannot be used.
+
+    Raises:
+        InvalidInputError, LimitExceededError, CorruptImageError: the document cannot be read, no frame is left, or the
+            images are too many or have too many pixels.
+    """
+    dataset = read_posed_dataset(files, contents, ImageSizes(files, contents.images, settings), settings, left_out)
+    paths = tuple(sorted({image.path for image in dataset.images}))
+    maps = {name for image in dataset.images for name in (image.mask, image.label_map) if name is not None}
+    maps |= set(contents.label_maps if contents.labels else ())
+    check_pixels(files, [*paths, *sorted(maps)], sent_bytes, settings)
+    check_pixels(files, depth_images(dataset), sent_bytes, settings)
+    depth_sizes, depth_warnings = check_depths(files, dataset, settings, left_out)
+    photo_by_path = {photo.path: photo for photo in usable_photos(files, paths, settings, left_out)}
+    label_maps = {image.path: image.label_map for image in dataset.images if image.label_map is not None}
+    table = dataset.labels
+    labels = ""
+    if table is None and contents.labels:
+        gone = [image.path for image in dataset.missing]
+        gone += [path for path in contents.images if path in left_out.reasons and path not in paths]
+        label_maps = match_label_maps(contents.label_maps, paths, gone)
+        if label_maps:
+            labels, table = contents.labels, read_label_table(files, contents.labels, settings)
+    images, blank_masks = [], 0
+    for image in dataset.images:
+        photo = photo_by_path.get(image.path)
+        if photo is None or image.path in left_out.reasons:
+            continue
+        with left_out.costs(image.path):
+            _check_posed_image(image, photo)
+            blank = image.mask is not None and not _check_mask(files, image.mask, photo, settings)
+            if table is not None and image.path in label_maps:
+                sizes = {photo.upright_size, (photo.width, photo.height)}
+                check_label_map(files, label_maps[image.path], table, sizes, settings)
+            images.append(image)
+            blank_masks += blank
+    if not images:
+        raise left_out.refusal(
+            InvalidInputError(f"{contents.poses} has no frame", field=contents.poses, hint="Export it again.")
+        )
+    if blank_masks == len(images):
+        raise InvalidInputError(
+            "the masks of all images are 0 everywhere, which leaves no pixel to use",
+            field=contents.poses,
+            hint="In a mask, 0 is what to ignore; invert the masks, or leave them out.",
+        )
+    used = {image.path for image in images}
+    return UploadManifest(
+        source=contents.source,
+        photos=tuple(photo_by_path[image.path] for image in images),
+        names=tuple(image.name for image in images),
+        poses=contents.poses,
+        image_folder=contents.image_folder,
+        labels=labels,
+        label_maps={path: name for path, name in label_maps.items() if path in used},
+        warnings=(*contents.warnings, *dataset.warnings, *depth_warnings),
+        depth_sizes={path: size for path, size in depth_sizes.items() if path in used},
+    )
+
+
+def _check_posed_image(image: PosedImage, photo: PhotoInfo) -> None:
+    fits_stored = image.camera_model.fits(photo.width, photo.height)
+    if not fits_stored and not image.camera_model.fits(*photo.upright_size):
+        raise aspect_error(image.path, image.camera_model, photo.width, photo.height)
+    if photo.mirrored and fits_stored:
+        raise InvalidInputError(
+            f"{image.path} is stored mirrored, which no camera pose can undo",
+            field=image.path,
+            hint="Apply the orientation to the pixels before computing poses.",
+        )
+
+
+def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSettings) -> bool:
+    """Whether any pixel of the mask counts. Raises `InvalidInputError` if it does not have its image's size."""
+    mask = open_map(files, name, settings)
+    height, width = mask.shape
+    if (width, height) not in (photo.upright_size, (photo.width, photo.height)):
+        raise InvalidInputError(
+            f"{name} has {width}×{height} pixels, its image has {photo.upright_size[0]}×{photo.upright_size[1]}",
+            field=name,
+            hint="Send masks of exactly their image's size.",
+        )
+    return bool(mask.any())

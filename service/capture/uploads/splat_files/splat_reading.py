@@ -1,0 +1,123 @@
+"""Any splat file as arrays: row i of the file is Gaussian i."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.uploads.splat_files.compressed_ply import is_compressed, read_compressed_ply
+from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat
+from fastsplat.service.capture.uploads.splat_files.ply_tables import MAX_HEADER_BYTES, read_header
+from fastsplat.service.capture.uploads.splat_files.rows import SplatRows
+from fastsplat.service.capture.uploads.splat_files.splat_ply import read_splat_ply
+from fastsplat.service.capture.uploads.splat_files.spz import MAGIC, read_spz
+
+SPZ_SUFFIX, PLY_SUFFIX = ".spz", ".ply"
+SplatFormat = Literal["3DGS PLY", "compressed PLY", "SPZ"]
+
+_MARKS = ((b" packed_position",), (b" scale_0", b" opacity"))
+_OPAQUE_LOGIT = 16.0  # the logistic function of it is 1 but for 1e-7
+_THINNEST = -30.0  # of the natural logarithm of a standard deviation
+_WIDEST = 40.0  # its square is the largest that a float32 covariance can hold
+
+
+@dataclass(frozen=True)
+class SplatFile:
+    """What a splat file holds.
+
+    Attributes:
+        rows: all G of the file, in its order. All numbers are finite.
+        format: of the file.
+        invisible: rows that cannot be shown (a number that is not finite, or a quaternion of length zero); their
+            Gaussians have an opacity of zero, so that the others keep their numbers.
+        first_invisible: the first of them, or -1.
+    """
+
+    rows: SplatRows
+    format: SplatFormat
+    invisible: int = 0
+    first_invisible: int = -1
+
+
+def is_splat_file(path: Path) -> bool:
+    """Whether a file is a splat by its name and, of a PLY file, by the properties that its header names."""
+    suffix = path.suffix.lower()
+    if suffix != PLY_SUFFIX:
+        return suffix == SPZ_SUFFIX
+    with path.open("rb") as file:
+        header, end, _ = file.read(MAX_HEADER_BYTES).partition(b"end_header")
+    return bool(end) and header.startswith(b"ply") and any(all(own in header for own in marks) for marks in _MARKS)
+
+
+def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
+    """The Gaussians of a 3DGS PLY, a compressed PLY or an SPZ file.
+
+    Infinite logits become opacities of 0 and 1, infinitely thin Gaussians very thin ones.
+
+    Args:
+        path: the file.
+        name: what messages call it.
+        limits: checked before memory is taken.
+
+    Raises:
+        InvalidInputError: not a whole splat file, or no row of it can be shown.
+        LimitExceededError: more Gaussians than the limit.
+    """
+    with path.open("rb") as file:
+        head = file.read(MAX_HEADER_BYTES)
+    if head.startswith(b"\x1f\x8b"):
+        return _settled(name, read_spz(path, name, limits), "SPZ")
+    if head.startswith(MAGIC):
+        raise bad_splat(name, f"is SPZ of version {int.from_bytes(head[4:8], 'little')} without gzip around it")
+    header = read_header(name, head)
+    if is_compressed(header):
+        return _settled(name, read_compressed_ply(path, name, header, limits), "compressed PLY")
+    return _settled(name, read_splat_ply(path, name, header, limits), "3DGS PLY")
+
+
+def _settled(name: str, splat: SplatRows, form: SplatFormat) -> SplatFile:
+    """Every number finite, in place."""
+    logits, log_scales = splat.logit_opacities, splat.log_scales
+    np.copyto(logits, np.copysign(np.float32(_OPAQUE_LOGIT), logits), where=np.isinf(logits))
+    np.copyto(log_scales, np.float32(_THINNEST), where=log_scales == -np.inf)
+    bad = ~_visible(splat)
+    rows = np.flatnonzero(bad)
+    if len(rows) == len(splat):
+        raise bad_splat(name, f"has no row that can be shown; of row 0, {_first_problem(splat)}")
+    if len(rows):
+        splat.means[rows] = np.median(splat.means[~bad], axis=0)
+        splat.quats[rows] = (1, 0, 0, 0)
+        splat.log_scales[rows] = _THINNEST
+        splat.logit_opacities[rows] = -_OPAQUE_LOGIT
+        splat.sh[rows] = 0
+    return SplatFile(splat, form, len(rows), int(rows[0]) if len(rows) else -1)
+
+
+def _visible(splat: SplatRows) -> NDArray[np.bool_]:
+    visible = np.isfinite(splat.means).all(axis=1) & np.isfinite(splat.logit_opacities)
+    visible &= (splat.log_scales <= _WIDEST).all(axis=1)  # False of NaN, too
+    visible &= np.isfinite(splat.quats).all(axis=1) & (splat.quats != 0).any(axis=1)
+    visible &= np.isfinite(splat.sh).all(axis=(1, 2))
+    return np.asarray(visible)
+
+
+def _first_problem(splat: SplatRows) -> str:
+    for field in ("means", "quats", "log_scales", "logit_opacities", "sh"):
+        if not np.isfinite(getattr(splat, field)[0]).all():
+            return f"{field} are not finite"
+    return "the quaternion is zero, or a scale beyond all measure"
+
+
+def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
+    """A sentence for people about rows that cannot be shown; none if there are none."""
+    if not file.invisible:
+        return ()
+    return (
+        f"{file.invisible} of {len(file.rows)} rows of {name} cannot be shown, the first of them row "
+        f"{file.first_invisible}: numbers that are not finite, or a quaternion of length zero. They stay as invisible "
+        "Gaussians, so that all rows keep their numbers.",
+    )

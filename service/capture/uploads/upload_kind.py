@@ -1,0 +1,196 @@
+"""Detects what kind of capture a folder of files is: images, a video, a COLMAP model, a transforms.json or a splat."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+from fastsplat.service.capture.formats.image_io import IMAGE_SUFFIXES, UNSUPPORTED_SUFFIXES
+from fastsplat.service.capture.types import Source
+from fastsplat.service.capture.uploads.colmap_model import model_suffix
+from fastsplat.service.capture.uploads.left_out import LeftOut
+from fastsplat.service.capture.uploads.phones.polycam import find_polycam
+from fastsplat.service.capture.uploads.phones.record3d import find_record3d
+from fastsplat.service.capture.uploads.phones.scanner_app import find_scanner_app
+from fastsplat.service.capture.uploads.splat_files.splat_reading import PLY_SUFFIX, is_splat_file
+from fastsplat.service.common.file_names import is_system_file
+from fastsplat_contract.errors import InvalidInputError
+
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm"})
+_LABEL_MAP_SUFFIXES = (".png", ".tif", ".tiff")
+_FOLDERS_WITHOUT_PHOTOS = frozenset({"labels", "masks", "mask", "depth", "depths", "confidence"})
+_IMAGES = "images"
+_SPLAT_FRAME = "dataparser_transforms.json"
+
+
+@dataclass(frozen=True)
+class UploadContents:
+    """The parts of an upload, as paths relative to its folder.
+
+    Attributes:
+        source: how to read it.
+        images: candidates, sorted; all of them for images alone, else a superset of what the poses name.
+        poses: transforms.json or the COLMAP model's folder, or "".
+        image_folder: what a COLMAP model's image names are relative to.
+        video: the video, or "".
+        labels: labels.json, or "".
+        label_maps: the image files below labels/.
+        splats: splat files; an upload may have one.
+        splat_frame: nerfstudio's dataparser_transforms.json, which relates the splat's world to the poses', or "".
+        warnings: what is not used, as sentences for people.
+    """
+
+    source: Source
+    images: tuple[str, ...]
+    poses: str = ""
+    image_folder: str = "."
+    video: str = ""
+    labels: str = ""
+    label_maps: tuple[str, ...] = ()
+    splats: tuple[str, ...] = ()
+    splat_frame: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
+    """The kind and the parts of an upload.
+
+    Poses take precedence over images, a transforms.json over a COLMAP model, that over a phone's recording, a shallower
+    file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
+
+    Args:
+        root: with the files.
+        left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.
+
+    Raises:
+        InvalidInputError: several videos, or nothing usable.
+    """
+    files = _files(root)
+    splats = tuple(path for path in files if is_splat_file(root / path))
+    frame = _shallowest(path for path in files if PurePosixPath(path).name == _SPLAT_FRAME) if splats else ""
+    labels = _shallowest(path for path in files if PurePosixPath(path).name == "labels.json")
+    maps = tuple(
+        path
+        for path in files
+        if "labels" in PurePosixPath(path).parts[:-1] and path.lower().endswith(_LABEL_MAP_SUFFIXES)
+    )
+    images = tuple(path for path in files if _suffix(path) in IMAGE_SUFFIXES and path not in maps)
+    transforms = _shallowest(path for path in files if PurePosixPath(path).name == "transforms.json")
+    if transforms:
+        return UploadContents(
+            "nerfstudio", images, transforms, labels=labels, label_maps=maps, splats=splats, splat_frame=frame
+        )
+    folders = {PurePosixPath(path).parent.as_posix() for path in files if PurePosixPath(path).stem == "cameras"}
+    models = sorted(
+        (folder for folder in folders if model_suffix(root / folder)),
+        key=lambda folder: (len(PurePosixPath(folder).parts), folder),
+    )
+    if models:
+        warning = f"The upload has {len(models)} COLMAP models; only {models[0]} is used."
+        return UploadContents(
+            "colmap",
+            images,
+            models[0],
+            _image_folder(root, models[0]),
+            labels=labels,
+            label_maps=maps,
+            splats=splats,
+            splat_frame=frame,
+            warnings=(warning,) if len(models) > 1 else (),
+        )
+    phone = _phone_recording(root, files)
+    if phone is not None:
+        return replace(phone, images=images, labels=labels, label_maps=maps, splats=splats)
+    if splats:
+        beside = [path for path in files if _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+        warning = (
+            f"{len(beside)} files beside the splat have no poses and are not used, e.g. {beside[0]}; pictures are "
+            "rendered around the splat instead."
+            if beside
+            else ""
+        )
+        return UploadContents("splat", (), splats=splats, warnings=(warning,) if warning else ())
+    photos = _photos(images)
+    videos = [path for path in files if _suffix(path) in VIDEO_SUFFIXES]
+    _leave_unsupported_out(files, left_out)
+    if not photos and len(videos) == 1:
+        return UploadContents("video", (), video=videos[0])
+    if len(videos) > 1 and not photos:
+        raise InvalidInputError(f"the upload has {len(videos)} videos", field=videos[1], hint="Send one video a scene.")
+    if not photos:
+        _refuse_other_plys(files)
+        raise left_out.refusal(
+            InvalidInputError(
+                "the upload has no images",
+                field="files",
+                hint="Send JPEG, PNG, WebP, TIFF, BMP or HEIC images, an archive of them, one video, a recording of "
+                "Polycam, Record3D or 3D Scanner App, or a splat (PLY or SPZ).",
+            )
+        )
+    used = {*photos, *maps, labels}
+    unused = [path for path in files if path not in used and _suffix(path) in IMAGE_SUFFIXES | VIDEO_SUFFIXES]
+    warnings = (f"{len(unused)} files beside the photos are not used, e.g. {unused[0]}.",) if unused else ()
+    return UploadContents("images", photos, labels=labels, label_maps=maps, warnings=warnings)
+
+
+def _phone_recording(root: Path, files: list[str]) -> UploadContents | None:
+    """The kind and the poses of a phone's recording."""
+    if poses := find_polycam(root, files):
+        return UploadContents("polycam", (), poses)
+    if poses := find_record3d(files):
+        return UploadContents("record3d", (), poses)
+    if poses := find_scanner_app(files):
+        return UploadContents("arkit", (), poses)
+    return None
+
+
+def _files(root: Path) -> list[str]:
+    relative = (path.relative_to(root) for path in sorted(root.rglob("*")) if path.is_file())
+    return [path.as_posix() for path in relative if not is_system_file(path.parts)]
+
+
+def _refuse_other_plys(files: list[str]) -> None:
+    """Say of a PLY that is all there is why it is no splat."""
+    ply = next((path for path in files if _suffix(path) == PLY_SUFFIX), None)
+    if ply is not None:
+        raise InvalidInputError(
+            f"{ply} is no splat: its header names no opacity and scale_0 of Gaussians",
+            field=ply,
+            hint="Send a 3D Gaussian splatting PLY, a compressed PLY of SuperSplat or an SPZ file; points and meshes "
+            "are none.",
+        )
+
+
+def _photos(images: tuple[str, ...]) -> tuple[str, ...]:
+    """Without masks and the like; nerfstudio's reduced copies (images_2, images_4) count only without originals."""
+    photos = [path for path in images if not _FOLDERS_WITHOUT_PHOTOS & set(PurePosixPath(path).parts[:-1])]
+    originals = [path for path in photos if _IMAGES in PurePosixPath(path).parts[:-1]]
+    return tuple(originals or photos)
+
+
+def _image_folder(root: Path, model: str) -> str:
+    """The `images` folder beside the model or above it; else the capture's root."""
+    for parent in (PurePosixPath(model), *PurePosixPath(model).parents):
+        if (root / parent / _IMAGES).is_dir():
+            return (parent / _IMAGES).as_posix()
+    return "."
+
+
+def _leave_unsupported_out(files: list[str], left_out: LeftOut) -> None:
+    for path in files:
+        if _suffix(path) in UNSUPPORTED_SUFFIXES:
+            with left_out.costs(path):
+                raise InvalidInputError(
+                    f"{path} is of the kind {_suffix(path)[1:].upper()}, which is not supported",
+                    field=path,
+                    hint="Export the photos as JPEG (phones: 'most compatible').",
+                )
+
+
+def _shallowest(paths: Iterable[str]) -> str:
+    return min(paths, key=lambda path: (len(PurePosixPath(path).parts), path), default="")
+
+
+def _suffix(path: str) -> str:
+    return PurePosixPath(path).suffix.lower()

@@ -1,0 +1,157 @@
+"""Placed photos as images about to become views. What is wrong with one photo costs that photo, or its map alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.formats.depth_maps import F32
+from fastsplat.service.capture.formats.image_io import PhotoInfo
+from fastsplat.service.capture.formats.upload_manifest import UploadManifest
+from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.photos.lens_faces import face_name, is_fisheye, lens_of
+from fastsplat.service.capture.photos.photo_quality import PhotoMatches, measure_photo
+from fastsplat.service.capture.photos.withholding import WithheldPixels, both_masks
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.sfm.sfm_images import SfmImage, source_ids, source_pixels
+from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
+from fastsplat.service.capture.uploads.label_maps import LabelTable
+from fastsplat.service.capture.uploads.posed_input import PosedImage
+from fastsplat.service.capture.views.lens_views import ViewLog, posed_lens, views_of
+from fastsplat.service.capture.views.view_depths import view_depth
+from fastsplat.service.capture.views.view_writer import SourceImage
+from fastsplat_contract.camera import Camera
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+_BROKEN = (InvalidInputError, LimitExceededError)
+"""What `ImageDecoder` raises where it is the file's fault."""
+
+
+@dataclass(frozen=True)
+class ViewSources:
+    """Makes the images about to become views of one capture.
+
+    Attributes:
+        manifest, files: of the upload.
+        images: folder of the images that structure from motion read.
+        settings, decoder, held: of the capture.
+        table: of the label maps that came with it, or None.
+        log: receives what becomes of each photo.
+    """
+
+    manifest: UploadManifest
+    files: Path
+    images: Path
+    settings: CaptureSettings
+    decoder: ImageDecoder
+    held: WithheldPixels
+    table: LabelTable | None
+    log: ViewLog
+
+    def reconstructed(
+        self, image: SfmImage, pose: NDArray[np.float64], camera: list[Any], matches: PhotoMatches
+    ) -> Iterator[SourceImage]:
+        """Those of an image that structure from motion has placed: one, or the faces of a fisheye lens; none where its
+        camera cannot exist, as the process that found it is not trusted.
+
+        Args:
+            image: as it was read.
+            pose: float64 [4, 4], world_from_camera.
+            camera: COLMAP's model, width, height and parameters.
+            matches: see `PhotoMatches`.
+        """
+        model, width, height, params = camera
+        camera_model = CameraModel(model, width, height, tuple(params))
+        try:
+            check_camera_model(camera_model, field=image.name)
+            lens = lens_of(camera_model, self.settings.max_side, field=image.name)
+        except InvalidInputError:
+            self.log.left_out[image.name] = "lens"
+            return
+        self.log.add(lens, image.quality, matches, image)
+        source = SourceImage(
+            name=image.name,
+            pixels=source_pixels(image, self.images, self.decoder),
+            undistortion=lens.faces[0].undistortion,
+            world_from_camera=pose,
+            lossless=image.name.lower().endswith(".png") and image.photo is not None and image.face is None,
+            label_ids=self._ids_of_image(image),
+            mask=both_masks(image.mask, self.held.usable(image.file)),
+            exposure_ev=None if image.photo is None else image.photo.exposure_ev,
+            taken_at=None if image.photo is None else image.photo.taken_at,
+        )
+        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
+        yield from views_of(source, lens)
+
+    def posed(self, image: PosedImage, photo: PhotoInfo) -> Iterator[SourceImage]:
+        """Those of an image whose pose came with the upload; none where it, its mask or its camera cannot be used."""
+        try:
+            lens, geometries = posed_lens(image, photo, self.settings)
+        except InvalidInputError:
+            self.log.left_out[image.name] = "lens"
+            return
+        size = geometries[0].size
+        try:
+            decoded = self.decoder.photo(self.files, photo, size)
+            mask = None if image.mask is None else self.decoder.ids(self.files, image.mask, photo, size) > 0
+        except _BROKEN:
+            self.log.left_out[image.name] = "unreadable"
+            return
+        photo_in_use = self.held.take(image.name, decoded)
+        self.held.split(image.name, [face_name(image.name, face.name) for face in lens.faces])
+        pixels, mask = photo_in_use.pixels, both_masks(photo_in_use.usable, mask)
+        self.log.add(lens, measure_photo(image.name, pixels))
+        depth = self._depth(image, photo)
+        label_ids = self._ids_of_photo(photo, size)
+        for face, geometry in zip(lens.faces, geometries, strict=True):
+            unchanged = geometry.undistortion.map_xy is None and size == photo.upright_size
+            yield SourceImage(
+                name=face_name(image.name, face.name),
+                pixels=pixels,
+                undistortion=geometry.undistortion,
+                world_from_camera=geometry.world_from_camera,
+                lossless=photo.path.lower().endswith(".png") or unchanged,
+                label_ids=label_ids,
+                mask=mask,
+                depth=depth,
+                exposure_ev=photo.exposure_ev,
+                taken_at=photo.taken_at,
+            )
+
+    def _depth(self, image: PosedImage, photo: PhotoInfo) -> tuple[F32, Camera] | None:
+        size = self.manifest.depth_sizes.get(photo.path)
+        if image.depth is None or size is None or self.manifest.splat:
+            return None
+        if is_fisheye(image.camera_model):
+            self.log.unused_depths += 1
+            return None
+        try:
+            return view_depth(image, image.depth, size, photo, self.decoder, self.files, self.settings)
+        except _BROKEN:
+            self.log.broken_maps.append(image.depth.path)
+            return None
+
+    def _ids_of_image(self, image: SfmImage) -> NDArray[np.uint16] | None:
+        stored = None if image.photo is None else self.manifest.label_maps.get(image.photo.path)
+        if stored is None or self.table is None:
+            return None
+        try:
+            return self.table.translate(source_ids(image, self.files, stored, self.decoder))
+        except _BROKEN:
+            self.log.broken_maps.append(stored)
+            return None
+
+    def _ids_of_photo(self, photo: PhotoInfo, size: tuple[int, int]) -> NDArray[np.uint16] | None:
+        stored = self.manifest.label_maps.get(photo.path)
+        if stored is None or self.table is None:
+            return None
+        try:
+            return self.table.translate(self.decoder.ids(self.files, stored, photo, size))
+        except _BROKEN:
+            self.log.broken_maps.append(stored)
+            return None

@@ -1,0 +1,169 @@
+"""Writes a capture's views: undistorted, upright, reduced, with the masks and label maps that belong to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fastsplat.service.capture.formats.depth_maps import DEPTHS, save_depth
+from fastsplat.service.capture.formats.image_io import PhotoInfo, save_rgb
+from fastsplat.service.capture.photos.camera_model import (
+    CameraModel,
+    Undistortion,
+    compute_undistortion,
+    rotate90,
+    rotate90_pose,
+)
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import View
+from fastsplat.service.capture.untrusted.image_decoding import reduced_size
+from fastsplat.service.capture.uploads.posed_input import PosedImage
+from fastsplat_contract.camera import Camera, PosedCamera
+
+IMAGES, MASKS, LABELS = "images", "masks", "labels"
+
+
+@dataclass(frozen=True)
+class SourceImage:
+    """One image about to become a view; all arrays upright, of one size, still distorted.
+
+    Attributes:
+        name: of the view.
+        pixels: uint8 [H, W, 3].
+        undistortion: how to undistort them.
+        world_from_camera: float64 [4, 4].
+        lossless: whether the view is stored without loss.
+        label_ids: uint16 [H, W] of the dictionary, or None; what the mask leaves out is stored as undetected.
+        mask: bool [H, W], false where pixels are to be ignored, or None.
+        depth: a sensor's map and its own pinhole camera (`view_depths.view_depth`), or None.
+        exposure_ev, taken_at: see `View`.
+    """
+
+    name: str
+    pixels: NDArray[np.uint8]
+    undistortion: Undistortion
+    world_from_camera: NDArray[np.float64]
+    lossless: bool = False
+    label_ids: NDArray[np.uint16] | None = None
+    mask: NDArray[np.bool_] | None = None
+    depth: tuple[NDArray[np.float32], Camera] | None = None
+    exposure_ev: float | None = None
+    taken_at: float | None = None
+
+
+@dataclass(frozen=True)
+class WrittenViews:
+    """Views as written, their label maps, the names of those without a valid pixel, and a warning about them."""
+
+    views: tuple[View, ...]
+    label_maps: tuple[Path | None, ...]
+    masked: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ViewGeometry:
+    """How a posed image becomes a view.
+
+    Attributes:
+        size: (width, height) that its upright pixels are reduced to.
+        undistortion: how to undistort them then.
+        world_from_camera: float64 [4, 4] of the upright view.
+    """
+
+    size: tuple[int, int]
+    undistortion: Undistortion
+    world_from_camera: NDArray[np.float64]
+
+
+def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings) -> ViewGeometry:
+    """Size, undistortion and pose of a posed image's view, by a single pinhole.
+
+    Raises:
+        InvalidInputError: the distortion cannot be undone.
+    """
+    stored, turns, size = reduced_camera(posed_image, photo, settings)
+    undistortion = compute_undistortion(stored, settings.max_side, field=posed_image.name)
+    return ViewGeometry(
+        size=size,
+        undistortion=rotate90(undistortion, turns, stored.width, stored.height),
+        world_from_camera=rotate90_pose(posed_image.world_from_camera, turns),
+    )
+
+
+def reduced_camera(
+    posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings
+) -> tuple[CameraModel, int, tuple[int, int]]:
+    """The camera of a posed image's pixels as they lie once they are reduced, how many clockwise quarter turns make
+    them upright, and their upright (width, height).
+
+    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
+    """
+    stored = posed_image.camera_model
+    turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
+    size = reduced_size(*photo.upright_size, settings.max_side)
+    return stored.scaled_to(*(size if turns % 2 == 0 else size[::-1])), turns, size
+
+
+def write_view(source: SourceImage, index: int, folder: Path) -> tuple[View, Path | None] | None:
+    """Write the view's files below `folder`.
+
+    Returns:
+        The view and its label map's path; None, and nothing written, if no pixel of the view is valid.
+    """
+    height, width = source.pixels.shape[:2]
+    undistortion = source.undistortion
+    valid = undistortion.valid(width, height)
+    if source.mask is not None:
+        unmasked = undistortion.apply_to_ids(source.mask.astype(np.uint16)) > 0
+        valid = unmasked if valid is None else valid & unmasked
+    if valid is not None and not valid.any():
+        return None
+    image_path = folder / IMAGES / f"{index:05d}{'.png' if source.lossless else '.jpg'}"
+    save_rgb(undistortion.apply(source.pixels), image_path)
+    valid_path = None
+    if valid is not None:
+        valid_path = folder / MASKS / f"{index:05d}.png"
+        Image.fromarray(valid.astype(np.uint8) * 255).save(valid_path)
+    label_path = None
+    if source.label_ids is not None:
+        label_path = folder / LABELS / f"{index:05d}.png"
+        label_ids = undistortion.apply_to_ids(source.label_ids)
+        Image.fromarray(label_ids if valid is None else np.where(valid, label_ids, np.uint16(0))).save(label_path)
+    posed = PosedCamera(undistortion.camera, source.world_from_camera, source.name)
+    depth = None
+    measured = None if source.depth is None else source.depth[0]
+    if source.depth is not None and valid is not None:
+        measured = _valid_depth(*source.depth, valid, undistortion.camera)
+    if source.depth is not None and measured is not None and measured.any():
+        depth = save_depth(measured, source.depth[1], folder / DEPTHS / f"{index:05d}.png")
+    view = View(posed, image_path, valid_path, depth, source.exposure_ev, source.taken_at, undistortion.lens)
+    return view, label_path
+
+
+def _valid_depth(
+    depth: NDArray[np.float32], source: Camera, valid: NDArray[np.bool_], target: Camera
+) -> NDArray[np.float32]:
+    """float32 [H, W]: the map without the measurements whose pixels lie, even in part, on pixels of another camera at
+    the same place that are not valid; what is withheld of a photo is withheld of its depths.
+
+    Args:
+        depth: [H, W], 0 where unknown.
+        source: its camera.
+        valid: bool [H', W'], of the other camera's pixels.
+        target: the other camera.
+    """
+    columns = (np.arange(source.width) + 0.5 - source.cx) / source.fx * target.fx + target.cx
+    rows = (np.arange(source.height) + 0.5 - source.cy) / source.fy * target.fy + target.cy
+    half = [max(1, math.ceil(0.5 * t / s + 0.5)) for t, s in ((target.fx, source.fx), (target.fy, source.fy))]
+    kernel = np.ones((2 * half[1] + 1, 2 * half[0] + 1), np.uint8)
+    whole = cv2.erode(valid.astype(np.uint8), kernel, borderType=cv2.BORDER_REPLICATE) > 0
+    x = np.clip(np.floor(columns).astype(np.int64), 0, target.width - 1)
+    y = np.clip(np.floor(rows).astype(np.int64), 0, target.height - 1)
+    return np.where(whole[np.ix_(y, x)], depth, np.float32(0))

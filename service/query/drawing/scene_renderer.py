@@ -1,0 +1,181 @@
+"""A scene seen from a pose: colors, depth, label maps and masks. One rasterization each."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geometry
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.types import Mask2D
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things, ThingSemantics, semantics_of
+from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
+from fastsplat.service.splatting.raster.types import LabelMap, Rendering
+from fastsplat_contract.camera import PosedCamera
+
+_SURE_PX = 64
+"""Membership of a Gaussian of no part in none, pixels."""
+
+
+class Renderer:
+    """The activated Gaussians of a scene, kept for the next view. Threads may share it."""
+
+    def __init__(self, scene: Scene, settings: QuerySettings) -> None:
+        gaussians = scene.gaussians
+        self._settings = settings
+        self._device = torch.device("cuda" if settings.backend == "cuda" else "cpu")
+        self._splats = splats_of(gaussians, device=self._device)
+        self._means = self._splats.means
+        self._sh = self._tensor(gaussians.sh)
+        self._degree = gaussians.sh_degree
+        self._classes = len(scene.dictionary) + 1
+        self._labels = label_blend(scene, self._device)
+        self._things = self._labels.things if isinstance(self._labels, ThingBlend) else None
+        self._parts: tuple[Parts, EvidenceBlend] | None = None
+
+    def relabeled(self, scene: Scene) -> Renderer:
+        """The renderer of a scene with the same Gaussians and other labels."""
+        other = copy.copy(self)
+        other._classes = len(scene.dictionary) + 1
+        semantics = semantics_of(scene)
+        drawn = self._things
+        if drawn and isinstance(semantics, ThingSemantics) and semantics.membership is drawn.evidence:
+            other._labels = ThingBlend(semantics, self._device, drawn)
+            return other
+        other._labels = label_blend(scene, self._device)
+        other._things = other._labels.things if isinstance(other._labels, ThingBlend) else None
+        return other
+
+    def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3], on black."""
+        return _to_bytes(self._rasterize(posed, self._rgb(posed)).image)
+
+    def depth(self, posed: PosedCamera) -> F32:
+        """float32 [H, W]: Σ w·z / Σ w in scene units, 0 where alpha is below `alpha_min`."""
+        rendering = self._rasterize(posed, self._means.new_zeros(len(self._means), 1))
+        covered = rendering.alpha >= max(self._settings.alpha_min, 1e-6)
+        expected = torch.where(covered, rendering.depth / rendering.alpha.clamp_min(1e-6), 0.0)
+        return _to_floats(expected)
+
+    def geometry(self, posed: PosedCamera) -> ViewGeometry:
+        """Depth, its spread, normals and confidence, with the colors of the surface as `image`."""
+        splats = replace(self._splats, features=self._rgb(posed))
+        return view_geometry(splats, posed, alpha_min=self._settings.alpha_min, backend=self._settings.backend)
+
+    def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
+        """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
+        return np.asarray(self._label(posed, self._means.new_zeros(len(self._means), 0), None).classes, dtype=np.uint16)
+
+    def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
+        """uint16 [H, W]: the most probable thing of each pixel, 0 for none or where alpha is below `alpha_min`.
+
+        Args:
+            posed: the view.
+            things: of the scene's Gaussians, the same at every call.
+        """
+        if self._things is None:
+            classes = max((thing.id for thing in things.table), default=0) + 1
+            self._things = EvidenceBlend(things.membership, classes, self._device)
+        return self._drawn_ids(self._things, posed)
+
+    def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
+        """uint16 [H, W]: the most probable part of each pixel, 0 for none, as `thing_map`; Gaussians of no part say so.
+
+        Args:
+            posed: the view.
+            parts: of things of the scene's Gaussians.
+        """
+        known = self._parts
+        if known is None or known[0].membership is not parts.membership:
+            classes = max(part.id for part in parts.table) + 1
+            known = self._parts = parts, EvidenceBlend(_with_rest(parts.membership), classes, self._device)
+        return self._drawn_ids(known[1], posed)
+
+    def _drawn_ids(self, blend: EvidenceBlend, posed: PosedCamera) -> NDArray[np.uint16]:
+        with torch.no_grad():
+            drawn = blend.render(
+                replace(self._splats, features=self._means.new_zeros(len(self._means), 0)),
+                self._viewmat(posed),
+                posed.camera,
+                alpha_min=self._settings.alpha_min,
+                relevancy=None,
+                backend=self._settings.backend,
+            )
+        return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
+
+    def mask(self, posed: PosedCamera, relevant: tuple[int, ...], relevancy: F32) -> Mask2D:
+        """The pixels of the classes `relevant`, and Σ_n p(n)·relevancy(n)·alpha.
+
+        Args:
+            posed: the view.
+            relevant: dictionary ids.
+            relevancy: float32 [N + 1], by class; class 0 (undetected) should be 0.
+        """
+        labels = self._label(posed, self._rgb(posed), relevancy)
+        assert labels.relevancy is not None
+        classes = labels.classes.cpu().numpy()
+        is_relevant = np.zeros(self._classes, dtype=np.bool_)
+        is_relevant[list(relevant)] = True
+        mask = is_relevant[classes] & (labels.alpha.cpu().numpy() >= self._settings.alpha_min)
+        return Mask2D(
+            mask=mask,
+            label_ids=np.asarray(classes * mask, dtype=np.uint16),
+            relevancy=_to_floats(labels.relevancy.clamp(0.0, 1.0)),
+            rgb=_to_bytes(labels.image),
+        )
+
+    def _label(self, posed: PosedCamera, features: Tensor, relevancy: F32 | None) -> LabelMap:
+        splats = replace(self._splats, features=features)
+        with torch.no_grad():
+            return self._labels.render(
+                splats,
+                self._viewmat(posed),
+                posed.camera,
+                alpha_min=self._settings.alpha_min,
+                relevancy=relevancy,
+                backend=self._settings.backend,
+            )
+
+    def _rasterize(self, posed: PosedCamera, features: Tensor) -> Rendering:
+        splats = replace(self._splats, features=features)
+        with torch.no_grad():
+            return rasterize(splats, self._viewmat(posed), posed.camera, backend=self._settings.backend)
+
+    def _viewmat(self, posed: PosedCamera) -> Tensor:
+        return torch.tensor(posed.camera_from_world(), dtype=self._means.dtype, device=self._device)
+
+    def _rgb(self, posed: PosedCamera) -> Tensor:
+        position = torch.tensor(posed.world_from_camera[:3, 3], dtype=self._means.dtype, device=self._device)
+        with torch.no_grad():
+            return sh_to_rgb(self._means, self._sh, position, self._degree, backend=self._settings.backend)
+
+    def _tensor(self, array: F32) -> Tensor:
+        return torch.tensor(np.asarray(array), dtype=torch.float32, device=self._device)
+
+
+def _with_rest(membership: Evidence) -> Evidence:
+    """The membership in which a Gaussian without entries is surely of nothing."""
+    sizes = np.diff(membership.starts)
+    rows, rest = np.repeat(np.arange(len(sizes)), sizes), np.flatnonzero(sizes == 0)
+    return evidence_of(
+        np.concatenate([rows, rest]),
+        np.concatenate([membership.labels, np.zeros(len(rest), np.uint16)]),
+        np.concatenate([membership.counts, np.full(len(rest), _SURE_PX * UNIT)]),
+        len(sizes),
+    )
+
+
+def _to_bytes(image: Tensor) -> NDArray[np.uint8]:
+    return np.asarray((image.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).cpu().numpy())
+
+
+def _to_floats(image: Tensor) -> F32:
+    return np.asarray(image.to(torch.float32).cpu().numpy())

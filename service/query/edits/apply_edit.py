@@ -1,0 +1,184 @@
+"""Edits by name: a scene in, another scene out. The table `_KINDS` has a row for each kind of edit.
+
+An edit takes along what the object encloses, whatever its label: where two objects meet, a Gaussian of the one often
+has the label of the other, and would stay behind as a floater.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastsplat.service.query.edits.edit import Edit, Rows, edited_rows
+from fastsplat.service.query.edits.gaussian_edits import duplicate, move, recolor, remove
+from fastsplat.service.query.edits.insertion import insert_things
+from fastsplat.service.query.edits.prompted_things import make_prompted_thing
+from fastsplat.service.query.edits.thing_edits import edit_things
+from fastsplat.service.scene.changes import with_change
+from fastsplat.service.scene.types import Scene, Things
+from fastsplat_contract.camera import check_rigid
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.scene_index import SceneIndex
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What `apply_edit` was called with."""
+
+    index: SceneIndex
+    edit: Edit
+    seen: Things | None
+    before: Things
+    source: SceneIndex | None
+    max_gaussians: int | None
+    piece: Rows | None
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """A kind of edit.
+
+    Attributes:
+        make: the scene afterwards.
+        needs: the fields of an edit without which it makes no sense, and which no other kind takes.
+        named: whether it may give a name.
+    """
+
+    make: Callable[[_Order], Scene]
+    needs: tuple[str, ...] = ()
+    named: bool = False
+
+
+def apply_edit(
+    index: SceneIndex,
+    edit: Edit,
+    seen: Things | None = None,
+    before: Things | None = None,
+    source: SceneIndex | None = None,
+    *,
+    max_gaussians: int | None = None,
+    piece: Rows | None = None,
+) -> Scene:
+    """The scene after the edit; evidence, codes and things go along with their rows. The index's own scene stays as it
+    is.
+
+    A scene that stores no things stores them from its first edit on, so that their ids stay.
+
+    Args:
+        index: of the scene as it is.
+        edit: what to do.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things before the request that the edit is part of; None: those of the index.
+        source: of the scene that `insert` takes things from; None for other edits.
+        max_gaussians: no duplicate makes the scene larger than this; None for no bound. Each can double it.
+        piece: int64 [K]: the Gaussians that the prompt of `split` or `add` shows; None for other edits.
+
+    Raises:
+        NotFoundError: no such label, object or thing here.
+        InvalidInputError: an unknown action, not exactly one of label, object_id and things, a color, transform or name
+            that is missing, superfluous, out of range or not rigid.
+        LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
+    """
+    if edit.action in ("look_again", "train_more") or edit.texts:
+        raise InvalidInputError(
+            "training a scene further is no edit" if edit.action == "train_more" else "looking again is no edit",
+            field="texts" if edit.texts else "action",
+            hint=f"{'TrainMore' if edit.action == 'train_more' else 'LookAgain'} is a call of its own, and makes an "
+            "operation.",
+        )
+    kind = _KINDS.get(edit.action)
+    if kind is None:
+        raise InvalidInputError(f"no edit {edit.action!r}", field="action", hint=f"Use {', '.join(_KINDS)}.")
+    _check_fields(edit, kind)
+    return kind.make(_Order(index, edit, seen, before or index.things.table, source, max_gaussians, piece))
+
+
+def _check_fields(edit: Edit, kind: _Kind) -> None:
+    for name, value in (
+        ("color", edit.color),
+        ("transform", edit.transform),
+        ("source", edit.source),
+        ("prompt", edit.prompt),
+        ("known_lengths", edit.known_lengths or edit.known_sizes or None),
+        ("alignment", edit.alignment),
+    ):
+        if (value is not None) != (name in kind.needs):
+            raise InvalidInputError(
+                f"{edit.action} {'needs' if name in kind.needs else 'takes no'} {name}",
+                field=name,
+                hint="See the edit's fields.",
+            )
+    if not kind.named and (edit.name is not None or edit.aliases):
+        raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
+    if edit.transform is not None:
+        check_rigid(np.asarray(edit.transform, dtype=np.float64), field="transform")
+    if edit.color is not None:
+        color = np.asarray(edit.color, dtype=np.float64)
+        if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+            raise InvalidInputError(f"a color of {edit.color}", field="color", limit="RGB, 0 to 1 each")
+
+
+def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = False) -> Callable[[_Order], Scene]:
+    """A kind that changes the Gaussians it is about; `grows`: it may pass the bound on their number."""
+
+    def make(order: _Order) -> Scene:
+        rows = edited_rows(order.index, order.edit)
+        count = len(order.index.scene.gaussians) + len(rows)
+        if grows and order.max_gaussians is not None and count > order.max_gaussians:
+            raise LimitExceededError(
+                f"{count} Gaussians with this duplicate",
+                field="action",
+                limit=f"{order.max_gaussians} Gaussians of a scene",
+                hint="Duplicate smaller things, or remove some first.",
+            )
+        return with_change(change(order.index.things.scene, rows, order.edit), order.edit.action)
+
+    return make
+
+
+def _of_things(order: _Order) -> Scene:
+    return edit_things(order.index, order.edit, order.seen, order.before)
+
+
+def _prompted(order: _Order) -> Scene:
+    assert order.piece is not None
+    return make_prompted_thing(order.index, order.edit, order.piece, order.seen, order.before)
+
+
+def _insert(order: _Order) -> Scene:
+    assert order.source is not None
+    return with_change(insert_things(order.index, order.source, order.edit), "insert")
+
+
+def _scale(order: _Order) -> Scene:
+    from fastsplat.service.query.edits.scale_edits import scale_scene  # torch loads with the first measurement
+
+    return scale_scene(order.index, order.edit)
+
+
+def _align(order: _Order) -> Scene:
+    from fastsplat.service.query.edits.aligning import align_scene  # scipy.stats loads with the first alignment
+
+    return align_scene(order.index, order.edit)
+
+
+_KINDS: Mapping[str, _Kind] = {
+    "recolor": _Kind(_of_rows(recolor), ("color",)),
+    "remove": _Kind(_of_rows(remove)),
+    "move": _Kind(_of_rows(move), ("transform",)),
+    "duplicate": _Kind(_of_rows(duplicate, grows=True), ("transform",)),
+    "name": _Kind(_of_things, named=True),
+    "unname": _Kind(_of_things),
+    "merge": _Kind(_of_things),
+    "discard": _Kind(_of_things),
+    "split": _Kind(_prompted, ("prompt",), named=True),
+    "add": _Kind(_prompted, ("prompt",), named=True),
+    "insert": _Kind(_insert, ("transform", "source")),
+    "scale": _Kind(_scale, ("known_lengths",)),
+    "align": _Kind(_align, ("alignment",)),
+}

@@ -1,0 +1,177 @@
+"""Edits of Gaussians: recolor, remove, move, duplicate.
+
+Rows keep their order, so that a mask of the old version tells what became of it: recoloring and moving change no row
+number, removing closes the gaps, duplicates come after all other rows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fastsplat.service.query.edits.edit import Edit, Rows
+from fastsplat.service.query.things.objects import masses
+from fastsplat.service.scene.label_evidence import evidence_of, rows_of
+from fastsplat.service.scene.things import (
+    MAX_THING_ID,
+    next_thing_id,
+    thing_rows,
+    things_of_rows,
+    with_rows_of_no_part,
+)
+from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
+from fastsplat_contract.errors import LimitExceededError
+
+F64 = NDArray[np.float64]
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # ITU-R BT.709
+_DARK = 0.1
+_DIRECTIONS = 64
+
+
+def remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The scene without the Gaussians `rows`, int64 [K]."""
+    stays = np.ones(len(scene.gaussians), dtype=np.bool_)
+    stays[rows] = False
+    return _select(scene, np.flatnonzero(stays))
+
+
+def move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The scene with the Gaussians `rows`, int64 [K], moved by the edit's transform."""
+    moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), edit.transform)
+    return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
+
+
+def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The scene with copies of the Gaussians `rows`, int64 [K], after all others, moved by the edit's transform."""
+    count = len(scene.gaussians)
+    grown = _select(scene, np.concatenate([np.arange(count), rows]))
+    copies = np.arange(count, count + len(rows))
+    if scene.things is not None and grown.things is not None:
+        grown = replace(grown, things=_copied(scene.things, grown.things, rows))
+    moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), edit.transform)
+    return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
+
+
+def _copied(before: Things, grown: Things, rows: Rows) -> Things:
+    """The things after the Gaussians `rows` were added once more at the end: the copy of a thing, or of what there is
+    of it among them, is a thing of its own, with a new id and the same name, and without parts."""
+    membership, start = grown.membership, int(grown.membership.starts[len(before.membership)])
+    copied = np.unique(thing_rows(before)[rows])
+    originals = [thing for thing in before.table if thing.id in copied]
+    first = next_thing_id(before)
+    if first + len(originals) - 1 > MAX_THING_ID:
+        raise LimitExceededError(
+            f"{len(originals)} more things", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+        )
+    new_ids = np.zeros(max((thing.id for thing in before.table), default=0) + 1, np.uint16)
+    for number, thing in enumerate(originals):
+        new_ids[thing.id] = first + number
+    # No photo shows a copy.
+    copies = tuple(replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals)
+    labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
+    entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
+    return Things(
+        (*before.table, *copies),
+        evidence_of(entries, labels, membership.counts, len(membership)),
+        first + len(originals),
+        None if before.parts is None else with_rows_of_no_part(before.parts, len(membership)),
+    )
+
+
+def recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+    """The luminance of each Gaussian, in every direction, relative to the mean one, times the new color: what was in
+    the shade stays there, what glistened glistens. Near black, where ratios mean nothing, differences are kept."""
+    part = gaussians_of_rows(scene.gaussians, rows)
+    if not len(rows):
+        return scene
+    target = np.asarray(edit.color, dtype=np.float64)
+    luminance = part.sh.astype(np.float64) @ _LUMINANCE  # [K, B], coefficients
+    weights = masses(part.log_scales, part.logit_opacities)
+    base = 0.5 + SH_C0 * luminance[:, 0]
+    mean = float(np.average(base, weights=weights))
+    gain = target / max(mean, _DARK)
+    sh = luminance[:, :, None] * gain
+    sh[:, 0] = (target + (base - mean)[:, None] * gain - 0.5) / SH_C0
+    return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
+
+
+def moved_gaussians(part: Gaussians, transform: F64 | None) -> Gaussians:
+    """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
+    pose = np.asarray(transform, dtype=np.float64)
+    turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
+    rotation = turn.as_matrix()
+    means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
+    x, y, z, w = turn.as_quat()
+    return replace(
+        part,
+        means=means.astype(np.float32),
+        quats=_multiplied((w, x, y, z), part.quats),
+        sh=_rotated_harmonics(part.sh, rotation),
+    )
+
+
+def _multiplied(left: tuple[float, float, float, float], right: F32) -> F32:
+    """Hamilton products left ⊗ right [K, 4], w x y z; lengths are those of `right`.
+
+    scipy's product would lose the lengths, and refuses a length of 0.
+    """
+    w, x, y, z = left
+    matrix = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    return np.asarray(right.astype(np.float64) @ matrix.T, dtype=np.float32)
+
+
+def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
+    """Coefficients [K, B, 3] of the same colors seen by a turned object: Σ Y(d) sh' = Σ Y(Rᵀ d) sh for all d.
+
+    Each degree is a space of its own under rotation. Its matrix follows from the basis at more directions than it has
+    functions, which is exact up to rounding and needs no formulas for Wigner's matrices.
+    """
+    import torch
+
+    from fastsplat.service.splatting.raster.harmonics import (
+        basis,  # torch loads with the first edit that turns something
+    )
+
+    degree = round(sh.shape[1] ** 0.5) - 1
+    if degree == 0:
+        return sh
+    steps = np.arange(_DIRECTIONS) + 0.5
+    heights, angles = 1 - 2 * steps / _DIRECTIONS, np.pi * (1 + 5**0.5) * steps  # a Fibonacci sphere
+    rims = np.sqrt(1 - heights**2)
+    directions = np.stack([rims * np.cos(angles), rims * np.sin(angles), heights], axis=1)
+    before = basis(torch.from_numpy(directions @ rotation), degree).numpy()
+    after = basis(torch.from_numpy(directions), degree).numpy()
+    turned = sh.astype(np.float64)
+    for level in range(1, degree + 1):
+        band = slice(level**2, (level + 1) ** 2)
+        matrix = np.linalg.lstsq(after[:, band], before[:, band], rcond=None)[0]
+        turned[:, band] = np.einsum("ab,kbc->kac", matrix, turned[:, band])
+    return turned.astype(np.float32)
+
+
+def gaussians_of_rows(gaussians: Gaussians, rows: Rows) -> Gaussians:
+    """The Gaussians `rows` [K], in that order."""
+    return Gaussians(
+        means=gaussians.means[rows],
+        quats=gaussians.quats[rows],
+        log_scales=gaussians.log_scales[rows],
+        logit_opacities=gaussians.logit_opacities[rows],
+        sh=gaussians.sh[rows],
+        codes=gaussians.codes[rows],
+    )
+
+
+def _select(scene: Scene, rows: Rows) -> Scene:
+    evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
+    things = things_of_rows(scene.things, rows)
+    return replace(scene, gaussians=gaussians_of_rows(scene.gaussians, rows), evidence=evidence, things=things)
+
+
+def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:
+    means, quats, sh = gaussians.means.copy(), gaussians.quats.copy(), gaussians.sh.copy()
+    means[rows], quats[rows], sh[rows] = part.means, part.quats, part.sh
+    return replace(gaussians, means=means, quats=quats, sh=sh)

@@ -1,0 +1,121 @@
+"""Things of one scene put into another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastsplat.service.query.edits.edit import Edit, edited_rows
+from fastsplat.service.query.edits.gaussian_edits import gaussians_of_rows, moved_gaussians
+from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene, Things
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.scene_index import SceneIndex
+
+_SURE_PX = 16
+"""Membership of an inserted Gaussian, pixels: it is known which thing it is of."""
+
+
+def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
+    """The scene with things of another one, placed by a rigid motion; its labels are the names of its things from then
+    on.
+
+    The Gaussians of the things, and those that they enclose (see `edited_rows`), come after all others; the things get
+    new ids and keep their names, names' sources and suggestions; their parts stay behind. Colors keep as many harmonics
+    as this scene has. A length of the other scene is the same number of this scene's units.
+
+    Args:
+        index: of the scene as it is.
+        source: of the other scene.
+        edit: which things of the other scene, and x' = R x + t from its world frame into this one's.
+
+    Raises:
+        NotFoundError: no such label, object or thing there.
+        InvalidInputError: not exactly one of label, object_id and things; a part; lengths of one scene are meters and
+            those of the other have no unit.
+        LimitExceededError: more things than there are ids.
+    """
+    here = index.things.scene
+    assert here.things is not None
+    if source.scene.scale != here.scale:
+        raise InvalidInputError(
+            f"a thing of a scene whose scale is {source.scene.scale} in one whose scale is {here.scale}",
+            field="source",
+            hint="Insert from a scene of the same scale; lengths would mean nothing.",
+        )
+    ids = edited_things(source, edit)
+    check_no_parts(source.things.table, ids)
+    own = replace(edit, label=None, object_id=None, things=ids)
+    rows = edited_rows(source, own)
+    first = next_thing_id(here.things)
+    if first + len(ids) - 1 > MAX_THING_ID:
+        raise LimitExceededError(
+            f"{len(ids)} more things", field="things", limit=f"ids up to {MAX_THING_ID}", hint="Merge some first."
+        )
+    scene, things = here, []
+    for number, thing_id in enumerate(ids):
+        thing = thing_of(source.things.table, thing_id)
+        name = thing.name
+        if name:
+            scene, name = with_label(index, scene, name, ())
+        things.append(replace(thing, id=first + number, name=name, proposed_in=(), missed_in=()))  # by other cameras
+    owner = source.things.owner[rows]
+    new_ids = np.zeros(max(ids) + 1, np.int64)
+    new_ids[list(ids)] = np.arange(first, first + len(ids))
+    # What lies enclosed in a thing and is of none of them goes with the first.
+    inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
+    part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), edit.transform)
+    assert scene.things is not None
+    return replace(
+        scene,
+        gaussians=_appended(scene.gaussians, part),
+        evidence=None if scene.evidence is None else _longer(scene.evidence, len(rows)),
+        things=Things(
+            (*scene.things.table, *things),
+            _with_members(scene.things.membership, inside),
+            first + len(ids),
+            None
+            if scene.things.parts is None
+            else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
+        ),
+        label_mode="things",
+    )
+
+
+def _appended(gaussians: Gaussians, part: Gaussians) -> Gaussians:
+    count, harmonics = len(part), gaussians.sh.shape[1]
+    sh = np.zeros((count, harmonics, 3), np.float32)
+    shared = min(harmonics, part.sh.shape[1])
+    sh[:, :shared] = part.sh[:, :shared]
+    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # this scene's W does not know the other's codes
+    return Gaussians(
+        means=np.concatenate([gaussians.means, part.means]),
+        quats=np.concatenate([gaussians.quats, part.quats]),
+        log_scales=np.concatenate([gaussians.log_scales, part.log_scales]),
+        logit_opacities=np.concatenate([gaussians.logit_opacities, part.logit_opacities]),
+        sh=np.concatenate([gaussians.sh, sh]),
+        codes=np.concatenate([gaussians.codes, codes]),
+    )
+
+
+def _longer(evidence: Evidence, count: int) -> Evidence:
+    """The evidence with `count` more Gaussians that no view has seen."""
+    return replace(evidence, starts=np.append(evidence.starts, np.full(count, evidence.starts[-1])))
+
+
+def _with_members(membership: Evidence, owner: np.ndarray) -> Evidence:
+    longer = _longer(membership, len(owner))
+    rows = np.repeat(np.arange(len(longer)), np.diff(longer.starts))
+    added = np.arange(len(membership), len(longer))
+    return evidence_of(
+        np.concatenate([rows, added]),
+        np.concatenate([longer.labels.astype(np.int64), owner]),
+        np.concatenate([longer.counts, np.full(len(owner), _SURE_PX * UNIT, np.int64)]),
+        len(longer),
+    )

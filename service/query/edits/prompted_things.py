@@ -1,0 +1,120 @@
+"""Edits that make a thing of what a prompt shows: a piece of another thing, or one that was missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.edits.thing_edits import check_no_parts, check_seen, edited_things, with_label
+from fastsplat.service.query.things.look_alikes import with_look_alikes
+from fastsplat.service.query.things.objects import masses
+from fastsplat.service.scene.connectivity import components
+from fastsplat.service.scene.new_things import with_new_thing
+from fastsplat.service.scene.types import Scene, Things
+from fastsplat_contract.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.edits.edit import Edit
+    from fastsplat.service.query.scene_index import SceneIndex
+
+_REST = 0.02
+"""A piece leaves nothing of a thing where the largest connected part of the rest weighs less than this share of the
+thing: what is left then is its rim."""
+_SAME = 0.9
+"""A thing that overlaps what was segmented by this share, of both together, is there already."""
+_MOST = 0.5
+"""Who takes this share of a thing takes its name's place."""
+
+
+def split_thing(index: SceneIndex, edit: Edit) -> int:
+    """The id of the one thing that an edit splits.
+
+    Raises:
+        NotFoundError: no such thing, label or object here.
+        InvalidInputError: not exactly one thing, or a part of one.
+    """
+    ids = edited_things(index, edit)
+    check_no_parts(index.things.table, ids)
+    if len(ids) != 1:
+        raise InvalidInputError(
+            f"{len(ids)} things to split", field="things", limit="1 thing", hint="Split one thing in each edit."
+        )
+    return ids[0]
+
+
+def make_prompted_thing(
+    index: SceneIndex, edit: Edit, piece: NDArray[np.int64], seen: Things | None, before: Things
+) -> Scene:
+    """The scene after a `split` or an `add`; its labels are the names of its things from then on.
+
+    Args:
+        index: of the scene as it is.
+        edit: which thing is split, and the new thing's name.
+        piece: int64 [K]: the Gaussians that the edit's prompt shows; of a split, all of the thing.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things as they were before the request that the edit is part of.
+
+    Raises:
+        NotFoundError: no such thing, label or object here.
+        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases without
+            a name, or a name that is none.
+        LimitExceededError, ConflictError: see `edit_things` and `with_new_thing`.
+    """
+    owner = index.things.owner
+    weights = np.minimum(masses(index.scene.gaussians.log_scales, index.scene.gaussians.logit_opacities), 1e30)
+    whole = np.bincount(owner, weights).astype(np.float64)
+    taken = np.bincount(owner[piece], weights[piece], len(whole)).astype(np.float64)
+    if not len(piece):
+        raise InvalidInputError(
+            "what the picture shows there has no Gaussians of its own",
+            field="prompt",
+            limit="at least 1 Gaussian",
+            hint="Prompt in a view that shows the thing larger, or send a box around it.",
+        )
+    if edit.action == "split":
+        thing_id = split_thing(index, edit)
+        rest = np.setdiff1d(np.flatnonzero(owner == thing_id), piece)
+        parts = np.bincount(components(index.scene.gaussians, rest), weights[rest])
+        if parts.max(initial=0) < _REST * whole[thing_id]:
+            raise InvalidInputError(
+                f"what the picture shows there is all of thing {thing_id}",
+                field="prompt",
+                limit=f"a rest of at least {_REST:.0%} of the thing in one part",
+                hint="Send pixels of the rest as background, or a box around the piece.",
+            )
+        check_seen((thing_id,), edit.name, seen, before)
+    else:
+        _check_missing(index, edit, taken, whole)
+        losers = np.flatnonzero(taken[1:] >= _MOST * np.maximum(whole[1:], 1e-300)) + 1
+        check_seen([thing_id for thing_id in losers.tolist() if taken[thing_id]], edit.name, seen, before)
+    if edit.aliases and edit.name is None:
+        raise InvalidInputError("aliases without a name", field="aliases", hint="Send a name, or leave them out.")
+    scene, label = replace(index.things.scene, label_mode="things"), ""
+    if edit.name is not None:
+        scene, label = with_label(index, scene, edit.name, edit.aliases)
+    scene, new_id = with_new_thing(scene, piece)
+    if not label:
+        return scene
+    assert scene.things is not None
+    *others, new = scene.things.table
+    named = replace(new, name=label, source="person", probability=1.0)
+    return with_look_alikes(replace(scene, things=replace(scene.things, table=(*others, named))), (new_id,))
+
+
+def _check_missing(index: SceneIndex, edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:
+    if edit.things or edit.label is not None or edit.object_id is not None:
+        raise InvalidInputError(
+            "add takes no thing, label or object", field="things", hint="To cut a piece out of a thing, split it."
+        )
+    same = taken[1:] / np.maximum(whole[1:] + taken.sum() - taken[1:], 1e-300)
+    if len(same) and same.max() >= _SAME:
+        thing_id = int(same.argmax()) + 1
+        raise InvalidInputError(
+            f"what the picture shows there is thing {thing_id} already",
+            field="prompt",
+            limit=f"an overlap with every thing below {_SAME:.0%}",
+            hint="Name that thing, or split it.",
+        )

@@ -1,0 +1,209 @@
+"""Edits of what is what: naming things, taking names away, making several things one, discarding one.
+
+No Gaussian changes and nothing is trained: afterwards the labels of the scene are the names of its things.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.query.things.look_alikes import with_look_alikes
+from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
+from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
+from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.edits.edit import Edit
+    from fastsplat.service.query.scene_index import SceneIndex
+
+MAX_ALIASES = 20
+"""Of a name, in one edit."""
+_NEVER = -1e4
+"""Logit of a label that no code has learnt."""
+
+
+def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Things) -> Scene:
+    """The scene after an edit of its things; its labels are the names of its things from then on.
+
+    Args:
+        index: of the scene as it is.
+        edit: `name`, `unname`, `merge` or `discard`.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things as they were before the request that the edit is part of.
+
+    Raises:
+        NotFoundError: no such thing, label or object here.
+        InvalidInputError: a name or an alias that is none, or is missing or superfluous; too few things to merge.
+        LimitExceededError: too many aliases.
+        ConflictError: the edit would undo a name that a person gave after the things were looked at, or an alias is the
+            name of another label.
+    """
+    actions: dict[str, Callable[[SceneIndex, Scene, tuple[int, ...], Edit], Scene]] = {
+        "name": _name,
+        "unname": _unname,
+        "merge": _merge,
+        "discard": _discard,
+    }
+    if edit.action == "name" and edit.name is None:
+        raise InvalidInputError("name needs a name", field="name", hint="See the edit's fields.")
+    ids = edited_things(index, edit)
+    check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
+    scene = actions[edit.action](index, replace(index.things.scene, label_mode="things"), ids, edit)
+    return with_look_alikes(scene, ids) if edit.action == "name" else scene
+
+
+def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
+    """The ids of the things that an edit is about, in its order: those that it names, those that bear its label, or the
+    one that is its object.
+
+    Raises:
+        NotFoundError: no such thing, label or object here.
+        InvalidInputError: not exactly one of things, label and object_id.
+    """
+    if (edit.label is not None) + (edit.object_id is not None) + bool(edit.things) != 1:
+        raise InvalidInputError(
+            "an edit speaks of a label, of an object or of things",
+            field="label",
+            hint="Send exactly one of label, object_id and things.",
+        )
+    things = index.things
+    if edit.things:
+        things.check_all(edit.things)
+        return tuple(dict.fromkeys(edit.things))
+    dictionary = index.scene.dictionary
+    label_id = None if edit.label is None else dictionary.id_of(edit.label)
+    if edit.label is not None and label_id is None:
+        raise NotFoundError(
+            f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
+        )
+    if label_id is not None:
+        everything = (*things.present, *things.present_parts)
+        ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
+        if not ids:
+            raise NotFoundError(
+                f"nothing in this version bears the label {str(edit.label)[:80]!r}",
+                field="label",
+                hint="List the scene's things.",
+            )
+        return ids
+    for instance in index.instances:
+        if instance.object.id == edit.object_id:
+            return (instance.object.thing_id,)
+    raise NotFoundError(
+        f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
+    )
+
+
+def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:
+    """Refuse to undo what a person said and whoever edits has not seen.
+
+    Args:
+        ids: of the things whose names the edit takes away or replaces.
+        name: that the edit gives; None for none.
+        seen: the things that whoever edits has looked at; None: unknown.
+        before: the things as they were before the request that the edit is part of.
+
+    Raises:
+        ConflictError: a person has named one of them otherwise since.
+    """
+    known = {} if seen is None else {thing.id: thing.name for thing in seen.everything}
+    now = {thing.id: thing for thing in before.everything}
+    for thing_id in ids:
+        thing = now.get(thing_id)
+        if thing is not None and thing.source == "person" and thing.name not in (name, known.get(thing_id)):
+            raise ConflictError(
+                f"a person has named thing {thing_id} {thing.name!r}",
+                field="version",
+                hint="Look at the thing as it is now; to replace the name, send the version that you looked at.",
+            )
+
+
+def _name(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+    scene, label = with_label(index, scene, edit.name or "", edit.aliases)
+    return _changed(scene, ids, lambda thing: replace(thing, name=label, source="person", probability=1.0))
+
+
+def _unname(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+    return _changed(scene, ids, lambda thing: replace(thing, name="", source=None, probability=0.0))
+
+
+def _merge(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+    check_no_parts(index.things.table, ids)
+    return merge_things(scene, ids)
+
+
+def _discard(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
+    for thing_id in ids:
+        if scene.things is not None and thing_id in {thing.id for thing in scene.things.everything}:
+            scene = discard_thing(scene, thing_id)  # a part may have gone with its thing
+    return scene
+
+
+def check_no_parts(things: Things, thing_ids: Sequence[int]) -> None:
+    """Raise if one of these is a part.
+
+    Raises:
+        InvalidInputError: it is.
+    """
+    parents = {} if things.parts is None else {part.id: part.parent for part in things.parts.table}
+    for number, thing_id in enumerate(thing_ids):
+        if thing_id in parents:
+            raise InvalidInputError(
+                f"{thing_id} is a part of thing {parents[thing_id]}",
+                field=f"things[{number}]",
+                hint="Send ids of whole things.",
+            )
+
+
+def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing]) -> Scene:
+    assert scene.things is not None
+    chosen = set(ids)
+    table = tuple(change(thing) if thing.id in chosen else thing for thing in scene.things.table)
+    parts = scene.things.parts
+    if parts is not None and any(part.id in chosen for part in parts.table):
+        parts = replace(parts, table=tuple(change(part) if part.id in chosen else part for part in parts.table))
+    return replace(scene, things=replace(scene.things, table=table, parts=parts))
+
+
+def with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str]) -> tuple[Scene, str]:
+    """The scene with a dictionary entry of this name and these aliases, and the entry's label. Case, plural and
+    spelling variants of a known name are that name.
+
+    Raises:
+        InvalidInputError, LimitExceededError, ConflictError: see `edit_things`.
+    """
+    text = checked_name(name, "name")
+    if len(aliases) > MAX_ALIASES:
+        raise LimitExceededError(f"{len(aliases)} aliases", field="aliases", limit=f"{MAX_ALIASES} aliases")
+    others = [checked_name(alias, f"aliases[{number}]") for number, alias in enumerate(aliases)]
+    entries = list(scene.dictionary.entries)
+    label_id = scene.dictionary.id_of(text)
+    if label_id is None:
+        entries.append(DictionaryEntry(text))
+        scene = index.with_label(scene, entries[-1], _grown(scene.head))
+    entry = entries[label_id - 1 if label_id else -1]
+    for number, alias in enumerate(others):
+        owner = Dictionary(tuple(entries)).id_of(alias)
+        if owner is None:
+            entry = replace(entry, aliases=(*entry.aliases, alias))
+            entries[label_id - 1 if label_id else -1] = entry
+        elif entries[owner - 1] is not entry:
+            raise ConflictError(
+                f"{alias[:80]!r} is a name of the label {entries[owner - 1].label[:80]!r}",
+                field=f"aliases[{number}]",
+                hint="Leave the alias out, or give the things that other name.",
+            )
+    return replace(scene, dictionary=Dictionary(tuple(entries))), entry.label
+
+
+def _grown(head: SemanticHead) -> SemanticHead:
+    """W with one more row, which no code reaches."""
+    return SemanticHead(
+        np.concatenate([head.weight, np.zeros((1, head.weight.shape[1]), np.float32)]),
+        np.append(head.bias, np.float32(_NEVER)).astype(np.float32),
+    )

@@ -1,0 +1,408 @@
+"""Texts to ranked dictionary entries; no Gaussian is read and nothing is rendered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.answer_relation import answer_relation, stands_for
+from fastsplat.service.query.language.calibration import calibration_key
+from fastsplat.service.query.language.embeddings import TextCaches, text_caches
+from fastsplat.service.query.language.english import names_nothing, no_question
+from fastsplat.service.query.language.explain import explain
+from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
+from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
+from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.language.probability import (
+    Belief,
+    believed,
+    entry_probability,
+    named_belief,
+    scored_belief,
+)
+from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts
+from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
+from fastsplat.service.query.language.scene_labels import SceneLabels
+from fastsplat.service.query.language.text_similarity import text_similarity
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.absence import RATHER, unnamed_probability
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched, Verdict
+
+if TYPE_CHECKING:  # onnxruntime loads when it is used
+    from fastsplat.service.perception.lexicon.wordnet import Lexicon
+    from fastsplat.service.perception.types import TextEncoder
+
+RELATED_PROBABILITY = 0.15
+"""A related entry other than the leading one is relevant from this calibrated probability on. Measured by
+benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
+
+Mask = NDArray[np.bool_]
+
+_PER_LABEL = 2_048
+"""Bytes: its names, by which it is looked up, count, confidence."""
+_FARTHEST = -1.0
+"""The score of what a question denies: nothing in common."""
+
+
+@dataclass(frozen=True)
+class _Judgement:
+    """The verdict of an answer, and the entries it is about.
+
+    Attributes:
+        verdict: see `Answer`.
+        relevant: bool [N], the entries that the answer speaks of.
+        leading: bool [N], those among them that lead whatever they score.
+        named: whether the names alone decided.
+        suggested: whether the entries are merely suggested for things without a name.
+    """
+
+    verdict: Verdict
+    relevant: Mask
+    leading: Mask
+    named: bool
+    suggested: bool = False
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """An answer, and the ids of those of its labels that name what was asked for, or a kind of it, and do not merely
+    serve in its place."""
+
+    answer: Answer
+    standing: frozenset[int]
+
+
+@dataclass(frozen=True)
+class _Meant:
+    """What the model of the meaning says of one question and the entries.
+
+    Attributes:
+        likely: float64 [N], 0..1, that each answers; 0 for those that cannot.
+        presence: 0..1, that any does.
+        comparison: what the model weighed.
+        model: the one that said so.
+    """
+
+    likely: F64
+    presence: float
+    comparison: Comparison
+    model: MeaningModel
+
+
+class Ranker:
+    """One dictionary, one text encoder. Threads may share it.
+
+    Args:
+        labels: of a scene.
+        counts: Gaussians of each dictionary id, 0 first.
+        encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
+        settings: see `QuerySettings`.
+        things: those that the scene stores, or None.
+        before: one with the same encoder, settings and lexicon, whose meanings are used again.
+        lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
+        caches: of the encoder and the settings, shared with other scenes; None: those of `before`, or its own.
+
+    Raises:
+        ModelUnavailableError: the encoder answers with something else than embeddings, or the lexicon's files
+            contradict each other.
+    """
+
+    def __init__(
+        self,
+        labels: SceneLabels,
+        counts: Sequence[int],
+        encoder: TextEncoder,
+        settings: QuerySettings,
+        things: ThingNames | None = None,
+        before: Ranker | None = None,
+        lexicon: Lexicon | None = None,
+        caches: TextCaches | None = None,
+    ) -> None:
+        self._things = things
+        self._searched = Searched(None, 0, (), labels.searched) if things is None else things.searched
+        self._settings = settings
+        self._counts = list(counts)
+        entries = labels.dictionary.entries
+        self._labels = [entry.label for entry in entries]
+        self._confidence = np.array([entry.confidence for entry in entries], dtype=np.float64)
+        self._present = np.ones(len(entries), dtype=np.bool_)
+        self._suggested = np.zeros(len(entries), dtype=np.bool_)
+        if things is not None and labels.mode == "things":
+            sure = {**things.probabilities, **{each: likely for each, (likely, _) in things.suggested.items()}}
+            self._confidence = np.array([sure.get(row + 1, 0.0) for row in range(len(entries))], dtype=np.float64)
+            self._present = np.array([row + 1 in sure for row in range(len(entries))], dtype=np.bool_)
+            self._suggested = np.array([row + 1 in things.suggested for row in range(len(entries))], dtype=np.bool_)
+        self._names = NameIndex(labels.dictionary)
+        if caches is None:
+            caches = text_caches(encoder, settings) if before is None else before._caches
+        self._caches: TextCaches = caches
+        self._contexts = PromptContexts(labels, encoder, caches.texts, settings)
+        self._model: MeaningModel | None = None
+        self._meanings: LabelMeanings | None = None
+        if lexicon is not None and weighs_meanings(settings):
+            self._model = model_for(calibration_key(encoder.name, encoder.sha256), lexicon.name, settings.templates)
+        if lexicon is not None and self._model is not None:
+            known = None if before is None else before._meanings
+            if known is None or not known.is_of(labels.dictionary):
+                known = LabelMeanings(labels.dictionary, lexicon, caches)
+            self._meanings = known
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether there are thresholds for this encoder, so that `related` can be said at all."""
+        return self._meanings is not None or self._contexts.default.related is not None
+
+    @property
+    def nbytes(self) -> int:
+        """What it weighs in memory, estimated, without what it shares."""
+        meanings = 0 if self._meanings is None else self._meanings.nbytes
+        return self._contexts.nbytes + meanings + _PER_LABEL * len(self._labels)
+
+    @property
+    def names(self) -> NameIndex:
+        """The names of the dictionary."""
+        return self._names
+
+    def is_name(self, text: str) -> bool:
+        """Whether the dictionary or the lexicon has the whole of a text as the name of something."""
+        match = self._names.match(text)
+        return bool(match.exact and not match.unchecked) or (
+            self._meanings is not None and self._meanings.meaning(text).whole
+        )
+
+    def rank(self, query: TextQuery) -> tuple[Answer, ...]:
+        """One answer per text, in order, see `rank_meant`."""
+        return tuple(ranked.answer for ranked in self.rank_meant(query))
+
+    def rank_meant(self, query: TextQuery) -> tuple[Ranked, ...]:
+        """One answer per text, in order; every answer ranks the whole dictionary.
+
+        Raises:
+            LimitExceededError: more labels times templates than may be embedded for one question.
+            ModelUnavailableError: the encoder answers with something else than embeddings.
+        """
+        context = self._contexts.get(query.negatives, query.templates)
+        matches = [self._names.match(text) for text in query.texts]
+        similarity = text_similarity(query.texts, matches, context.entries.labels, self._caches.texts, query.templates)
+        scores = relevancy_scores(similarity, context.entries, context.temperature)
+        return tuple(
+            self._answer(
+                text,
+                match,
+                context,
+                query.coverage,
+                Scores(scores.similarity[row], scores.margin[row], scores.relevancy[row]),
+            )
+            for row, (text, match) in enumerate(zip(query.texts, matches, strict=True))
+        )
+
+    def _answer(self, text: str, match: NameMatch, context: PromptContext, coverage: float, scores: Scores) -> Ranked:
+        """The answer to one text, of scores [N]."""
+        by_similarity = self._settings.score == "similarity"
+        primary, second = (scores.similarity, scores.margin) if by_similarity else (scores.margin, scores.similarity)
+        excluded = self._mask(match.negated) | ~self._present
+        primary = np.where(excluded, _FARTHEST, primary)
+        # a name that nothing here bears (any more) decides nothing
+        match = replace(match, exact=tuple(label_id for label_id in match.exact if self._present[label_id - 1]))
+        calibration = context.calibration
+        meant = self._meant(text, match, context, scores.similarity, excluded)
+        comparison: Comparison | None = None
+        if meant is not None:
+            likely: F64 | None = meant.likely
+            judged = self._judge_meaning(match, context, primary, meant)
+            primary, second, comparison = meant.likely, scores.similarity, meant.comparison
+        else:
+            likely = None if calibration is None else entry_probability(primary, calibration)
+            judged = self._judge(match, context, primary, likely)
+        if names_nothing(text) and not judged.named:
+            judged = self._nothing
+        belief: Belief | None = None
+        if likely is not None and match.exact:
+            belief = named_belief(likely, match.exact, self._confidence, coverage)
+        elif meant is not None:
+            belief = believed(meant.likely, meant.presence, self._confidence, meant.model.scenes, coverage)
+        elif calibration is not None and likely is not None:
+            belief = scored_belief(primary, likely, self._confidence, calibration, coverage)
+        standing = judged.relevant.copy()
+        if judged.verdict == "related":
+            standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
+        judged = self._without_doubtful(judged, standing, belief if meant is not None else None)
+        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        nothing = judged.verdict == "absent"
+        if belief is not None and nothing and self._searched.unnamed_things:
+            unnamed = unnamed_probability(self._searched)
+            belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
+        likely_so, offered = self._offered(text) if nothing else (0.0, ())
+        is_word = None if self._meanings is None else self._meanings.is_word
+        language = no_question(text, is_word) if nothing and not offered else ""
+        probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
+        doubted = probability is not None and probability < RATHER
+        verdict = judged.verdict
+        if offered:
+            verdict, probability = "possible", likely_so
+        elif nothing and (language or doubted):
+            verdict, probability = "undecided", None
+        elif judged.suggested or (verdict == "exact" and doubted):
+            verdict = "possible"
+        threshold = context.exact if judged.verdict == "exact" else context.related
+        threshold = threshold if meant is None else meant.model.related
+        shown = verdict if verdict != "possible" else "exact" if offered else judged.verdict
+        relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
+        method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
+        answer = Answer(
+            scene_id="",
+            text=text,
+            verdict=verdict,
+            explanation="",
+            probability=probability,
+            label_set=() if belief is None else belief.label_set,
+            coverage=None if belief is None else coverage,
+            decided_by="name" if judged.named else "score",
+            threshold=None if judged.named or (context.related is None and meant is None) else threshold,
+            version="",
+            gaussians=sum(self._counts),
+            match_count=len(order),
+            matches=() if offered else self._matches(order, scores, context, judged.relevant, belief),
+            masks=(),
+            presence=None if belief is None else belief.presence,
+            searched=self._searched,
+            relation=relation,
+            relation_subject=subject,
+            method=method,
+            things=offered,
+        )
+        unchecked = match.unchecked
+        if comparison is not None and judged.verdict == "related":
+            before = comparison.compounds.before.get(int(order[0]), "")
+            unchecked = " ".join(words for words in (before, unchecked) if words)
+        may_be = offered
+        if self._things is not None and judged.suggested:
+            may_be = self._things.of_labels(answer.relevant_ids)
+        ids = np.flatnonzero(standing & judged.relevant) + 1
+        explanation = explain(answer, unchecked, len(may_be), language)
+        return Ranked(replace(answer, explanation=explanation), frozenset(ids.tolist()))
+
+    def _offered(self, text: str) -> tuple[float, tuple[int, ...]]:
+        """The things without a name for which a text is suggested as one that the dictionary lacks, and how likely."""
+        names = {} if self._things is None else self._things.suggested_names
+        return names.get(label_key(text), (0.0, ()))
+
+    def _without_doubtful(self, judged: _Judgement, standing: Mask, belief: Belief | None) -> _Judgement:
+        """A judgement in which names that are merely suggested for things without one stand back behind those that
+        things bear; alone they make an answer possible. What would merely serve in the place of what was asked for does
+        so under a sure name alone: not under one that is suggested, nor, by the lexicon's model, under a doubtful one.
+
+        Args:
+            judged: by names and scores.
+            standing: bool [N], the relevant entries that name what was asked for, or a kind of it.
+            belief: of the lexicon's model; None where another one judged.
+        """
+        borne = judged.relevant & ~self._suggested
+        suggested = bool(judged.relevant.any() and not borne.any())
+        sure = not suggested and (belief is None or belief.presence >= RATHER)
+        relevant = judged.relevant if suggested else borne
+        if not sure and judged.verdict == "related":
+            relevant = relevant & standing
+        if not relevant.any():
+            return self._nothing
+        return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=suggested)
+
+    def _matches(
+        self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None
+    ) -> tuple[Match, ...]:
+        """All entries, best first. Built by columns: a ranking has as many as there are labels."""
+        rows = order.tolist()
+        columns = zip(
+            (order + 1).tolist(),
+            [self._labels[row] for row in rows],
+            scores.relevancy[order].tolist(),
+            scores.similarity[order].tolist(),
+            [context.negatives[j] for j in context.entries.nearest_negative[order].tolist()],
+            [self._counts[row + 1] for row in rows],
+            relevant[order].tolist(),
+            [None] * len(rows) if belief is None else belief.entries[order].tolist(),
+            strict=True,
+        )
+        return tuple(map(Match._make, columns))
+
+    def _judge(self, match: NameMatch, context: PromptContext, scores: F64, likely: F64 | None) -> _Judgement:
+        """The verdict and the entries it speaks of.
+
+        What a question names and says more of than a dictionary can tell is shown first, and is never exact.
+        """
+        if match.exact:
+            exact = self._mask(match.exact)
+            return _Judgement("exact", exact, exact, named=True)
+        negated = self._mask(match.negated)
+        exact = (scores >= context.exact) & ~negated
+        if exact.any() and not match.heads:
+            return _Judgement("exact", exact, exact, named=False)
+        passing = scores >= (np.inf if context.related is None else context.related)
+        related = passing & self._present
+        if related.any() and likely is not None:
+            related = related & ((likely >= RELATED_PROBABILITY) | (scores == scores.max()))
+        leading = self._mask(match.heads) & self._present
+        related = (related | leading | self._mask(match.hyponyms)) & ~negated & self._present
+        deciding = leading if leading.any() else related
+        named = bool(deciding.any()) and not (deciding & passing).any()
+        return _Judgement("related" if related.any() else "absent", related, leading, named)
+
+    def _meant(
+        self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
+    ) -> _Meant | None:
+        """What question and entries mean by the lexicon; None where there is none that was measured with these prompts.
+
+        Args:
+            text: the question.
+            match: what it names.
+            context: of the prompts.
+            similarity: float64 [N].
+            excluded: bool [N], entries that cannot answer.
+        """
+        model = self._model
+        if self._meanings is None or model is None or context.templates != model.templates:
+            return None
+        comparison = self._meanings.compare(text, match, similarity)
+        logits = model.logits(comparison.columns)
+        likely = np.where(excluded, 0.0, model.likely(logits))
+        return _Meant(likely, model.presence(logits[~excluded], likely[~excluded]), comparison, model)
+
+    def _judge_meaning(self, match: NameMatch, context: PromptContext, scores: F64, meant: _Meant) -> _Judgement:
+        """As `_judge`, by the probabilities of the lexicon's model.
+
+        Entries are exact that share a sense with the whole question and are likely enough to be listed, or that the
+        encoder finds as near as another name. What a question names and says more of is shown first all the same.
+        """
+        if match.exact:
+            exact = self._mask(match.exact)
+            return _Judgement("exact", exact, exact, named=True)
+        comparison, likely = meant.comparison, meant.likely
+        found = meant.presence >= meant.model.related
+        listed = np.zeros(len(likely), dtype=np.bool_)
+        if found and len(likely):
+            listed = (likely > 0) & ((likely >= RELATED_PROBABILITY) | (likely == likely.max()))
+        shared = (comparison.relations.same > 0) & comparison.meaning.whole
+        exact = listed & (shared | (scores >= context.exact))
+        if exact.any() and not match.heads:
+            return _Judgement("exact", exact, exact, named=False)
+        leading = self._mask(match.heads) & self._present & ~self._mask(match.negated)
+        related = listed | leading
+        return _Judgement(
+            "related" if related.any() else "absent", related, leading, named=bool(leading.any()) and not found
+        )
+
+    @property
+    def _nothing(self) -> _Judgement:
+        return _Judgement("absent", self._mask(()), self._mask(()), named=False)
+
+    def _mask(self, label_ids: Sequence[int]) -> Mask:
+        mask = np.zeros(len(self._labels), dtype=np.bool_)
+        mask[np.array(label_ids, dtype=np.intp) - 1] = True
+        return mask

@@ -1,0 +1,140 @@
+"""Lengths in a scene: between two places, and of a thing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fastsplat.service.common.combined_ratios import NORMAL_95
+from fastsplat.service.query.measures.locating import Located, axes_of, check_place, locate
+from fastsplat.service.query.measures.thing_extents import ThingExtents, thing_extents
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.scaling import capture_scaling
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
+from fastsplat_contract.places import Place
+from fastsplat_contract.poses import rigid, vector3
+
+F64 = NDArray[np.float64]
+
+
+def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
+    """What is between two places, how large a thing is, or where one place is.
+
+    Args:
+        index: of the scene.
+        places: one or two.
+        version: that the index is of.
+
+    Raises:
+        NotFoundError: nothing is seen at a pixel; no such view or thing.
+        InvalidInputError: another number of places, or one that makes no sense, see `locate`.
+    """
+    if len(places) not in (1, 2):
+        raise InvalidInputError(
+            f"{len(places)} places", field="places", hint="Send one place to locate or one thing, or two places."
+        )
+    located: list[Located] = []
+    extents: dict[int, ThingExtents] = {}
+    for number, place in enumerate(places):
+        try:
+            if place.thing is None:
+                located.append(locate(index, place))
+                continue
+            check_place(place, ("thing",))
+            index.things.check_all((place.thing,))
+            extents[place.thing] = extents_of(index, place.thing)
+            located.append(_middle(place.thing, extents[place.thing]))
+        except (InvalidInputError, NotFoundError) as error:
+            raise error.within(f"places[{number}]") from error
+    distance = center_distance = box = None
+    sides: tuple[Length, ...] = ()
+    if len(located) == 2:
+        distance = _length(index, *_nearest(index, located[0], located[1], extents))
+        if any(one.is_thing for one in located):
+            center_distance = _length(index, *apart(*located))
+    elif located[0].is_thing:
+        measured = extents[located[0].thing_id]
+        box = measured.box
+        sides = tuple(_length(index, *side) for side in zip(box.size, measured.deviations, strict=True))
+    return Measurement(
+        places=tuple(LocatedPlace(vector3(one.point), one.plus_minus, one.thing_id) for one in located),
+        distance=distance,
+        center_distance=center_distance,
+        sides=sides,
+        box=box,
+        meters=index.scene.scale == "METRIC",
+        version=version,
+    )
+
+
+def extents_of(index: SceneIndex, thing_id: int) -> ThingExtents:
+    """Where a thing ends.
+
+    Raises:
+        NotFoundError: it is too faint to have a box.
+    """
+    extents = thing_extents(index, thing_id)
+    if extents is None or index.things.get(thing_id).box is None:
+        raise NotFoundError(
+            f"thing {thing_id} is too faint to be seen", field="thing", hint="Measure a thing that has a box."
+        )
+    return extents
+
+
+def _middle(thing_id: int, extents: ThingExtents) -> Located:
+    """A thing as a place: the middle of its box, as sure as half of each side."""
+    pose = rigid(extents.box.center.orientation, extents.box.center.position)
+    axes, halves = pose[:3, :3], np.array(extents.deviations) / 2
+    return Located(pose[:3, 3], axes @ np.diag(halves**2) @ axes.T, thing_id, is_thing=True)
+
+
+def _nearest(
+    index: SceneIndex, one: Located, other: Located, extents: Mapping[int, ThingExtents]
+) -> tuple[float, float]:
+    """Distance and deviation between two places; of a thing from its surface, the Gaussian nearest to the other."""
+    if not one.is_thing and not other.is_thing:
+        return apart(one, other)
+    if one.is_thing and one.thing_id == other.thing_id and other.is_thing:
+        return 0.0, 0.0
+    means = index.scene.gaussians.means.astype(np.float64)
+    sets = [extents[place.thing_id].rows if place.is_thing else None for place in (one, other)]
+    points = [one.point[None] if sets[0] is None else means[sets[0]]]
+    points.append(other.point[None] if sets[1] is None else means[sets[1]])
+    distances, near = cKDTree(points[1]).query(points[0])
+    first = int(np.argmin(distances))
+    ends = [
+        place if rows is None else _surface(index, int(rows[at]), place.thing_id)
+        for place, rows, at in zip((one, other), sets, (first, int(near[first])), strict=True)
+    ]
+    return apart(ends[0], ends[1])
+
+
+def _surface(index: SceneIndex, row: int, thing_id: int) -> Located:
+    axes, deviations = axes_of(index, np.array([row]))
+    covariance = axes[0] @ np.diag(deviations[0] ** 2) @ axes[0].T
+    return Located(index.scene.gaussians.means[row].astype(np.float64), covariance, thing_id)
+
+
+def apart(one: Located, other: Located) -> tuple[float, float]:
+    """Distance of two points, and its standard deviation √(uᵀ (Σ₁ + Σ₂) u), u the direction from one to the other; of
+    points that are one, in the least certain direction."""
+    offset = other.point - one.point
+    value = float(np.linalg.norm(offset))
+    covariance = one.covariance + other.covariance
+    if value == 0:
+        return 0.0, float(np.linalg.eigvalsh(covariance)[-1].clip(0)) ** 0.5
+    direction = offset / value
+    return value, max(float(direction @ covariance @ direction), 0.0) ** 0.5
+
+
+def _length(index: SceneIndex, value: float, deviation: float) -> Length:
+    """With what the scale is unsure of added to what the places are."""
+    scaling = index.scene.scaling or capture_scaling(index.scene.quality)
+    if scaling is not None:
+        deviation = float(np.hypot(deviation, value * scaling.deviation))
+    spread = NORMAL_95 * deviation
+    return Length(value, max(0.0, value - spread), value + spread)

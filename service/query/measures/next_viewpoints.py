@@ -1,0 +1,192 @@
+"""Where to stand for the next photos: beside gaps in the ring of cameras, at surfaces seen from few directions."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.objects import solid_rows
+from fastsplat.service.scene.assessment import common_point
+from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoReason
+
+F64 = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+MOST = 3
+_GAP_DEG = 60.0
+"""Between two neighbors in the ring: photos that far apart share too little to be placed by each other."""
+_STEP_DEG = 25.0
+"""From a photo to the next: two thirds of what they show is in both."""
+_THIN_DEG = 15.0
+_FEW_VIEWS = 2
+_SAMPLES = 4_000
+_CELLS = 8
+_LEAST_SHARE = 0.02
+"""Of the samples that one cell has at least, for a photo of its own."""
+_APART = 0.25
+_CLEAR = 0.12
+_INSIDE = 12
+_STEP_BACK = 0.15
+
+
+def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
+    """At most three places to stand at for the next photos, the most useful first; none where there are no cameras.
+
+    A gap is where the cameras, as seen from the point that all look at and about the vertical, leave 60° or more; one
+    stands a step of 25° beside its edges, so that the photo overlaps the one next to it. Few directions have surfaces
+    that at most two cameras see, or several from within 15°; occlusion is not looked at. Nobody is sent into a wall:
+    around a place to stand there are hardly any solid Gaussians.
+
+    Args:
+        index: of the scene.
+    """
+    cameras = index.scene.cameras
+    if not cameras:
+        return ()
+    solid = solid_rows(index.scene.gaussians)
+    if not len(solid):
+        return ()
+    focus = common_point(cameras)
+    candidates = [*([] if focus is None else _beside_gaps(index, focus)), *_at_thin_surfaces(index, solid)]
+    points = index.scene.gaussians.means[solid].astype(np.float64)
+    chosen: list[tuple[NextPhoto, F64]] = []
+    for pose, target, near, reason in candidates:
+        place, reach = pose[:3, 3], float(np.linalg.norm(target - pose[:3, 3]))
+        crowded = (np.linalg.norm(points - place, axis=1) < _CLEAR * reach).sum() >= _INSIDE
+        if crowded or any(np.linalg.norm(place - other) < _APART * reach for _, other in chosen):
+            continue
+        posed = replace(near, world_from_camera=pose, name="")
+        advice = _sentence(near, place, target, _name_at(index, solid, points, target))
+        chosen.append((NextPhoto(posed, near.name, reason, advice), place))
+        if len(chosen) == MOST:
+            break
+    return tuple(photo for photo, _ in chosen)
+
+
+Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason]
+"""world_from_camera, the point to look at, the camera next to it, why."""
+
+
+def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
+    """Places beside the edges of each gap around the point that all cameras look at, the largest gap first."""
+    cameras = index.scene.cameras
+    up = _up(index.scene)
+    offsets = np.stack([posed.world_from_camera[:3, 3] for posed in cameras]) - focus
+    first = np.cross(up, np.eye(3)[np.abs(up).argmin()])
+    first /= np.linalg.norm(first)
+    angles = np.degrees(np.arctan2(offsets @ np.cross(up, first), offsets @ first)) % 360
+    order = np.argsort(angles, kind="stable")
+    ring = [*order, order[0]]
+    gaps = []
+    for one, other in pairwise(ring):
+        width = (angles[other] - angles[one]) % 360 if one != other else 360.0
+        gaps.append((float(width), int(one), int(other)))
+    for width, one, other in sorted(gaps, key=lambda gap: -gap[0]):
+        if width < _GAP_DEG:
+            return
+        step = min(_STEP_DEG, width / 2)
+        edges = ((one, step), (other, -step)) if width > 2 * _STEP_DEG else ((one, step),)
+        for edge, turn in edges:
+            place = focus + Rotation.from_rotvec(np.radians(turn) * up).apply(offsets[edge])
+            yield _looking(place, focus, up), focus, cameras[edge], "gap"
+
+
+def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
+    """Places from which what was seen from few directions is seen from another one, the largest patch first."""
+    cameras, up = index.scene.cameras, _up(index.scene)
+    rows = solid[:: max(1, len(solid) // _SAMPLES)]
+    points = index.scene.gaussians.means[rows].astype(np.float64)
+    seen = np.zeros(len(points), np.int64)
+    total = np.zeros((len(points), 3))
+    for posed in cameras:
+        check_cancelled()
+        visible, directions = _view_of(posed, points)
+        seen += visible
+        total += np.where(visible[:, None], directions, 0.0)
+    mean = np.linalg.norm(total, axis=1) / np.maximum(seen, 1)
+    # The mean of directions evenly within an angle of ±a has the length sin(a) / a on a circle: 0.989 for 15°.
+    narrow = mean > np.sin(np.radians(_THIN_DEG)) / np.radians(_THIN_DEG)
+    thin = (seen > 0) & ((seen <= _FEW_VIEWS) | narrow)
+    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max())
+    cells = np.floor((points - low) / max(size, 1e-12) * _CELLS).astype(np.int64) @ np.array([10_000, 100, 1])
+    for cell, count in Counter(cells[thin].tolist()).most_common(MOST * 3):
+        if count < _LEAST_SHARE * len(points):
+            return
+        patch = thin & (cells == cell)
+        target = points[patch].mean(axis=0)
+        views = [posed for posed in cameras if _view_of(posed, target[None])[0][0]]
+        if not views:
+            continue
+        near = min(views, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
+        others = np.stack([posed.world_from_camera[:3, 3] for posed in cameras])
+        places = [
+            target + Rotation.from_rotvec(np.radians(turn) * up).apply(near.world_from_camera[:3, 3] - target)
+            for turn in (_STEP_DEG, -_STEP_DEG)
+        ]
+        place = max(places, key=lambda one: float(np.linalg.norm(others - one, axis=1).min()))
+        yield _looking(place, target, up), target, near, "few_directions"
+
+
+def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
+    """Which points [K, 3] lie in a camera's picture, and the directions [K, 3] from them to it."""
+    pose, camera = posed.world_from_camera, posed.camera
+    offsets = points - pose[:3, 3]
+    local = offsets @ pose[:3, :3]
+    depth = np.where(local[:, 2] > 1e-9, local[:, 2], np.inf)
+    column, row = camera.fx * local[:, 0] / depth + camera.cx, camera.fy * local[:, 1] / depth + camera.cy
+    inside = np.isfinite(depth) & (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    return inside, -offsets / np.maximum(np.linalg.norm(offsets, axis=1, keepdims=True), 1e-12)
+
+
+def _up(scene: Scene) -> F64:
+    """The unit vector up, however unsure; where nothing tells, the mean of what is up in the pictures."""
+    vertical = scene.vertical()
+    if vertical is not None:
+        return np.array(vertical.up, dtype=np.float64)
+    up = -np.mean([posed.world_from_camera[:3, 1] for posed in scene.cameras], axis=0)
+    return np.asarray(up / max(float(np.linalg.norm(up)), 1e-12), dtype=np.float64)
+
+
+def _looking(place: F64, target: F64, up: F64) -> F64:
+    """world_from_camera [4, 4] of an upright camera."""
+    forward = (target - place) / np.linalg.norm(target - place)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-6:  # straight down or up
+        right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = place
+    return pose
+
+
+def _name_at(index: SceneIndex, solid: Rows, points: F64, target: F64) -> str:
+    """The name that most of the named Gaussians around a point bear; "" for none."""
+    near = solid[np.argsort(np.linalg.norm(points - target, axis=1))[:200]]
+    names = {thing.id: thing.name for thing in index.things.table.table if thing.name}
+    counts = Counter(names[owner] for owner in index.things.owner[near].tolist() if owner in names)
+    return counts.most_common(1)[0][0] if counts else ""
+
+
+def _sentence(near: PosedCamera, place: F64, target: F64, name: str) -> str:
+    """Where a place is, in words of the camera next to it."""
+    pose = near.world_from_camera
+    offset = (place - pose[:3, 3]) @ pose[:3, :3]
+    reach, now = float(np.linalg.norm(target - place)), float(np.linalg.norm(target - pose[:3, 3]))
+    side = "right" if offset[0] > 0 else "left"
+    words = [f"Stand {side} of {near.name}"]
+    if reach > (1 + _STEP_BACK) * now:
+        words.append("a step further back")
+    elif reach < (1 - _STEP_BACK) * now:
+        words.append("a step closer")
+    return ", ".join(words) + f", and look at {f'the {name}' if name else 'the middle of the place'}."

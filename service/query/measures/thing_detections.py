@@ -1,0 +1,217 @@
+"""What a robot is told of each thing of a scene: its pose and how sure that is, what carries it, and who saw it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.measures.carriers import carrier_of
+from fastsplat.service.query.measures.thing_extents import side_deviations
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.thing_measures import ThingShape
+from fastsplat.service.query.things.visibility import view_scores
+from fastsplat.service.scene.boxes import BOX_TRIM, trimmed_ends
+from fastsplat.service.scene.frames import frame_id
+from fastsplat.service.scene.scaling import capture_scaling
+from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing
+from fastsplat_contract.detection_messages import CovarianceTerm, Detection, DetectionList, Support
+from fastsplat_contract.poses import rigid, vector3
+from fastsplat_contract.scenes import Box
+from fastsplat_contract.thing_messages import SceneThing
+
+F64 = NDArray[np.float64]
+
+_MOST_VIEWS = 256
+_SEES = 0.1
+"""A camera sees a thing that shows at least this share of what the camera shows that shows most of it."""
+_TURNS = np.radians(np.arange(-45.0, 45.0, 3.0))
+_NO_HEADING = np.radians(20.0)
+"""A box of any heading is as good: of angles that are all alike within ±45° the deviation is 26°."""
+
+
+def detections_of(
+    index: SceneIndex, listed: Sequence[SceneThing], version: str, next_page_token: str = ""
+) -> DetectionList:
+    """Some things of a scene as a robot needs them.
+
+    Args:
+        index: of the scene.
+        listed: those things, no parts, with the names that are suggested for them.
+        version: that the index is of.
+        next_page_token: of the list.
+
+    Raises:
+        CancelledError: nobody waits for the answer any more.
+    """
+    scene, table = index.scene, {thing.id: thing for thing in index.things.table.table}
+    up = index.things.measures.up
+    seen = _views_of(index)
+    carriers = {thing.id: carrier_of(index.things, thing.id) for thing in listed} if up is not None else {}
+    made = []
+    for thing in listed:
+        check_cancelled()
+        made.append(_detection(index, thing, table[thing.id], carriers.get(thing.id), seen.get(thing.id, ())))
+    return DetectionList(
+        tuple(made),
+        next_page_token,
+        version,
+        frame_id(scene),
+        scene.scale == "METRIC",
+        None if up is None else vector3(up),
+    )
+
+
+def _detection(
+    index: SceneIndex, thing: SceneThing, stored: Thing, support: Support | None, views: tuple[str, ...]
+) -> Detection:
+    position: tuple[float, ...] = ()
+    rotation: tuple[float, ...] = ()
+    terms: tuple[CovarianceTerm, ...] = ()
+    shape = index.things.measures.shape(thing.id)
+    deviations = None if thing.box is None else side_deviations(index, thing.id, thing.box)
+    if thing.box is not None and deviations is not None:
+        covariance, terms = position_covariance(index, thing.id, thing.box, deviations)
+        position = tuple(covariance.ravel().tolist())
+        turns = None if shape is None else rotation_covariance(index, shape, thing.box, deviations)
+        rotation = () if turns is None else tuple(turns.ravel().tolist())
+    first, last = _seen_between(index.scene, views)
+    names = [posed.name for posed in index.scene.cameras]
+    return Detection(
+        thing_id=thing.id,
+        label=thing.name,
+        source=thing.source,
+        probability=thing.probability if thing.name else None,
+        alternatives=thing.suggestions,
+        kind=thing.kind,
+        box=thing.box,
+        position_covariance=position,
+        rotation_covariance=rotation,
+        covariance_terms=terms,
+        support=support,
+        views=views,
+        proposed_in=_named(names, stored.proposed_in),
+        missed_in=_named(names, stored.missed_in),
+        consensus=thing.consensus if index.things.stored else None,
+        first_seen=first,
+        last_seen=last,
+    )
+
+
+def position_covariance(
+    index: SceneIndex, thing_id: int, box: Box, deviations: tuple[float, float, float]
+) -> tuple[F64, tuple[CovarianceTerm, ...]]:
+    """How sure the middle of a thing's box is, float64 [3, 3], scene units squared, and what that is made of.
+
+    Σ = R diag((σ_i / 2)² + d_i²) Rᵀ + δ² (c − t)(c − t)ᵀ + ρ² / 3 · I: R the box's axes, σ_i the deviation of side i
+    (both ends together, so that half of it is the middle's), d_i how far the middle of the thing's ends along axis i
+    moves when each Gaussian counts with the probability that it belongs to the thing (the share of the views that say
+    so), c the box's middle, δ the relative deviation of the scale, t where the origin of the trained scene lies (that
+    is where lengths are scaled from), ρ the root mean square of the pairs of points that put the scene into a map.
+    What is not known is left out: the poses of the photos are taken as exact, and so is a motion that was given.
+
+    Args:
+        index: of the scene.
+        thing_id: the thing, with a box.
+        box: of the thing.
+        deviations: see `side_deviations`.
+    """
+    scene, things = index.scene, index.things
+    pose = rigid(box.center.orientation, box.center.position)
+    axes, variances = pose[:3, :3], (np.array(deviations) / 2) ** 2
+    terms: list[CovarianceTerm] = ["edges"]
+    if things.stored:
+        terms.append("membership")
+        rows = np.flatnonzero(things.owner == thing_id)
+        along = (scene.gaussians.means[rows].astype(np.float64) - pose[:3, 3]) @ axes
+        weights = masses(scene.gaussians.log_scales[rows], scene.gaussians.logit_opacities[rows])
+        sure = weights * things.belief.confidence[rows]
+        if sure.any():
+            middles = [[sum(trimmed_ends(values, by)) / 2 for values in along.T] for by in (weights, sure)]
+            variances = variances + (np.array(middles[1]) - np.array(middles[0])) ** 2
+    covariance = axes @ np.diag(variances) @ axes.T
+    scaling = scene.scaling or capture_scaling(scene.quality)
+    if scene.scale == "METRIC" and scaling is not None:
+        terms.append("scale")
+        origin = np.zeros(3) if scene.alignment is None else np.array(scene.alignment.translation)
+        arm = scaling.deviation * (pose[:3, 3] - origin)
+        covariance = covariance + np.outer(arm, arm)
+    if scene.alignment is not None and scene.alignment.rms is not None:
+        terms.append("alignment")
+        covariance = covariance + scene.alignment.rms**2 / 3 * np.eye(3)
+    return (covariance + covariance.T) / 2, tuple(terms)
+
+
+def rotation_covariance(
+    index: SceneIndex, shape: ThingShape, box: Box, deviations: tuple[float, float, float]
+) -> F64 | None:
+    """How sure the orientation of an upright box is, float64 [3, 3], radians squared: small rotations about the world's
+    axes. None where nothing tells what is up, or where its heading cannot be said.
+
+    Σ = σ_h² u uᵀ + σ_t² / 2 (I − u uᵀ): σ_t the deviation of the vertical u (`Scene.vertical`, over both directions
+    across it). σ_h is the root mean square of the turns θ from the box's heading, within ±45° in steps of 3°, at which
+    a rectangle around the thing is no larger than the smallest one by more than its sides are unsure:
+    A(θ) ≤ A_min + √((b σ_a)² + (a σ_b)²), a and b the smallest one's sides; 3° / √12 is added for the steps.
+
+    Args:
+        index: of the scene.
+        shape: of the thing.
+        box: of the thing.
+        deviations: see `side_deviations`.
+    """
+    measures = index.things.measures
+    known = index.scene.vertical()
+    if known is None or measures.up is None:
+        return None
+    ahead = measures.axes[:2] @ rigid(box.center.orientation, box.center.position)[:3, 0]
+    angles = float(np.arctan2(ahead[1], ahead[0])) + _TURNS
+    flat = shape.points[:, :2]
+    along = flat @ np.stack([np.cos(angles), np.sin(angles)])
+    aside = flat @ np.stack([-np.sin(angles), np.cos(angles)])
+    ends = np.quantile(np.stack([along, aside]), [BOX_TRIM, 1 - BOX_TRIM], axis=1)
+    sides = ends[1] - ends[0]  # [2, turns]
+    areas = sides[0] * sides[1]
+    best = int(areas.argmin())
+    unsure = float(np.hypot(sides[1, best] * deviations[0], sides[0, best] * deviations[1]))
+    alike = _TURNS[areas <= areas[best] + unsure]
+    heading = float(np.sqrt((alike**2).mean() + (_TURNS[1] - _TURNS[0]) ** 2 / 12))
+    if heading >= _NO_HEADING:
+        return None
+    tilt = float(np.radians(known.deviation_deg))
+    vertical = np.outer(measures.up, measures.up)
+    return np.asarray(heading**2 * vertical + tilt**2 / 2 * (np.eye(3) - vertical))
+
+
+def _views_of(index: SceneIndex) -> Mapping[int, tuple[str, ...]]:
+    """The names of the cameras that see each thing, the one that shows most of it first; of more than 256 cameras, 256
+    that are spread evenly. Kept with what depends on the Gaussians alone."""
+    kept = index.things.views_of_things
+    if not kept and index.things.present:
+        scene = index.scene
+        ids = [thing.id for thing in index.things.present]
+        rows = [np.flatnonzero(index.things.owner == thing_id) for thing_id in ids]
+        weights = masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities)
+        views, scores = view_scores(scene, rows, weights, _MOST_VIEWS)
+        check_cancelled()
+        for thing_id, row in zip(ids, scores, strict=True):
+            least = _SEES * row.max(initial=0.0)
+            order = [number for number in (-row).argsort(kind="stable").tolist() if row[number] > 0]
+            kept[thing_id] = tuple(views[number].name for number in order if row[number] >= least)
+    return kept
+
+
+def _named(names: Sequence[str], numbers: Sequence[int]) -> tuple[str, ...]:
+    return tuple(names[number] for number in numbers if number < len(names))
+
+
+def _seen_between(scene: Scene, views: Sequence[str]) -> tuple[datetime | None, datetime | None]:
+    """When the first and the last photo of these views were taken, as far as the scene knows that."""
+    taken = scene.quality.get(TAKEN_AT)
+    times = [float(taken[name]) for name in views if name in taken] if isinstance(taken, Mapping) else []
+    if not times:
+        return None, None
+    return datetime.fromtimestamp(min(times), UTC), datetime.fromtimestamp(max(times), UTC)

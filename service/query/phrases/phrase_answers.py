@@ -1,0 +1,235 @@
+"""Answers to questions that say more than a name: "the red mug left of the lamp", "how many cups are on the table?"."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from fastsplat.service.query.language.name_matching import NameIndex
+from fastsplat.service.query.language.noun_phrases import noun_phrase
+from fastsplat.service.query.language.ranking import Ranked
+from fastsplat.service.query.phrases.phrase_sentences import phrase_sentence, surface_sentence
+from fastsplat.service.query.phrases.phrase_solving import Named, PhraseSolver, Solved
+from fastsplat.service.query.phrases.relations import F64, asker_at
+from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
+from fastsplat.service.query.phrases.types import ParsedQuestion, Phrase, Possession
+from fastsplat.service.query.things.absence import RATHER
+from fastsplat.service.query.things.thing_measures import ThingMeasures
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
+from fastsplat_contract.queries import Answer
+
+Rank = Callable[[Sequence[str]], Sequence[Ranked]]
+"""The answers to some texts, each as if it were a name."""
+
+
+@dataclass(frozen=True)
+class AskedScene:
+    """What phrases ask of a scene.
+
+    Attributes:
+        things: by their names.
+        names: of the dictionary.
+        rank: answers noun groups.
+        open_measures: gives the measures of the things; called only where something must be measured.
+        unit: of lengths: "m" or "unit".
+    """
+
+    things: ThingNames
+    names: NameIndex
+    rank: Rank
+    open_measures: Callable[[], ThingMeasures]
+    unit: str
+
+
+def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
+    """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
+    is merely related to it ("plate" to "wall")."""
+    unnamed = plain.verdict in ("absent", "undecided") or (plain.verdict == "related" and plain.relation == "related")
+    kind = surface_kind(noun_phrase(plain.text)) if unnamed else ""
+    ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
+    if not ids:
+        return plain
+    sure = kind != "horizontal surface"
+    return replace(
+        _about(plain, scene.things, ids),
+        verdict="exact" if sure else "possible",
+        relation="same" if sure else "related",
+        explanation=surface_sentence(noun_phrase(plain.text), len(ids), sure=sure),
+    )
+
+
+def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, world_from_camera: F64 | None) -> Answer:
+    """The answer to one such text.
+
+    Args:
+        question: what it says.
+        plain: the answer to it as if it were a name.
+        scene: whom it is asked of.
+        world_from_camera: float64 [4, 4] where the asker stands, OpenCV axes; None if nobody said that.
+    """
+    things = scene.things
+    spoken = {name for reading in question.readings for name in _names_in(reading)}
+    groups = sorted(spoken - {""})
+    ranked = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
+    named = {name: _named(name, each, scene) for name, each in ranked.items()}
+    if "" in spoken:
+        named[""] = Named(things_in_room(things.present, scene.open_measures()), by_name=True)
+    asker = None
+    if world_from_camera is not None:
+        measures = scene.open_measures()
+        asker = asker_at(world_from_camera, measures.axes, measures.up is not None)
+    by_id = {thing.id: thing for thing in (*things.present, *things.parts)}
+    solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit)
+    solved = _agreed([solver.solve(reading) for reading in question.readings], question)
+    reading = question.readings[0]
+    head = ranked[reading.group if solved.named.whole else reading.head].answer if reading.head else None
+    refusal = _refusal(question, solved)
+    nowhere = head is not None and head.verdict == "absent" and refusal == Refusal("not_named", reading.head)
+    if nowhere:
+        refusal = None  # where nothing is that, nothing is that anywhere
+    counted = refusal is None and not (nowhere and plain.searched.unnamed_things)  # one without a name may be it
+    phrase = PhraseAnswer(
+        asks=question.asks,
+        head=reading.head,
+        conditions=reading.said,
+        not_understood=question.not_understood,
+        things=solved.things,
+        undecided=tuple(solved.undecided),
+        witnesses=solved.witnesses,
+        count=len(solved.things) if question.asks == "count" and counted else None,
+        refusal=refusal,
+    )
+    if refusal is not None:
+        if _is_of_the_meaning(refusal, question, plain, solved.named):
+            return plain
+        may_be = phrase.undecided or (solved.named.ids if reading.head else ())
+        explanation = phrase_sentence(phrase, things.called, may_be=may_be)
+        return replace(_about(plain, things, may_be), phrase=phrase, explanation=explanation)
+    if nowhere and head is not None:
+        ordered = tuple(match._replace(relevant=False) for match in head.matches)
+        return replace(head, text=plain.text, phrase=phrase, matches=ordered, things=())
+    spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
+    likely = min((each.likely for each in spoken_of), default=1.0)
+    taken = next((each.taken for each in spoken_of if each.taken), "")
+    return _decided(replace(head or plain, text=plain.text, phrase=phrase), things, likely, taken)
+
+
+def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
+    """Why nothing is decided; None where something is. A number is decided only where each of the things is, and bears
+    its name."""
+    if question.not_understood:
+        return Refusal("not_understood", question.not_understood)
+    if solved.refusal is not None:
+        return solved.refusal
+    counts, named = question.asks == "count", solved.named
+    if counts and solved.undecided:
+        return next(iter(solved.undecided.values()))
+    if (counts and named.suggested) or not (solved.things or named.by_name):
+        return Refusal("not_named", question.readings[0].head)
+    return None
+
+
+def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Answer, named: Named) -> bool:
+    """Whether a text was no question of places, and what it means as a whole answers it: "light with a match"."""
+    answered = plain.verdict == "related" and plain.decided_by == "score" and not named.by_name
+    unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
+    return answered and unmeasured and question.asks != "count"
+
+
+def _taking_part(phrase: PhraseAnswer) -> set[int]:
+    """The things that a decided answer speaks of: those that it shows, and what they were compared with."""
+    return {*phrase.things, *(other for witness in phrase.witnesses for other in witness.others)}
+
+
+def _names_in(phrase: Phrase) -> set[str]:
+    """The noun groups of a phrase and of all that it speaks of; "" for anything at all."""
+    inner = [] if phrase.rank is None else [*phrase.rank.anchors]
+    for condition in phrase.conditions:
+        inner += [condition.phrase] if isinstance(condition, Possession) else condition.anchors
+    names = {phrase.head, phrase.group} if phrase.head else {""}
+    return names.union(*map(_names_in, inner))
+
+
+def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
+    """What a noun group names: things of that name, or of a kind of it; else surfaces without a name that may be called
+    so. What may merely serve in its place is none."""
+    answer, match = ranked.answer, scene.names.match(name)
+    below = answer.relation_subject == "question" and answer.relation == "kind_of"
+    labels = [
+        label_id for label_id in answer.relevant_ids if label_id in ranked.standing or (below and not ranked.standing)
+    ]
+    ids = scene.things.of_labels(labels)
+    kind = "" if ids else surface_kind(name)
+    if kind:
+        surfaces = unnamed_surfaces(kind, scene.things.present, scene.open_measures())
+        taken = surface_sentence(name, len(surfaces), sure=False) if kind == "horizontal surface" else ""
+        return Named(surfaces, by_name=bool(surfaces), likely=1.0, taken=taken)
+    return Named(
+        ids,
+        by_name=answer.decided_by == "name" and answer.verdict != "undecided",
+        suggested=bool(ids) and not any(label_id in scene.things.by_label for label_id in labels),
+        whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
+        likely=answer.probability if ids and answer.probability is not None else 1.0,
+        taken=answer.explanation.rstrip(".") if answer.verdict == "possible" and ids else "",
+    )
+
+
+def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
+    """The one that all readings come to. A reading that speaks of something that is not here, or for which nothing is
+    left while another has something, is not what was meant."""
+    first = readings[0]
+    sensible = [each for each in readings if each.refusal is None or each.refusal.reason != "referent_absent"]
+    some = [each for each in sensible if each.things or each.refusal is not None or question.asks == "count"]
+    meant = some or sensible or [first]
+    outcomes = {(each.things, frozenset(each.undecided), each.refusal) for each in meant}
+    if len(outcomes) == 1:
+        return meant[0]
+    part = " ".join(question.readings[0].said)
+    return replace(first, things=(), undecided={}, refusal=Refusal("ambiguous", part))
+
+
+def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
+    """An undecided answer for the things that may be meant, with the entries of their names first, in their order, and
+    without the figures of the ranking, which say nothing of what was asked."""
+    order = {
+        things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
+    }
+    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
+    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
+    nameless = bool(ids) and not any(match.relevant for match in matches)
+    return replace(
+        answer,
+        matches=() if nameless else ordered,  # the first one is the answer's name
+        things=ids,
+        verdict="undecided",
+        relation="undecided",
+        relation_subject=None,
+        decided_by="name",
+        probability=None,
+        presence=None,
+        label_set=(),
+        coverage=None,
+        threshold=None,
+    )
+
+
+def _decided(answer: Answer, things: ThingNames, likely: float, taken: str) -> Answer:
+    """The answer for the things that were decided on.
+
+    Args:
+        answer: to the head, with the phrase.
+        things: of the scene.
+        likely: 0..1, that the things it speaks of are called rightly; how probable the rest is, nobody has measured.
+        taken: what was taken for what the question calls them, though it is not sure; "" for nothing.
+    """
+    assert answer.phrase is not None
+    ids = answer.phrase.things
+    doubtful = bool(taken) or likely < RATHER
+    return replace(
+        _about(answer, things, ids),
+        verdict=("possible" if doubtful else "exact") if ids else "absent",
+        relation="same" if ids else "absent",
+        probability=likely if ids and likely < 1.0 else None,
+        explanation=phrase_sentence(answer.phrase, things.called, taken),
+    )

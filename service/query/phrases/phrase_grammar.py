@@ -1,0 +1,373 @@
+"""Questions taken apart: head, colors, sizes, relations, order and number. English, by closed-class words alone.
+
+A noun group ends at the first preposition; what follows is said of the head or of a thing named before it, and both are
+readings. What describes a purpose ("something to drink from") is not taken apart: that is a question of meaning, which
+the text encoder answers.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.name_matching import NameIndex
+from fastsplat.service.query.language.noun_phrases import noun_phrase
+from fastsplat.service.query.phrases.phrase_words import (
+    ANYTHING,
+    ASKER,
+    COUNTED,
+    DEFINITE,
+    DETERMINERS,
+    LONGEST_MARKER,
+    MARKERS,
+    ORDINALS,
+    POSTPOSED,
+    SIZES,
+    SUPERLATIVES,
+    UNMEASURED_MODIFIERS,
+    Marker,
+)
+from fastsplat.service.query.phrases.types import (
+    ColorWord,
+    Condition,
+    ParsedQuestion,
+    Phrase,
+    Possession,
+    Rank,
+    Relation,
+    SizeWord,
+)
+from fastsplat.service.query.things.color_names import NAMES, SHADES
+from fastsplat_contract.phrase_messages import Asks
+
+MAX_WORDS = 64
+"""A longer text is taken for a description."""
+MAX_CONDITIONS = 4
+"""Of one question; what comes after is not understood."""
+
+_COUNTING = re.compile(r"^\W*how\s+many\s+", re.IGNORECASE)
+_ARE_THERE = re.compile(r"\s+(?:(?:are|is)\s+(?:there|here)|(?:do|can)\s+(?:you|i|we)\s+see)\b", re.IGNORECASE)
+_OF_WHICH = re.compile(r"^(?:which|one|any|all|some)(?:\s+one)?\s+of\s+(?=(?:the|my|our|your)\s)", re.IGNORECASE)
+_WHAT_IS = re.compile(r"^\W*(?:what|which)(?:'s|\s+is|\s+are)\s+", re.IGNORECASE)
+IsName = Callable[[str], bool]
+"""Whether some words are the name of something."""
+_EDGE = "?!.,;:\"'`“”‘’«»¿¡()[]"
+_JOINTS = frozenset({"and", "but", "or", ","})
+
+
+@dataclass
+class _Part:
+    """A marker with the words after it, up to the next one.
+
+    Attributes:
+        marker: None for what the text begins with.
+        said: the words of the marker, as asked.
+        words: those after it.
+        joined: whether an "and" stands before it, so that it is said of the head.
+        negated: whether a "not" stands before it.
+    """
+
+    marker: Marker | None
+    said: str = ""
+    words: list[str] = field(default_factory=list)
+    joined: bool = False
+    negated: bool = False
+
+    @property
+    def text(self) -> str:
+        """Marker and words, as asked."""
+        return " ".join([*(["not"] if self.negated else []), self.said, *self.words]).strip()
+
+
+@dataclass(frozen=True)
+class _Group:
+    """A noun group on its own; its rank, and the number before a rank that comes later ("the second mug from ...")."""
+
+    phrase: Phrase
+    number: int | None
+
+
+@dataclass(frozen=True)
+class _Item:
+    """A condition or a rank, before it is known of what it is said; `anchors` end in what the next may be said of."""
+
+    part: _Part
+    anchors: tuple[Phrase, ...]
+
+
+def parse_question(text: str, is_name: IsName = lambda _: False) -> ParsedQuestion | None:
+    """What a question says beside a name; None where it says nothing beside one, or is a description. A color in a name
+    ("red wine", "orange juice") is a part of it.
+
+    The cost is linear in the words, of which there are at most 64, with at most 14 readings of four conditions.
+    """
+    asks: Asks = "count" if _COUNTING.match(text) else "things"
+    asked = _COUNTING.sub("", text)
+    words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", asked) if asks == "count" else asked)).split()
+    if not words or len(words) > MAX_WORDS:
+        return None
+    parts, rest = _parts(words)
+    described = rest is not None and rest.marker is not None and rest.marker.descriptive
+    head_words = parts[0].words
+    if described and len(parts) == 1 and rest is not None:
+        if not head_words:
+            return None
+        head_words, rest = [*head_words, *rest.text.split()], None
+    sided = any(part.marker is not None and part.marker.kind == "side" for part in parts)
+    asking = bool(_WHAT_IS.match(text)) or (sided and head_words[-1:] and head_words[-1].casefold() in ORDINALS)
+    group = _noun_group(head_words, is_name, asking=bool(asking), described=described and rest is None)
+    head, items, leftover = _items(group, parts[1:], is_name)
+    leftover += [] if rest is None else [rest.text]
+    readings = tuple(_readings(head, items))
+    if asks == "things" and all(reading.is_plain for reading in readings):
+        denied = len(parts) > 1 and all(part.marker is not None and part.marker.kind == "not" for part in parts[1:])
+        if described or denied or not leftover:  # "mug, not the glass" is for the names of the dictionary
+            return None
+    return ParsedQuestion(asks, readings, " ".join(leftover))
+
+
+def parsed_questions(
+    texts: Sequence[str], names: NameIndex, is_name: IsName = lambda _: False
+) -> tuple[ParsedQuestion | None, ...]:
+    """What each text says beside a name; None for those that say nothing, and for names of the dictionary themselves:
+    a "can of paint" may be one."""
+    parsed = []
+    for text in texts:
+        question = parse_question(text, is_name)
+        if question is not None and question.asks == "things":
+            match = names.match(text)
+            question = None if match.exact and not match.unchecked else question
+        parsed.append(question)
+    return tuple(parsed)
+
+
+def _parts(words: Sequence[str]) -> tuple[list[_Part], _Part | None]:
+    """The parts of a text, and the one from which on nothing is parsed."""
+    keys = [word.strip(_EDGE).casefold().replace("’", "'") for word in words]
+    parts = [_Part(None)]
+    at = 0
+    while at < len(words):
+        marker, length = _marker_at(keys, at, parts[-1].words)
+        if marker is None:
+            parts[-1].words.append(words[at].strip(_EDGE.replace(",", "")))
+            at += 1
+            continue
+        said = " ".join(words[at : at + length])
+        if marker.kind == "rest":
+            return parts, _Part(marker, said, list(words[at + length :]))
+        joined = _without_joint(parts[-1])
+        parts.append(_Part(marker, said, joined=joined))
+        at += length
+    _without_joint(parts[-1])
+    return parts, None
+
+
+def _marker_at(keys: Sequence[str], at: int, before: Sequence[str]) -> tuple[Marker | None, int]:
+    """The longest marker that begins here, and how many words it has."""
+    for length in range(min(LONGEST_MARKER, len(keys) - at), 0, -1):
+        marker = MARKERS.get(tuple(keys[at : at + length]))
+        if marker is None:
+            continue
+        after = keys[at + length] if at + length < len(keys) else ""
+        nouns = [word for word in before if word.casefold() not in DETERMINERS]
+        if marker.kind == "distance" and length == 1 and not nouns and after and after not in DETERMINERS:
+            return None, 0  # "the nearest mug"
+        if marker.kind == "of" and length == 1 and nouns and label_key(nouns[-1]) in COUNTED:
+            return None, 0  # "a pair of scissors"
+        if marker.kind == "rest" and keys[at] in ("to", "from") and _distance_before(before):
+            return Marker("distance"), 1  # "the nearest mug to the lamp"
+        return marker, length
+    return None, 0
+
+
+def _distance_before(words: Sequence[str]) -> bool:
+    orders = (SUPERLATIVES.get(word.casefold()) for word in words)
+    return any(order is not None and order[0] == "distance" for order in orders)
+
+
+def _without_joint(part: _Part) -> bool:
+    """Take "and" off the end of a part; whether there was one."""
+    joined = False
+    while part.words and part.words[-1].strip(_EDGE).casefold() in _JOINTS | {""}:
+        part.words.pop()
+        joined = True
+    if part.words:
+        part.words[-1] = part.words[-1].rstrip(",")
+    return joined
+
+
+def _items(group: _Group, parts: Sequence[_Part], is_name: IsName) -> tuple[Phrase, list[_Item], list[str]]:
+    """The head with the adjectives after "is", its conditions in order, and what was not understood."""
+    head, number = group.phrase, group.number
+    items: list[_Item] = []
+    leftover: list[str] = []
+    negated = False
+    for part in parts:
+        assert part.marker is not None
+        if part.marker.kind in ("is", "not"):
+            negated = negated or part.marker.negated or part.marker.kind == "not"
+            if part.words:
+                said = _predicate(head, part.words, negated)
+                leftover += [part.text] if said is None else []
+                head, number = (head, number) if said is None else (said.phrase, said.number or number)
+                negated = False
+            continue
+        part.negated, negated = negated, False
+        if len(items) == MAX_CONDITIONS:
+            leftover.append(part.text)
+        elif part.marker.kind == "side":
+            ranked = replace(head, rank=Rank("from_left", part.marker.most, number or 1, (), part.text))
+            unclear = part.words or part.negated or head.rank is not None
+            leftover += [part.text] if unclear else []
+            head, number = (head, number) if unclear else (ranked, None)
+        elif part.marker.kind == "distance" and head.rank is not None and head.rank.by == "distance":
+            anchors = _anchors(part, is_name)
+            clear = bool(anchors) and not head.rank.anchors and not part.negated
+            leftover += [] if clear else [part.text]
+            if clear:
+                rank = head.rank
+                head = replace(head, rank=replace(rank, anchors=anchors, text=f"{rank.text} {part.text}"))
+                items += [_Item(part, anchors)]
+        else:
+            anchors = _anchors(part, is_name)
+            needs = part.marker.kind in ("of", "with") or (part.marker.relation == "between")
+            if (not anchors and needs) or (not part.words and part.marker.kind != "distance"):
+                leftover.append(part.text)
+            else:
+                items.append(_Item(part, anchors))
+    if number is not None:
+        leftover.append(f"number {number}")
+    return head, items, leftover
+
+
+def _predicate(head: Phrase, words: Sequence[str], negated: bool) -> _Group | None:
+    """The head with the adjectives that are said of it after "is"; None if they are none."""
+    group = _noun_group(words, lambda _: False, asking=True)
+    said = group.phrase
+    if said.head or (said.rank and (head.rank or negated)) or (said.sizes and negated):
+        return None
+    colors = (*head.colors, *(replace(color, negated=negated) for color in said.colors))
+    grown = replace(head, colors=colors, sizes=(*head.sizes, *said.sizes), rank=said.rank or head.rank)
+    return _Group(grown, group.number)
+
+
+def _anchors(part: _Part, is_name: IsName) -> tuple[Phrase, ...]:
+    """What a relation is to; nothing for the asker."""
+    words = [word for word in part.words if word]
+    if not words or (len(words) == 1 and words[0].casefold() in ASKER):
+        return ()
+    groups = [words]
+    if part.marker is not None and part.marker.relation == "between":
+        joint = next((at for at, word in enumerate(words) if word.casefold() == "and"), 0)
+        groups = [words[:joint], words[joint + 1 :]] if 0 < joint < len(words) - 1 else groups
+    return tuple(_noun_group(group, is_name).phrase for group in groups)
+
+
+def _noun_group(words: Sequence[str], is_name: IsName, asking: bool = False, described: bool = False) -> _Group:
+    """A noun group by its words: determiners, then modifiers in any order, then the head, which comes last.
+
+    Args:
+        words: of the group.
+        is_name: whether words are a name, so that a color that leads them is a part of it.
+        asking: whether adjectives may stand without a noun: "what is red?".
+        described: whether a description follows, so that "thing" is a part of it and does not mean anything at all.
+    """
+    left = [word.rstrip(",") if number == len(words) - 1 else word for number, word in enumerate(words)]
+    definite = False
+    while left and (key := left[0].casefold()) in DETERMINERS:
+        definite = definite or key in DEFINITE
+        left.pop(0)
+    group = " ".join(left)
+    if left and left[0].casefold() in POSTPOSED and len(left) > 1 and not described:
+        left, asking = [*left[1:]], True
+    if len(left) > 1 and left[-1].casefold() in ORDINALS:
+        left = [left[-1], *left[:-1]]
+    colors: list[ColorWord] = []
+    sizes: list[SizeWord] = []
+    others: list[str] = []
+    rank, number = None, None
+    while left and (asking or len(left) > 1 or left[0].casefold() in SUPERLATIVES):
+        key = left[0].casefold()
+        after = left[1].casefold() if len(left) > 1 else ""
+        if key in NAMES and any(is_name(" ".join(left[:end])) for end in range(2, len(left) + 1)):
+            break
+        if key in SHADES and after in NAMES and (asking or len(left) > 2):
+            colors.append(ColorWord(after, SHADES[key]))
+            left.pop(0)
+        elif key in NAMES:
+            colors.append(ColorWord(key))
+        elif key in SIZES:
+            sizes.append(SizeWord(key, *SIZES[key]))
+        elif key in SUPERLATIVES and rank is None:
+            ordinal = next((word for word, value in ORDINALS.items() if value == number), "") if number else ""
+            rank = Rank(*SUPERLATIVES[key], number or 1, (), f"{ordinal} {key}".strip())
+            number = None
+        elif key in ORDINALS and number is None and rank is None:
+            number = ORDINALS[key]
+        elif key in UNMEASURED_MODIFIERS and after:
+            others.append(left[0])
+        else:
+            break
+        left.pop(0)
+    anything = not left or (len(left) == 1 and left[0].casefold() in ANYTHING and not described)
+    head = "" if anything and not others else " ".join([*others, *left])
+    return _Group(
+        Phrase(head, group, definite and label_key(head) == head.casefold(), tuple(colors), tuple(sizes), (), rank),
+        number,
+    )
+
+
+def _readings(head: Phrase, items: Sequence[_Item]) -> Iterator[Phrase]:
+    """Every way to say the conditions of the head and of things that were named before them, each only of the head or
+    of one on the right edge of the phrase so far; the first reading says all of the head."""
+    for parents in _attachments(items):
+        yield _assembled(head, items, parents)
+
+
+def _attachments(items: Sequence[_Item]) -> Iterator[tuple[int, ...]]:
+    """For each item the number of what it is said of: 0 the head, n the last anchor of item n - 1."""
+
+    def extend(parents: tuple[int, ...], edge: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+        at = len(parents)
+        if at == len(items):
+            yield parents
+            return
+        item = items[at]
+        bare = item.part.marker is not None and item.part.marker.kind in ("of", "with")
+        own_rank = item.part.marker is not None and item.part.marker.kind == "distance"
+        for level, parent in enumerate(edge[:1] if item.part.joined or own_rank else edge):
+            grown = edge[: level + 1] if bare or not item.anchors else (*edge[: level + 1], at + 1)
+            yield from extend((*parents, parent), grown)
+
+    yield from extend((), (0,))
+
+
+def _assembled(head: Phrase, items: Sequence[_Item], parents: Sequence[int]) -> Phrase:
+    """The head with all that is said of it; from the last item to the first, as later ones are said of earlier ones."""
+    phrases = [head, *(item.anchors[-1] if item.anchors else Phrase("", "") for item in items)]
+    for at in range(len(items) - 1, -1, -1):
+        part, parent = items[at].part, parents[at]
+        anchors = (*items[at].anchors[:-1], phrases[at + 1]) if items[at].anchors else ()
+        target = phrases[parent]
+        condition = _condition(part, anchors)
+        if condition is not None:
+            phrases[parent] = replace(target, conditions=(condition, *target.conditions))
+        elif target.rank is not None:
+            phrases[parent] = replace(target, rank=replace(target.rank, anchors=anchors))
+        else:
+            assert part.marker is not None
+            phrases[parent] = replace(target, rank=Rank("distance", part.marker.most, 1, anchors, part.text))
+    return phrases[0]
+
+
+def _condition(part: _Part, anchors: tuple[Phrase, ...]) -> Condition | None:
+    """The condition that a part says; None for a rank."""
+    assert part.marker is not None
+    negated = part.negated != part.marker.negated
+    if part.marker.relation is not None:
+        return Relation(part.marker.relation, anchors, negated, part.text)
+    if part.marker.kind in ("of", "with"):
+        return Possession("of" if part.marker.kind == "of" else "with", anchors[0], negated, part.text)
+    return None

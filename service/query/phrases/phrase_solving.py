@@ -1,0 +1,386 @@
+"""Which things of a scene a parsed question means, by measurements, with what could not be decided."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from itertools import combinations
+
+from fastsplat.service.query.phrases.orders import NEED_LEVEL, is_large, ranked
+from fastsplat.service.query.phrases.relations import (
+    NEED_VERTICAL,
+    PAIRS,
+    Asker,
+    Judged,
+    Measured,
+    is_between,
+    is_in,
+    is_seen,
+)
+from fastsplat.service.query.phrases.stacks import PairBudget, Stacks
+from fastsplat.service.query.phrases.types import SEEN_FROM, ColorWord, Phrase, Possession, Rank, Relation, SizeWord
+from fastsplat.service.query.things.color_names import UNMEASURED, basic_name, color_clearness
+from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
+from fastsplat.service.scene.types import Thing
+from fastsplat_contract.phrase_messages import Refusal, RefusalReason, Witness
+
+_MAX_PAIRS = 64
+_MAX_WITNESSES = 200
+_HOLDS = Judged(10.0)
+
+_Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
+"""Whether a thing fulfils a condition, and which others that was measured to."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """The things that a noun group names.
+
+    Attributes:
+        ids: of things and parts.
+        by_name: whether it is their name, or an alias; False for what was found by meaning.
+        whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
+        suggested: whether the name is merely suggested for them.
+        likely: 0..1, that the things are called so.
+        taken: what is taken for what the group calls, where that is not sure; "" where it is.
+    """
+
+    ids: tuple[int, ...]
+    by_name: bool
+    whole: bool = False
+    suggested: bool = False
+    likely: float = 1.0
+    taken: str = ""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """What one reading of a question means.
+
+    Attributes:
+        things: ids of those that fulfil everything; in their order, if it asks for one.
+        undecided: by id, what could not be decided of it.
+        witnesses: by which measurements.
+        refusal: why nothing at all could be decided; None otherwise.
+        named: what the head names.
+    """
+
+    things: tuple[int, ...]
+    undecided: Mapping[int, Refusal]
+    witnesses: tuple[Witness, ...]
+    refusal: Refusal | None
+    named: Named
+
+
+class _UndecidableError(Exception):
+    def __init__(self, reason: RefusalReason, part: str) -> None:
+        super().__init__(part)
+        self.refusal = Refusal(reason, part)
+
+
+@dataclass
+class _State:
+    """The candidates of a phrase: how clearly each of them fulfils what was looked at so far."""
+
+    clear: dict[int, float]
+    why: dict[int, Refusal] = field(default_factory=dict)
+
+    def left(self) -> list[int]:
+        """Those that may be meant."""
+        return [thing_id for thing_id, clear in self.clear.items() if clear > -1]
+
+    def take(self, thing_id: int, judged: Judged, part: str) -> None:
+        """Count a condition in."""
+        if -1 < judged.clearness < 1 and thing_id not in self.why:
+            self.why[thing_id] = Refusal(judged.reason, part)
+        self.clear[thing_id] = min(self.clear[thing_id], judged.clearness)
+
+
+@dataclass
+class PhraseSolver:
+    """The things of one scene, for one question and one asker.
+
+    Attributes:
+        open_measures: gives those of the things; called only where something must be measured.
+        things: of the scene that are there, by id; parts, too.
+        names: what noun groups name, by group and by head; "" is anything.
+        asker: where the asker stands; None if that was not said.
+        unit: of lengths: "m" or "unit".
+    """
+
+    open_measures: Callable[[], ThingMeasures]
+    things: Mapping[int, Thing]
+    names: Mapping[str, Named]
+    asker: Asker | None
+    unit: str
+    _witnesses: list[Witness] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._budget = PairBudget()
+        self._pairs: dict[tuple[str, int, int], Judged] = {}
+
+    @cached_property
+    def measures(self) -> ThingMeasures:
+        """Of the things."""
+        return self.open_measures()
+
+    @cached_property
+    def _stacks(self) -> Stacks:
+        return Stacks(self.measures, self.things, self._budget)
+
+    def solve(self, phrase: Phrase) -> Solved:
+        """What one reading means."""
+        self._witnesses = []
+        named = self._named(phrase)
+        try:
+            things, undecided = self._resolve(phrase, named)
+        except _UndecidableError as error:
+            return Solved((), {}, self._kept(()), error.refusal, named)
+        refusal = next(iter(undecided.values())) if undecided and not things else None
+        return Solved(things, undecided, self._kept((*things, *undecided)), refusal, named)
+
+    def _kept(self, thing_ids: Iterable[int]) -> tuple[Witness, ...]:
+        """The witnesses of these things first."""
+        first = set(thing_ids)
+        ordered = sorted(self._witnesses, key=lambda witness: witness.thing not in first)
+        return tuple(ordered[:_MAX_WITNESSES])
+
+    def _named(self, phrase: Phrase) -> Named:
+        group = self.names.get(phrase.group, Named((), by_name=False))
+        if phrase.head and group.whole:
+            return group
+        head = self.names.get(phrase.head, Named((), by_name=False))
+        return replace(head, whole=False)
+
+    def _resolve(self, phrase: Phrase, named: Named | None = None) -> tuple[tuple[int, ...], dict[int, Refusal]]:
+        named = named or self._named(phrase)
+        shapes = {thing_id: shape for thing_id in named.ids if (shape := self.measures.shape(thing_id)) is not None}
+        if not shapes:
+            raise _UndecidableError("not_named", phrase.head)
+        state = _State(dict.fromkeys(shapes, _HOLDS.clearness))
+        said = phrase.group.casefold().split() if named.whole else []
+        for color in phrase.colors:
+            if color.name not in said or color.negated:
+                self._each(state, color.text, partial(self._colored, color))
+        for size in phrase.sizes:
+            if size.word not in said:
+                self._each(state, size.word, partial(self._sized, size, shapes))
+        for condition in phrase.conditions:
+            if isinstance(condition, Possession):
+                self._possession(state, condition)
+            else:
+                self._relation(state, condition)
+        if phrase.rank is not None:
+            return self._ranked(phrase.rank, state, shapes)
+        decided = tuple(thing_id for thing_id in state.left() if state.clear[thing_id] >= 1)
+        return decided, {thing_id: state.why[thing_id] for thing_id in state.left() if thing_id not in decided}
+
+    def _each(self, state: _State, part: str, judge: _Judge) -> None:
+        for thing_id in state.left():
+            judged, others = judge(thing_id)
+            state.take(thing_id, judged, part)
+            self._witness(part, thing_id, others, judged.measured)
+
+    def _witness(self, part: str, thing_id: int, others: tuple[int, ...], measured: Sequence[Measured]) -> None:
+        for each in measured:
+            unit = self.unit if each.unit == "length" else each.unit
+            self._witnesses.append(Witness(part, thing_id, others, each.measure, each.value, unit, each.clearness))
+
+    def _colored(self, word: ColorWord, thing_id: int) -> tuple[Judged, tuple[int, ...]]:
+        color = self.measures.color(thing_id)
+        if color is None or word.name in UNMEASURED:
+            return Judged(0.0, (), "not_measured"), ()
+        share = color.shares[basic_name(word.name)]
+        distance, clear = color_clearness(color.lab, color.spread, share, word.name, word.shade)
+        return _negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
+
+    def _sized(self, word: SizeWord, shapes: Mapping[int, ThingShape], thing_id: int) -> tuple[Judged, tuple[int, ...]]:
+        self._check_vertical(word.by, word.word)
+        others = tuple(other for other in shapes if other != thing_id)
+        judged = is_large(word.by, word.more, shapes[thing_id], [shapes[other] for other in others])
+        return judged, others
+
+    def _relation(self, state: _State, relation: Relation) -> None:
+        kind, part = relation.kind, relation.text
+        if kind in NEED_VERTICAL and self.measures.up is None:
+            raise _UndecidableError("vertical_unknown", part)
+        if (kind in SEEN_FROM or not relation.anchors) and self.asker is None:
+            raise _UndecidableError("pose_needed", part)
+        if not relation.anchors:
+            self._each(state, part, lambda thing_id: (self._by_asker(thing_id, relation), ()))
+            return
+        anchors = [self._anchors(anchor) for anchor in relation.anchors]
+        if kind == "between":
+            self._each(state, part, lambda thing_id: self._between(thing_id, relation, anchors))
+            return
+        ids, one = anchors[0], relation.anchors[0].definite
+        self._each(state, part, lambda thing_id: self._related(thing_id, relation, ids, one))
+
+    def _anchors(self, phrase: Phrase) -> tuple[int, ...]:
+        """The things that a relation is to.
+
+        Raises:
+            _UndecidableError: nothing here is that, or it cannot be decided what is.
+        """
+        try:
+            things, undecided = self._resolve(phrase)
+        except _UndecidableError as error:
+            if error.refusal.reason == "not_named":
+                raise _UndecidableError("referent_absent", error.refusal.part or phrase.group) from None
+            raise
+        if not things:
+            refusal = next(iter(undecided.values()), Refusal("referent_absent", phrase.group or phrase.head))
+            raise _UndecidableError(*refusal)
+        return things
+
+    def _related(
+        self, thing_id: int, relation: Relation, anchors: Sequence[int], only_one: bool
+    ) -> tuple[Judged, tuple[int, ...]]:
+        """To any of the anchors; where the phrase speaks of one that is known, as to all of them."""
+        judged = {anchor: self._pair(thing_id, anchor, relation) for anchor in anchors if anchor != thing_id}
+        if not judged:
+            return Judged(-10.0), ()
+        best = max(judged, key=lambda anchor: judged[anchor].clearness)
+        result = judged[best]
+        if only_one and len(judged) > 1:
+            least = min(each.clearness for each in judged.values())
+            if result.clearness >= 1 and least < 1:
+                result = Judged(0.0, result.measured, "ambiguous_referent")
+        return _negated(result, relation.negated), (best,)
+
+    def _pair(self, thing_id: int, anchor: int, relation: Relation) -> Judged:
+        key = (relation.kind, thing_id, anchor)
+        if key not in self._pairs:
+            self._budget.spend()
+            self._pairs[key] = self._judged(thing_id, anchor, relation)
+        return self._pairs[key]
+
+    def _judged(self, thing_id: int, anchor: int, relation: Relation) -> Judged:
+        one, other = self.measures.shape(thing_id), self.measures.shape(anchor)
+        assert one is not None and other is not None
+        if relation.kind in SEEN_FROM:
+            assert self.asker is not None
+            return is_seen(relation.kind, one, other, self.asker)
+        if relation.kind == "on":
+            return self._stacks.rests_on(one, other)
+        return PAIRS[relation.kind](one, other)
+
+    def _between(
+        self, thing_id: int, relation: Relation, anchors: Sequence[tuple[int, ...]]
+    ) -> tuple[Judged, tuple[int, ...]]:
+        pairs = (
+            list(combinations(anchors[0], 2))
+            if len(anchors) == 1
+            else [(one, other) for one in anchors[0] for other in anchors[1] if one != other]
+        )
+        if not pairs:
+            raise _UndecidableError("referent_absent", relation.text)
+        pairs = [pair for pair in pairs if thing_id not in pair][:_MAX_PAIRS]
+        if not pairs:
+            return Judged(-10.0), ()
+        shape = self.measures.shape
+        one = shape(thing_id)
+        judged: dict[tuple[int, int], Judged] = {}
+        for first, second in pairs:
+            self._budget.spend()
+            ends = shape(first), shape(second)
+            assert one is not None and ends[0] is not None and ends[1] is not None
+            judged[first, second] = is_between(one, ends[0], ends[1], self.measures.up is not None)
+        best = max(judged, key=lambda pair: judged[pair].clearness)
+        return _negated(judged[best], relation.negated), best
+
+    def _by_asker(self, thing_id: int, relation: Relation) -> Judged:
+        one = self.measures.shape(thing_id)
+        assert one is not None and self.asker is not None
+        if relation.kind not in SEEN_FROM:
+            return Judged(0.0, (), "not_measured")
+        return _negated(is_seen(relation.kind, one, None, self.asker), relation.negated)
+
+    def _possession(self, state: _State, possession: Possession) -> None:
+        """A part, or another thing in or on it. What is not there is denied only of things "with" something, where it
+        is elsewhere, or where all parts have other names; of contents and pictures nothing is denied."""
+        owned = [thing_id for thing_id in self._named(possession.phrase).ids if self.measures.shape(thing_id)]
+
+        def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
+            own = tuple(part for part in owned if part in self.things and self.things[part].parent == thing_id)
+            if own or (thing_id in self.things and self.things[thing_id].parent in owned):
+                return _negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), own
+            judged, other = self._with_other(thing_id, [each for each in owned if not self._parent(each)])
+            if judged.clearness < 1:
+                parts = [part for part in self.things.values() if part.parent == thing_id]
+                denied = judged.clearness <= -1 or (bool(parts) and all(part.name for part in parts))
+                judged = (
+                    judged if possession.kind == "with" and denied else Judged(0.0, judged.measured, "not_measured")
+                )
+                if possession.kind == "with" and denied and judged.clearness > -1:
+                    judged = Judged(-2.0, (Measured("part", 0.0, "", -2.0),))
+            return _negated(judged, possession.negated), other
+
+        self._each(state, possession.text, judge)
+
+    def _with_other(self, thing_id: int, owned: Sequence[int]) -> tuple[Judged, tuple[int, ...]]:
+        """Whether one of these things is in or on it."""
+        one = self.measures.shape(thing_id)
+        assert one is not None
+        judged = {}
+        for each in owned if self.measures.up is not None else ():
+            shape = self.measures.shape(each)
+            if shape is not None and each != thing_id:
+                self._budget.spend()
+                judged[each] = max(is_in(shape, one), self._stacks.direct(shape, one), key=lambda each: each.clearness)
+        if not judged:
+            return Judged(0.0, (), "not_measured"), ()
+        nearest = max(judged, key=lambda each: judged[each].clearness)
+        return judged[nearest], (nearest,)
+
+    def _parent(self, thing_id: int) -> int:
+        return self.things[thing_id].parent if thing_id in self.things else 0
+
+    def _ranked(
+        self, rank: Rank, state: _State, shapes: Mapping[int, ThingShape]
+    ) -> tuple[tuple[int, ...], dict[int, Refusal]]:
+        """The one that the order asks for, if it is the same with and without those that are undecided."""
+        self._check_vertical(rank.by, rank.text)
+        if (rank.by == "from_left" or (rank.by == "distance" and not rank.anchors)) and self.asker is None:
+            raise _UndecidableError("pose_needed", rank.text)
+        anchors: list[ThingShape] = []
+        if rank.anchors:
+            others = self._anchors(rank.anchors[0])
+            if rank.anchors[0].definite and len(others) > 1:
+                raise _UndecidableError("ambiguous_referent", rank.text)
+            anchors = [shape for each in others if (shape := self.measures.shape(each)) is not None]
+        self._budget.spend(len(state.left()) * len(anchors))
+        sure = [thing_id for thing_id in state.left() if state.clear[thing_id] >= 1]
+        answers = []
+        for candidates in (sure, state.left()):
+            own = {anchor.id for anchor in anchors}
+            ids = [thing_id for thing_id in candidates if thing_id not in own or rank.by != "distance"]
+            place, judged = ranked(
+                rank.by, rank.descending, rank.number, [shapes[each] for each in ids], anchors, self.asker
+            )
+            answers.append((None if place is None else ids[place], judged))
+        (first, judged), (other, clear) = answers
+        if first is None and other is None and judged.clearness >= 1 and clear.clearness >= 1:
+            return (), {}
+        if first is not None:
+            self._witness(rank.text, first, tuple(anchor.id for anchor in anchors), judged.measured)
+        if first != other:
+            unsure = next((thing_id for thing_id in state.left() if thing_id not in sure), None)
+            why = Refusal("too_close", rank.text) if unsure is None else state.why[unsure]
+            return (), dict.fromkeys(state.left(), why)
+        least = min((judged, clear), key=lambda each: each.clearness)
+        if first is None or least.clearness < 1:
+            return (), {thing_id: Refusal(least.reason, rank.text) for thing_id in state.left()}
+        return (first,), {}
+
+    def _check_vertical(self, by: str, part: str) -> None:
+        if by in NEED_LEVEL and self.measures.up is None:
+            raise _UndecidableError("vertical_unknown", part)
+
+
+def _negated(judged: Judged, negated: bool) -> Judged:
+    if not negated:
+        return judged
+    measured = tuple(Measured(each.measure, each.value, each.unit, -each.clearness) for each in judged.measured)
+    return Judged(-judged.clearness, measured, judged.reason)

@@ -1,0 +1,139 @@
+"""The closed-class words of questions: prepositions, sizes, ordinals. English."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from fastsplat.service.query.phrases.types import OrderKind, RelationKind, SizeKind
+
+MarkerKind = Literal["relation", "side", "distance", "of", "with", "not", "is", "rest"]
+
+
+@dataclass(frozen=True)
+class Marker:
+    """Words that end a noun group.
+
+    Attributes:
+        kind: "side": "on the left", without anything to the left of which, or "from the left"; "distance": "nearest
+            to"; "is": "that are"; "rest": words after which nothing is parsed.
+        relation: of a relation.
+        negated: "without"; "is not".
+        most: of a side, the right one; of a distance, the farthest.
+        descriptive: of "rest": whether it describes what is asked for ("to drink from", "for tea"), so that the text
+            as a whole is a question of meaning; False for prepositions that nothing measures.
+    """
+
+    kind: MarkerKind
+    relation: RelationKind | None = None
+    negated: bool = False
+    most: bool = False
+    descriptive: bool = False
+
+
+_RELATIONS: Mapping[RelationKind, str] = {
+    "on": "on, upon, atop, on top of",
+    "in": "in, inside, inside of, within",
+    "under": "under, underneath, below, beneath",
+    "above": "above, over",
+    "next_to": "next to, beside, adjacent to, alongside",
+    "near": "near, near to, close to",
+    "left_of": "left of, to the left of, on the left of, at the left of, on the left side of, to the left side of",
+    "right_of": "right of, to the right of, on the right of, at the right of, on the right side of, "
+    "to the right side of",
+    "in_front_of": "in front of",
+    "behind": "behind, in back of",
+    "between": "between, in between",
+}
+_SIDES = (
+    "on the {}",
+    "to the {}",
+    "at the {}",
+    "on the {} side",
+    "on the far {}",
+    "to the far {}",
+    "from the {}",
+    "from {}",
+)
+_NOT = ("not", "that is not", "that are not", "which is not", "which are not", "is not", "are not", "isn't", "aren't")
+_PRONOUNS = "i you he she we they people someone somebody could would should will might may must"
+_DESCRIPTIVE = f"to for that which who whose when where because like but except {_PRONOUNS}"
+_UNMEASURED = "at by from against around outside across through along toward towards opposite facing than beyond off"
+
+
+def _markers() -> dict[tuple[str, ...], Marker]:
+    table = {word: Marker("rest", descriptive=True) for word in _DESCRIPTIVE.split()}
+    table |= {word: Marker("rest") for word in _UNMEASURED.split()}
+    for relation, phrases in _RELATIONS.items():
+        table |= {phrase: Marker("relation", relation) for phrase in phrases.split(", ")}
+    for side in ("left", "right"):
+        table |= {form.format(side): Marker("side", most=side == "right") for form in _SIDES}
+    for word in ("nearest", "closest"):
+        table |= {f"{word}{to}": Marker("distance") for to in ("", " to")}
+    for word in ("farthest", "furthest"):
+        table |= {f"{word}{end}": Marker("distance", most=True) for end in ("", " from", " away from", " away")}
+    table |= {"of": Marker("of"), "full of": Marker("of"), "filled with": Marker("of")}
+    table |= {"with": Marker("with"), "having": Marker("with"), "containing": Marker("of")}
+    table |= {phrase: Marker("with", negated=True) for phrase in ("without", "with no", "lacking", "without any")}
+    table |= {phrase: Marker("not") for phrase in _NOT}
+    table |= {
+        phrase: Marker("is") for phrase in ("that is", "that are", "which is", "which are", "is", "are", "that's")
+    }
+    return {tuple(phrase.split()): marker for phrase, marker in table.items()}
+
+
+MARKERS = _markers()
+"""By their words; the longest that fits counts."""
+LONGEST_MARKER = max(map(len, MARKERS))
+
+DETERMINERS = frozenset(
+    "a an the my your our their his her its this that these those some any every each all both".split()
+)
+DEFINITE = frozenset("the my your our their his her its this that".split())
+ASKER = frozenset("me us myself here".split())
+"""Whom a relation may be to instead of a thing."""
+ANYTHING = frozenset(
+    "thing things object objects item items something anything everything what whatever one ones stuff".split()
+)
+COUNTED = frozenset("pair pairs piece pieces bunch set sets couple kind sort type stack pile".split())
+"""Before "of": "a pair of scissors" are scissors, as far as names go."""
+UNMEASURED_MODIFIERS = frozenset(
+    "old new empty full open closed broken clean dirty two three four five six seven eight nine ten several many both "
+    "other another thick thin bright".split()
+)
+POSTPOSED = frozenset("something anything everything what whatever".split())
+"""Before their modifiers: "something red"."""
+
+SIZES: Mapping[str, tuple[SizeKind, bool]] = {
+    **dict.fromkeys(("big", "large", "huge", "bigger", "larger"), ("size", True)),
+    **dict.fromkeys(("small", "little", "tiny", "smaller"), ("size", False)),
+    **dict.fromkeys(("tall", "taller"), ("height", True)),
+    **dict.fromkeys(("short", "shorter"), ("height", False)),
+    **dict.fromkeys(("long", "longer"), ("length", True)),
+    **dict.fromkeys(("wide", "wider"), ("width", True)),
+    "narrow": ("width", False),
+}
+"""Sizes in comparison with others of the kind: what is compared, and whether more of it is asked for."""
+
+SUPERLATIVES: Mapping[str, tuple[OrderKind, bool]] = {
+    **dict.fromkeys(("largest", "biggest"), ("size", True)),
+    **dict.fromkeys(("smallest", "littlest", "tiniest"), ("size", False)),
+    "tallest": ("height", True),
+    "shortest": ("height", False),
+    "longest": ("length", True),
+    "widest": ("width", True),
+    "narrowest": ("width", False),
+    **dict.fromkeys(("highest", "topmost", "uppermost"), ("elevation", True)),
+    **dict.fromkeys(("lowest", "bottommost"), ("elevation", False)),
+    **dict.fromkeys(("nearest", "closest"), ("distance", False)),
+    **dict.fromkeys(("farthest", "furthest"), ("distance", True)),
+    **dict.fromkeys(("leftmost", "left-most"), ("from_left", False)),
+    **dict.fromkeys(("rightmost", "right-most"), ("from_left", True)),
+}
+"""Orders: what by, and whether the most is first."""
+
+_ORDINALS = "first/1st second/2nd third/3rd fourth/4th fifth/5th sixth/6th seventh/7th eighth/8th ninth/9th tenth/10th"
+ORDINALS: Mapping[str, int] = {
+    word: number for number, words in enumerate(_ORDINALS.split(), start=1) for word in words.split("/")
+}

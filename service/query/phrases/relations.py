@@ -1,0 +1,290 @@
+"""Whether one thing is on, in, beside, left of another: by their Gaussians, with how clear that is.
+
+Every bound has a range beside it in which nothing is decided. Lengths are compared with the sizes of the things, so
+that they mean the same in a scene without a known scale.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.phrases.types import RelationKind
+from fastsplat.service.query.things.thing_measures import ThingShape
+from fastsplat_contract.phrase_messages import RefusalReason
+
+F64 = NDArray[np.float64]
+
+NEED_VERTICAL: frozenset[RelationKind] = frozenset({"on", "in", "under", "above", "next_to"})
+
+_MOST = 10.0
+_SECTORS = 16
+_SPACINGS = 3.0
+_SURFACES = (0.5, 0.75, 0.95)
+_STRAYS = 0.2
+"""Fewer of a thing's points than this share are no surface of it."""
+_LEVEL = 0.17
+"""Sine of the angle to the vertical below which a direction has no side."""
+_REST = 0.12
+"""How far a thing's lowest place may be from what it rests on, as a share of its height or width."""
+_REST_DEVIATIONS = 2.0
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One measurement, see `Witness`; `unit` "length" is the scene's."""
+
+    measure: str
+    value: float
+    unit: str
+    clearness: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Whether a condition holds.
+
+    Attributes:
+        clearness: from 1 on it holds, from -1 on it does not, between nothing is decided.
+        measured: by what.
+        reason: why, if nothing is decided.
+    """
+
+    clearness: float
+    measured: tuple[Measured, ...] = ()
+    reason: RefusalReason = "too_close"
+
+
+@dataclass(frozen=True)
+class Asker:
+    """Where the asker stands, in the axes of the shapes.
+
+    Attributes:
+        position: float64 [3].
+        forward: float64 [3], where the asker looks, unit length.
+        right: float64 [3], level, unit length.
+        up: float64 [3], the vertical, or the asker's own where the scene does not tell it.
+    """
+
+    position: F64
+    forward: F64
+    right: F64
+    up: F64
+
+
+def asker_at(world_from_camera: F64, axes: F64, vertical: bool) -> Asker:
+    """An asker who stands and looks as a camera does.
+
+    Args:
+        world_from_camera: float64 [4, 4], OpenCV axes.
+        axes: float64 [3, 3], rows are the axes of shapes in the world.
+        vertical: whether the last of them is up.
+    """
+    pose = axes @ world_from_camera[:3]
+    up = np.array([0.0, 0.0, 1.0]) if vertical else -pose[:, 1]
+    right = np.cross(pose[:, 2], up)
+    if np.linalg.norm(right) < _LEVEL:  # looks straight down or up
+        right = pose[:, 0] - (pose[:, 0] @ up) * up
+    return Asker(pose[:, 3], pose[:, 2], right / max(float(np.linalg.norm(right)), 1e-12), up)
+
+
+def clearness(value: float, holds: float, fails: float) -> float:
+    """1 at the bound from which on something holds, -1 at the one from which on it does not, linear; within ±10."""
+    return float(np.clip((value - (holds + fails) / 2) / ((holds - fails) / 2), -_MOST, _MOST))
+
+
+def all_of(*measured: Measured) -> Judged:
+    """A condition that holds if everything holds: as clear as the least clear."""
+    return Judged(min(each.clearness for each in measured), measured)
+
+
+def gap_between(one: ThingShape, other: ThingShape) -> float:
+    """The distance between the surfaces of two things."""
+    small, large = sorted((one, other), key=lambda shape: len(shape.points))
+    return float(large.tree.query(small.points)[0].min())
+
+
+def is_on(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether one thing rests on another: it is over it, and its lowest place is at the other's surface below it. What
+    is in a container is not on it."""
+    overlap = _overlap(one, other)
+    surface = _surface_below(one, other)
+    if surface is None:
+        return all_of(_share(overlap), Measured("gap", one.low - other.high, "length", -_MOST))
+    tolerance = _tolerance(one, other)
+    gap = one.low - surface
+    rests = Measured("gap", gap, "length", clearness(abs(gap), tolerance, 2 * tolerance))
+    judged = all_of(_share(overlap), rests)
+    if judged.clearness > -1 and (inside := is_in(one, other)).clearness > -1:
+        return Judged(min(judged.clearness, -inside.clearness), (*judged.measured, *inside.measured))
+    return judged
+
+
+def is_in(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether one thing is in another: within its outline, lower than its rim, and with walls of it around."""
+    overlap = float((other.outside(one.points[:, :2]) <= 0).mean())
+    depth = (other.high - one.low) / max(one.high - one.low, np.finfo(np.float64).tiny)
+    middle = np.median(one.points[:, :2], axis=0)
+    higher = other.points[:, 2] > one.low + 0.25 * (one.high - one.low)
+    beside = other.points[higher & (other.points[:, 2] < one.high)][:, :2] - middle
+    sectors = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
+    enclosed = len(np.unique(sectors)) / _SECTORS if higher.mean() > _STRAYS else 0.0
+    return all_of(
+        Measured("overlap", overlap, "share", clearness(overlap, 0.7, 0.4)),
+        Measured("depth", depth, "ratio", clearness(depth, 0.25, 0.1)),
+        Measured("enclosure", enclosed, "share", clearness(enclosed, 0.7, 0.45)),
+    )
+
+
+def is_under(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether one thing is below another: their outlines overlap, and the other begins where it ends, or higher."""
+    overlap = _overlap(one, other)
+    over = _around(other, one)
+    above = over[over > (one.low + one.high) / 2]
+    if len(above) <= _STRAYS * len(over):
+        return all_of(_share(overlap), Measured("gap", other.low - one.high, "length", -_MOST))
+    gap = float(np.quantile(above, 0.05)) - one.high
+    tolerance = _tolerance(one, other)
+    judged = all_of(_share(overlap), Measured("gap", gap, "length", clearness(gap, -tolerance, -2 * tolerance)))
+    if judged.clearness > -1 and (inside := is_in(one, other)).clearness > -1:
+        return Judged(min(judged.clearness, -inside.clearness), (*judged.measured, *inside.measured))
+    return judged
+
+
+def is_above(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether one thing is over another: the other is below it."""
+    return is_under(other, one)
+
+
+def is_next_to(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether two things stand side by side: near each other for their sizes, at the same height, neither over the
+    other."""
+    gap = gap_between(one, other)
+    ratio = gap / _common_size(one, other)
+    heights = min(one.high - one.low, other.high - other.low)
+    level = (min(one.high, other.high) - max(one.low, other.low)) / max(heights, np.finfo(np.float64).tiny)
+    overlap = _overlap(one, other)
+    return all_of(
+        Measured("gap", gap, "length", clearness(ratio, 0.6, 1.2)),
+        Measured("level", level, "share", clearness(level, 0.3, 0.05)),
+        Measured("overlap", overlap, "share", clearness(overlap, 0.3, 0.6)),
+    )
+
+
+def is_near(one: ThingShape, other: ThingShape) -> Judged:
+    """Whether two things are near each other for their sizes."""
+    gap = gap_between(one, other)
+    return all_of(Measured("gap", gap, "length", clearness(gap / _common_size(one, other), 1.0, 2.0)))
+
+
+def is_between(one: ThingShape, first: ThingShape, second: ThingShape, level: bool) -> Judged:
+    """Whether a thing is between two others: the angle at it between their nearest places is nearly straight.
+
+    Args:
+        one: the thing.
+        first, second: the others.
+        level: whether z is up, so that heights do not count.
+    """
+    count = 2 if level else 3
+    middle = one.points[:, :count].mean(axis=0)
+    towards = []
+    for other in (first, second):
+        offsets = other.points[:, :count] - middle
+        offset = offsets[(offsets**2).sum(axis=1).argmin()]
+        towards.append(offset / max(float(np.linalg.norm(offset)), np.finfo(np.float64).tiny))
+    angle = float(np.degrees(np.arccos(np.clip(towards[0] @ towards[1], -1.0, 1.0))))
+    return all_of(Measured("angle", angle, "deg", clearness(angle, 145.0, 115.0)))
+
+
+def is_seen(kind: RelationKind, one: ThingShape, other: ThingShape | None, asker: Asker) -> Judged:
+    """Whether one thing is left of, right of, in front of or behind another, as the asker sees them.
+
+    Directions are level, and along the line from the asker to the other thing: left and right are as in a picture that
+    the asker takes, in front is nearer. Offsets are compared with the sizes of the things in that direction. Where
+    `other` is None it is the asker: in front is where the asker looks.
+    """
+    start = asker.position if other is None else other.points.mean(axis=0)
+    line = asker.forward if other is None else start - asker.position
+    line = line - (line @ asker.up) * asker.up
+    length = float(np.linalg.norm(line))
+    if length < 1e-9 or (other is not None and not _in_front(asker, one, other, length)):
+        return Judged(0.0, (), "out_of_view")
+    forward = line / length
+    right = np.cross(forward, asker.up)
+    across, along = (_offset(one, other, start, axis) for axis in (right, forward))
+    toward = -along if (kind == "in_front_of") != (other is None) else along
+    direction, aside = {"left_of": (-across, along), "right_of": (across, along)}.get(kind, (toward, across))
+    angle = float(np.degrees(np.arctan2(abs(aside), direction)))
+    return all_of(
+        Measured("offset", direction, "ratio", clearness(direction, 0.8, 0.4)),
+        Measured("direction", angle, "deg", clearness(angle, 55.0, 75.0)),
+    )
+
+
+PAIRS: Mapping[RelationKind, Callable[[ThingShape, ThingShape], Judged]] = {
+    "on": is_on,
+    "in": is_in,
+    "under": is_under,
+    "above": is_above,
+    "next_to": is_next_to,
+    "near": is_near,
+}
+"""Relations between two things that do not depend on the asker."""
+
+
+def _in_front(asker: Asker, one: ThingShape, other: ThingShape, length: float) -> bool:
+    """Whether both are before the asker, who is not in or over the other one."""
+    ahead = [float((shape.points.mean(axis=0) - asker.position) @ asker.forward) for shape in (one, other)]
+    return min(ahead) > 0 and length > other.width / 2
+
+
+def _offset(one: ThingShape, other: ThingShape | None, start: F64, axis: F64) -> float:
+    """How far one thing is from another along an axis, from middle to middle, in sums of their half extents."""
+    ends = [np.quantile(shape.points @ axis, [0.02, 0.98]) for shape in (one, other) if shape is not None]
+    middles = [float(low + high) / 2 for low, high in ends]
+    half = sum(float(high - low) / 2 for low, high in ends)
+    second = float(start @ axis) if other is None else middles[1]
+    return (middles[0] - second) / max(half, np.finfo(np.float64).tiny)
+
+
+def _common_size(one: ThingShape, other: ThingShape) -> float:
+    """The geometric mean of the boxes' diagonals: near a wall does not mean as near as the wall is long."""
+    sizes = float(np.linalg.norm(one.size)) * float(np.linalg.norm(other.size))
+    return max(float(np.sqrt(sizes)), np.finfo(np.float64).tiny)
+
+
+def _overlap(one: ThingShape, other: ThingShape) -> float:
+    """The share of one thing's points within the other's outline, whichever is larger."""
+    return max(
+        float((other.outside(one.points[:, :2]) <= 0).mean()), float((one.outside(other.points[:, :2]) <= 0).mean())
+    )
+
+
+def _share(overlap: float) -> Measured:
+    return Measured("overlap", overlap, "share", clearness(overlap, 0.4, 0.15))
+
+
+def _tolerance(one: ThingShape, other: ThingShape) -> float:
+    own = _REST * min(one.high - one.low, one.width)
+    return max(own, _REST_DEVIATIONS * max(one.deviation, other.deviation), np.finfo(np.float64).tiny)
+
+
+def _around(one: ThingShape, other: ThingShape) -> F64:
+    """The heights of one thing's points within the other's outline, or as near to it as half of that is wide: what is
+    right below a thing, nobody has seen."""
+    reach = max(other.width / 2, _SPACINGS * one.spacing)
+    return np.asarray(one.points[other.outside(one.points[:, :2]) <= reach, 2])
+
+
+def _surface_below(one: ThingShape, other: ThingShape) -> float | None:
+    """The height of the other thing's surface around and below one thing; None where it has none. Of the heights that
+    many of its points are at or below, the nearest: the highest ones may be strays."""
+    heights = _around(other, one)
+    below = heights[heights < (one.low + one.high) / 2]
+    if len(below) > _STRAYS * len(heights):
+        surfaces = np.quantile(below, _SURFACES)
+        return float(surfaces[np.abs(surfaces - one.low).argmin()])
+    return other.high if other.high < (one.low + one.high) / 2 and _overlap(one, other) > 0 else None

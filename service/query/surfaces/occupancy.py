@@ -1,0 +1,249 @@
+"""A 2D map of where a robot can drive: free, occupied and unknown cells of the floor, from what the cameras see."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, REACH, surface_points, thinned
+from fastsplat.service.query.surfaces.surface_views import SurfaceSamples, SurfaceView, back_projected
+from fastsplat.service.query.things.floors import LEAST_BELOW, meters_below
+from fastsplat.service.scene.types import F32, Scene
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.goal_messages import FloorSource
+
+MAX_MAP_CELLS = 4_000_000
+"""Cells of the map of a scene's floor."""
+
+F64 = NDArray[np.float64]
+Keys = NDArray[np.int64]
+
+FREE, OCCUPIED, UNKNOWN = 0, 100, -1
+"""Values of cells, as in nav_msgs/OccupancyGrid."""
+
+RESOLUTION = 0.05
+"""Width of a cell in metres, where none is asked for."""
+CLEARANCE = 0.1
+"""Metres above the floor up to which surfaces count as the floor: more than the depth of a trained scene is off by."""
+LOW = 0.25
+"""Metres above the floor: a ray that passes lower frees the cells below it, as whatever stands there would stop it."""
+
+_MOST_TILT = 3.0
+"""Degrees between +z and the vertical, and of its deviation: 0.16 m of height over 3 m."""
+_LEVEL_BIN = 0.05
+_LEVEL_SHARE = 0.25
+"""Of the points of the densest level that a level has at least, to be the floor."""
+_FACING_UP = 0.8
+_SAMPLES_AT_ONCE = 1 << 20
+
+
+@dataclass(frozen=True)
+class OccupancyMap:
+    """Cells of the floor, in the scene's frame, whose z axis is up.
+
+    Attributes:
+        cells: int8 [H, W], row 0 at the least y, column 0 at the least x: `FREE`, `OCCUPIED` or `UNKNOWN`.
+        tops: float32 [H, W], z of the highest surface in the robot's band, −inf where there is none.
+        resolution: width of a cell, metres.
+        origin: x and y of the outer corner of cell [0, 0], metres; multiples of `resolution`.
+        floor: its z, metres.
+        floor_source: see `FloorSource`.
+        floor_doubt: why the floor may be a table top or the like, words; "" where nothing says so.
+        height: of the band above the floor, metres.
+    """
+
+    cells: NDArray[np.int8]
+    tops: F32
+    resolution: float
+    origin: tuple[float, float]
+    floor: float
+    floor_source: FloorSource
+    floor_doubt: str
+    height: float
+
+
+def check_map_frame(scene: Scene) -> None:
+    """Refuses a scene of which no map in metres with z up can be made.
+
+    The vertical is that of `Scene.vertical`.
+
+    Raises:
+        InvalidInputError: the scene is not in metres, the vertical is unknown, or not +z to within 3 degrees.
+    """
+    if scene.scale != "METRIC":
+        raise InvalidInputError(
+            "a map needs metres, and this scene's unit is arbitrary",
+            field="scene_id",
+            hint="Scale the scene by a known length, or upload with poses in metres.",
+        )
+    vertical = scene.vertical()
+    if vertical is None or vertical.deviation_deg > _MOST_TILT:
+        raise InvalidInputError(
+            "a map needs to know what is up, and this scene does not tell",
+            field="scene_id",
+            limit=f"1 sigma of the vertical of at most {_MOST_TILT:g} degrees",
+            hint="Take photos with a level camera from several directions, and send them as the phone wrote them.",
+        )
+    tilt = float(np.degrees(np.arccos(np.clip(vertical.up.z, -1, 1))))
+    if tilt > _MOST_TILT:
+        raise InvalidInputError(
+            f"up is {tilt:.1f} degrees away from the scene's z axis",
+            field="scene_id",
+            limit=f"at most {_MOST_TILT:g} degrees",
+            hint="Align the scene to a frame whose z axis is up.",
+        )
+
+
+def occupancy_map(
+    views: Sequence[SurfaceView],
+    floors: Collection[int],
+    others: Mapping[int, str],
+    *,
+    resolution: float,
+    height: float,
+    most_points: int = MAX_SURFACE_POINTS,
+    most_cells: int = MAX_MAP_CELLS,
+) -> OccupancyMap:
+    """The map of what stands above the floor.
+
+    Occupied are cells with a surface that several views agree on (see `surface_points`) between `CLEARANCE` and
+    `height` above the floor. Of the others those are free over which a ray from a camera to the surface that it sees
+    passes lower than `LOW`. All others are unknown: nothing was seen there, or something there or in a cell beside it
+    lies lower than the floor, as steps down do, and mirror images.
+
+    Args:
+        views: of a scene for which `check_map_frame` passes.
+        floors: ids of the things that are floors; of several the one with the most points counts.
+        others: names of things that are no floors, by their ids.
+        resolution: width of a cell, metres.
+        height: of the robot, metres above the floor.
+        most_points: see `surface_points`.
+        most_cells: of the map.
+
+    Raises:
+        InvalidInputError: a resolution or height that is none, or no floor is seen.
+        LimitExceededError: more points or cells than allowed.
+        CancelledError: see `service.common.cancellation`.
+    """
+    if not (np.isfinite(resolution) and resolution > 0):
+        raise InvalidInputError(f"a cell of {resolution} m", field="cell", hint="Metres, above 0.")
+    if not (np.isfinite(height) and height > LOW):
+        raise InvalidInputError(f"a height of {height} m", field="height", hint=f"Metres, above {LOW:g}.")
+    samples, _ = surface_points(views, cell=resolution, most=most_points)
+    floor, source = _floor(samples, floors)
+    doubt = "" if source == "surface" else _doubt(samples, views, floor, others)
+    above = samples.points[:, 2] - floor
+    band = samples.points[(above > CLEARANCE) & (above <= height)].astype(np.float64)
+    standing, places = np.unique(_keys(band[:, :2], resolution), return_inverse=True)
+    tops = np.full(len(standing), -np.inf, np.float32)
+    np.maximum.at(tops, places, band[:, 2].astype(np.float32))
+    lower = _keys(samples.points[above < -CLEARANCE, :2].astype(np.float64), resolution)
+    passed = [_passed(view, floor, resolution) for view in views]
+    free = np.setdiff1d(np.concatenate([*passed, np.zeros(0, np.int64)]), _widened(lower))
+    columns, rows = _steps(np.concatenate([standing, free]))
+    if not len(columns):
+        raise InvalidInputError(
+            "no camera sees the floor or what stands on it", field="scene_id", hint="Take photos that show the floor."
+        )
+    left, low = int(columns.min()) - 1, int(rows.min()) - 1
+    width, depth = int(columns.max()) - left + 2, int(rows.max()) - low + 2
+    if width * depth > most_cells:
+        raise LimitExceededError(
+            f"a map of {width} x {depth} cells of {resolution:g} m",
+            field="cell",
+            limit=f"{most_cells} cells",
+            hint="Ask for a larger cell.",
+        )
+    cells = np.full((depth, width), UNKNOWN, np.int8)
+    heights = np.full((depth, width), -np.inf, np.float32)
+    cells[rows[len(standing) :] - low, columns[len(standing) :] - left] = FREE
+    cells[rows[: len(standing)] - low, columns[: len(standing)] - left] = OCCUPIED
+    heights[rows[: len(standing)] - low, columns[: len(standing)] - left] = tops
+    origin = (left * resolution, low * resolution)
+    return OccupancyMap(cells, heights, resolution, origin, floor, source, doubt, height)
+
+
+def _floor(samples: SurfaceSamples, floors: Collection[int]) -> tuple[float, FloorSource]:
+    """The z of the floor, and what says so."""
+    counts = {thing: int((samples.things == thing).sum()) for thing in floors}
+    if counts and max(counts.values()):
+        largest = max(counts, key=lambda thing: counts[thing])
+        return float(np.median(samples.points[samples.things == largest, 2])), "surface"
+    heights = samples.points[samples.normals[:, 2] > _FACING_UP, 2].astype(np.float64)
+    if not len(heights):
+        raise InvalidInputError(
+            "no camera sees a floor: no surface faces up", field="scene_id", hint="Take photos that show the floor."
+        )
+    ends = np.floor([heights.min() / _LEVEL_BIN, heights.max() / _LEVEL_BIN]).astype(int)
+    numbers = np.floor(heights / _LEVEL_BIN).astype(int) - ends[0]
+    dense = np.convolve(np.bincount(numbers, minlength=int(ends[1] - ends[0]) + 1), np.ones(3), mode="same")
+    first = int(np.flatnonzero(dense >= _LEVEL_SHARE * dense.max())[0])
+    best = first + int(np.argmax(dense[first : first + 3]))  # the level itself, not the edge of its bins
+    return float(np.median(heights[np.abs(numbers - best) <= 1])), "lowest_level"
+
+
+def _doubt(samples: SurfaceSamples, views: Sequence[SurfaceView], floor: float, others: Mapping[int, str]) -> str:
+    """What says that the lowest level is no floor: the name of what most of it belongs to, or how near it is."""
+    level = samples.things[np.abs(samples.points[:, 2] - floor) <= _LEVEL_BIN]
+    ids, counts = np.unique(level, return_counts=True)
+    most = int(ids[counts.argmax()]) if len(ids) else 0
+    if most in others and 2 * counts.max() > len(level):
+        return f"it is the upper side of thing {most}, {others[most]!r}"
+    below = meters_below([view.posed for view in views], np.array([0.0, 0.0, 1.0]), floor)
+    return f"it lies {below:.2f} m below the cameras, as table tops do" if below < LEAST_BELOW else ""
+
+
+def _passed(view: SurfaceView, floor: float, resolution: float) -> Keys:
+    """int64 [K]: keys of the cells over which the rays of one view pass lower than `LOW`."""
+    check_cancelled()
+    eye = np.asarray(view.posed.world_from_camera[:3, 3], np.float64)
+    if eye[2] <= floor:
+        return np.zeros(0, np.int64)
+    ends = thinned([back_projected(view)], resolution).astype(np.float64)
+    above = ends[:, 2] - floor
+    rows = (above <= LOW) & (above >= -CLEARANCE)
+    ends, above = ends[rows], above[rows]
+    rays = ends - eye
+    lengths = np.maximum(np.linalg.norm(rays[:, :2], axis=1), 1e-9)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        enters = np.where(eye[2] > floor + LOW, (floor + LOW - eye[2]) / rays[:, 2], 0.0)
+    # A ray that ends on what stands there frees nothing in the last cell before it.
+    leaves = np.where(above <= CLEARANCE, 1.0, 1.0 - resolution / lengths)
+    counts = np.ceil(np.maximum(leaves - enters, 0) * lengths / (resolution / 2)).astype(np.int64) + 1
+    counts[leaves < enters] = 0
+    parts = [np.zeros(0, np.int64)]
+    for some in _chunks(counts):
+        own = np.repeat(some, counts[some])
+        first = np.repeat(np.cumsum(counts[some]) - counts[some], counts[some])
+        share = (np.arange(len(own)) - first) / np.maximum(counts[own] - 1, 1)
+        along = leaves[own] - share * (leaves[own] - enters[own])
+        parts.append(np.unique(_keys(eye[:2] + along[:, None] * rays[own, :2], resolution)))
+    return np.concatenate(parts)
+
+
+def _chunks(counts: Keys) -> Iterator[NDArray[np.intp]]:
+    """Rows of `counts` in turn, in pieces of about a million samples."""
+    if len(counts):
+        pieces = np.cumsum(counts) // _SAMPLES_AT_ONCE
+        yield from np.split(np.arange(len(counts)), np.flatnonzero(np.diff(pieces)) + 1)
+
+
+def _keys(places: F64, resolution: float) -> Keys:
+    """int64 [K]: a number for the cell of each of the places [P, 2] within reach."""
+    steps = np.floor(places / resolution)
+    steps = steps[(np.abs(steps) < REACH - 8).all(axis=1)].astype(np.int64) + REACH
+    return np.asarray(steps[:, 0] << 21 | steps[:, 1])
+
+
+def _widened(keys: Keys) -> Keys:
+    """The cells and the eight around each."""
+    return np.asarray((keys[:, None] + [(x << 21) + y for x in (-1, 0, 1) for y in (-1, 0, 1)]).ravel())
+
+
+def _steps(keys: Keys) -> tuple[Keys, Keys]:
+    """Columns and rows of the cells, counted from the frame's origin."""
+    return (keys >> 21) - REACH, (keys & ((1 << 21) - 1)) - REACH

@@ -1,0 +1,204 @@
+"""A scene's surfaces as a mesh: depth of its own cameras fused into a signed distance, and the surface where that is 0.
+
+The distance is Curless and Levoy's (1996), truncated and averaged over views, in voxels near the surface only; the mesh
+is that of surface nets (Gibson 1998): one vertex in each cube of voxels that the surface crosses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.surfaces.surface_points import BAND, MAX_SURFACE_POINTS, REACH, cell_keys, surface_points
+from fastsplat.service.query.surfaces.surface_views import SurfaceSamples, SurfaceView, observed, projected
+from fastsplat.service.scene.types import F32
+from fastsplat_contract.errors import LimitExceededError
+
+I64 = NDArray[np.int64]
+
+VOXELS_PER_POINT = 7
+"""Voxels near a surface for each cell of points on it; on a table-top scene, rounded up."""
+
+_TRUNCATION = 4.0
+"""Voxels at which a distance is cut off."""
+_AROUND = 2
+"""Voxels on either side of a point of the surface in which distances are kept."""
+_CHUNK = 1 << 20
+_LEAST_FACES = 64
+"""Smaller pieces of surface that touch no other are left out."""
+_STEPS = np.array([1 << 42, 1 << 21, 1], np.int64)
+"""What a key grows by from one voxel to the next along x, y and z, see `cell_keys`."""
+_CORNERS = np.array(list(product((0, 1), repeat=3)), np.int64)
+_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(_CORNERS[a] - _CORNERS[b]).sum() == 1]
+
+
+@dataclass(frozen=True)
+class LabelledMesh:
+    """A mesh whose vertices know what the views say of them.
+
+    Attributes:
+        vertices: see `SurfaceSamples`; normals are those of the mesh.
+        faces: int64 [F, 3], counter-clockwise seen from outside.
+        things: uint16 [F], the thing of each face, 0 for none.
+        voxel: its width, scene units.
+    """
+
+    vertices: SurfaceSamples
+    faces: I64
+    things: NDArray[np.uint16]
+    voxel: float
+
+
+def surface_mesh(
+    views: Sequence[SurfaceView], *, cell: float, most_voxels: int, limit: str, most_points: int = MAX_SURFACE_POINTS
+) -> LabelledMesh:
+    """The mesh of a scene's surfaces.
+
+    Args:
+        views: of the scene.
+        cell: width of a voxel; 0: as `surface_points` has it, or wider, so that `most_voxels` is enough.
+        most_voxels: bound of the memory.
+        limit: how an error names `most_voxels`.
+        most_points: another bound of the memory.
+
+    Raises:
+        LimitExceededError: more voxels, with a cell that was asked for.
+        CancelledError: see `service.common.cancellation`.
+    """
+    most = min(most_points, max(1, most_voxels // VOXELS_PER_POINT))
+    samples, voxel = surface_points(views, cell=cell, most=most, limit=limit)
+    keys = _around(samples.points, voxel)
+    if len(keys) > most_voxels:
+        raise LimitExceededError(f"{len(keys)} voxels", field="cell", limit=limit, hint="Ask for a larger cell.")
+    distances = fused(_centers(keys, voxel), views, _TRUNCATION * voxel)
+    known = np.isfinite(distances)
+    points, faces = surface_net(keys[known], distances[known], voxel)
+    points, faces = _without_specks(points, faces)
+    seen = observed(points, views, BAND * voxel)
+    normals = _vertex_normals(points, faces)
+    vertices = SurfaceSamples(**{**vars(seen), "normals": normals})
+    return LabelledMesh(vertices, faces, _face_things(seen.things, faces), voxel)
+
+
+def fused(points: F32, views: Sequence[SurfaceView], truncation: float) -> F32:
+    """float32 [P]: signed distance to the surface along the views' rays, positive in front of it, in units of
+    `truncation`, −1 to 1, the mean over the views that do not see the point far behind their surface, weighted by
+    confidence; NaN where there is none.
+
+    Raises:
+        CancelledError: see `service.common.cancellation`.
+    """
+    parts = [points[start : start + _CHUNK] for start in range(0, max(len(points), 1), _CHUNK)]
+    return np.concatenate([_fused(part, views, np.float32(truncation)) for part in parts])
+
+
+def _fused(points: F32, views: Sequence[SurfaceView], truncation: np.float32) -> F32:
+    sums, weights = np.zeros(len(points), np.float32), np.zeros(len(points), np.float32)
+    for view in views:
+        check_cancelled()
+        rows, pixels, z = projected(view, points)
+        distance = (view.depth.reshape(-1)[pixels] - z) / truncation
+        before = distance >= -1
+        rows, pixels = rows[before], pixels[before]
+        weight = view.confidence.reshape(-1)[pixels].astype(np.float32)
+        sums[rows] += weight * np.minimum(distance[before], 1)
+        weights[rows] += weight
+    return np.where(weights > 0, sums / np.maximum(weights, np.float32(1e-9)), np.float32(np.nan))
+
+
+def surface_net(keys: I64, distances: F32, voxel: float) -> tuple[F32, I64]:
+    """Vertices, float32 [V, 3], and triangles, int64 [F, 3], of the surface where a distance is 0.
+
+    Args:
+        keys: int64 [K], ascending, of voxels, see `cell_keys`.
+        distances: float32 [K], at their centers, positive outside.
+        voxel: its width, scene units.
+    """
+    inside = distances < 0
+    rows = np.stack([_places(keys, keys + corner @ _STEPS).astype(np.int32) for corner in _CORNERS], axis=1)
+    whole = (rows >= 0).all(axis=1)
+    crossed = np.zeros(len(keys), np.bool_)
+    negative = inside[rows[whole]].sum(axis=1)
+    crossed[whole] = (negative > 0) & (negative < 8)
+    cubes = np.flatnonzero(crossed)
+    values = distances[rows[cubes]].astype(np.float64)
+    sums, counts = np.zeros((len(cubes), 3)), np.zeros((len(cubes), 1))
+    for a, b in _EDGES:
+        across = (values[:, a] < 0) != (values[:, b] < 0)
+        share = np.where(across, values[:, a] / np.where(across, values[:, a] - values[:, b], 1), 0)[:, None]
+        sums += across[:, None] * (_CORNERS[a] + share * (_CORNERS[b] - _CORNERS[a]))
+        counts += across[:, None]
+    points = _centers(keys[cubes], voxel) + voxel * sums / np.maximum(counts, 1)
+    vertex = np.full(len(keys), -1, np.int64)
+    vertex[cubes] = np.arange(len(cubes))
+    faces = [_quads(keys, inside, vertex, axis) for axis in range(3)]
+    return np.asarray(points, np.float32), np.concatenate(faces)
+
+
+def _quads(keys: I64, inside: NDArray[np.bool_], vertex: I64, axis: int) -> I64:
+    """Two triangles for each edge along an axis that the surface crosses and that has its four cubes."""
+    ahead = _places(keys, keys + _STEPS[axis])
+    edges = np.flatnonzero((ahead >= 0) & (inside != inside[ahead]))
+    u, v = _STEPS[(axis + 1) % 3], _STEPS[(axis + 2) % 3]
+    around = np.stack([_places(keys, keys[edges] - shift) for shift in (0 * u, u, u + v, v)], axis=1)
+    corners = np.where(around >= 0, vertex[around], -1)
+    whole = (corners >= 0).all(axis=1)
+    corners, edges = corners[whole], edges[whole]
+    corners = np.where(inside[edges][:, None], corners, corners[:, ::-1])  # seen from outside
+    return np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+
+
+def _places(keys: I64, others: I64) -> I64:
+    """int64: where each of `others` is in the ascending `keys`, −1 where it is not."""
+    places = np.minimum(np.searchsorted(keys, others), max(len(keys) - 1, 0))
+    return np.where(keys[places] == others, places, -1) if len(keys) else np.full(len(others), -1, np.int64)
+
+
+def _around(points: F32, voxel: float) -> I64:
+    """Ascending keys of the voxels within `_AROUND` of those of the points."""
+    keys = np.unique(cell_keys(points, voxel)[0])
+    for step in _STEPS:
+        check_cancelled()
+        keys = np.unique(np.concatenate([keys + number * step for number in range(-_AROUND, _AROUND + 1)]))
+    return keys
+
+
+def _centers(keys: I64, voxel: float) -> F32:
+    cells = np.stack([keys >> 42, keys >> 21 & (1 << 21) - 1, keys & (1 << 21) - 1], axis=1) - REACH
+    return np.asarray((cells + 0.5) * voxel, np.float32)
+
+
+def _without_specks(points: F32, faces: I64) -> tuple[F32, I64]:
+    """The mesh without small pieces, and without vertices of no face."""
+    if not len(faces):
+        return points[:0], faces
+    ends = faces[:, :2].T.ravel(), faces[:, 1:].T.ravel()
+    links = coo_array((np.ones(len(ends[0]), np.bool_), ends), shape=(len(points), len(points)))
+    _, piece = connected_components(links, directed=False)
+    sizes = np.bincount(piece[faces[:, 0]], minlength=int(piece.max(initial=-1)) + 1)
+    faces = faces[sizes[piece[faces[:, 0]]] >= _LEAST_FACES]
+    used, inverse = np.unique(faces, return_inverse=True)
+    return points[used], np.asarray(inverse.reshape(-1, 3), np.int64)
+
+
+def _vertex_normals(points: F32, faces: I64) -> F32:
+    """float32 [V, 3]: unit normals, the mean of the faces' around a vertex, weighted by area."""
+    a, b, c = (points[faces[:, corner]].astype(np.float64) for corner in range(3))
+    normals = np.cross(b - a, c - a)
+    corners = faces.T.ravel()
+    sums = [np.bincount(corners, np.tile(normals[:, axis], 3), len(points)) for axis in range(3)]
+    summed = np.stack(sums, axis=1)
+    return np.asarray(summed / np.maximum(np.linalg.norm(summed, axis=1, keepdims=True), 1e-30), np.float32)
+
+
+def _face_things(things: NDArray[np.uint16], faces: I64) -> NDArray[np.uint16]:
+    """uint16 [F]: the thing of two vertices or more of each face, else that of its first."""
+    first, second, third = (things[faces[:, corner]] for corner in range(3))
+    return np.where(second == third, second, first)

@@ -1,0 +1,359 @@
+"""The things of one scene: listed, and found at a pixel, in a box or at a point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.floors import with_floors_judged
+from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
+from fastsplat.service.query.things.objects import Instance, solid_rows
+from fastsplat.service.query.things.thing_measures import ThingMeasures, boxes_of
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.scene.label_evidence import Posterior, posterior
+from fastsplat.service.scene.things import part_rows
+from fastsplat.service.scene.types import Parts, Scene, Thing, Things
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Box
+from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
+
+_NEAREST = 8
+_REACH = 3.0
+"""Standard deviations of a Gaussian within which a point is at it."""
+
+_OF_MEMBERSHIP = (
+    "belief",
+    "owner",
+    "counts",
+    "part_owner",
+    "described",
+    "_boxes",
+    "_part_boxes",
+    "_solid",
+    "_maps",
+    "views_of_things",
+    "measures",
+)
+"""What depends on the Gaussians and on which thing they belong to, and on no name."""
+
+
+class SceneThings:
+    """The things of a scene, ready to be asked. Threads may share it.
+
+    Args:
+        scene: with things.
+        stored: whether the scene's file has them.
+        draw: the thing of each pixel of a view, 0 for none; of its parts, the part.
+        before: those of the scene that this one was edited from; what names alone do not change is taken from it.
+
+    Attributes:
+        described: things as objects, see `objects_of_things`; shared with the versions that differ in names alone.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stored: bool,
+        draw: Callable[[PosedCamera, Things | Parts], ThingMap],
+        before: SceneThings | None = None,
+    ) -> None:
+        assert scene.things is not None
+        self.scene = scene
+        self.stored = stored
+        self.table = scene.things
+        self._draw = draw
+        self.described: dict[int, Instance | None] = {}
+        same = before is not None and before.scene.gaussians is scene.gaussians
+        if before is not None and same and _same_members(before.table, scene.things):
+            known = vars(before)
+            vars(self).update({name: known[name] for name in _OF_MEMBERSHIP if name in known})
+
+    @cached_property
+    def belief(self) -> Posterior:
+        """The probability of each Gaussian's things."""
+        return posterior(self.table.membership, max((thing.id for thing in self.table.table), default=0) + 1)
+
+    @cached_property
+    def owner(self) -> NDArray[np.int32]:
+        """int32 [G]: the thing of each Gaussian, 0 for none."""
+        return self.belief.classes
+
+    @cached_property
+    def counts(self) -> NDArray[np.int64]:
+        """int64 [I + 1]: the number of Gaussians of each thing, by its id; [0] those of none."""
+        size = max((thing.id for thing in self.table.table), default=0) + 1
+        return np.bincount(self.owner, minlength=size)
+
+    @cached_property
+    def part_owner(self) -> NDArray[np.int32]:
+        """int32 [G]: the part of each Gaussian, 0 for none."""
+        return part_rows(self.table)
+
+    @cached_property
+    def part_counts(self) -> NDArray[np.int64]:
+        """int64: the number of Gaussians of each part, by its id; [0] those of none."""
+        size = max((thing.id for thing in self.table.everything), default=0) + 1
+        return np.bincount(self.part_owner, minlength=size)
+
+    @cached_property
+    def present_parts(self) -> tuple[Thing, ...]:
+        """The parts of things that have Gaussians, by the ids of the things, then by their own."""
+        parts = () if self.table.parts is None else self.table.parts.table
+        return tuple(sorted((part for part in parts if self.part_counts[part.id]), key=lambda part: part.parent))
+
+    @cached_property
+    def present(self) -> tuple[Thing, ...]:
+        """The things that have Gaussians, by id; which of them are floors is judged anew in every version."""
+        here = [thing for thing in self.table.table if self.counts[thing.id]]
+        return with_floors_judged(self.scene, here, self.owner)
+
+    @cached_property
+    def measures(self) -> ThingMeasures:
+        """Places, sizes and colors of things and parts, each measured when it is first asked for."""
+        return ThingMeasures(self.scene, (self.owner, self.part_owner))
+
+    @cached_property
+    def names(self) -> ThingNames:
+        """Their names, without anything that has a row for each Gaussian, and without pictures."""
+        present, parts = (
+            tuple(replace(thing, appearance=b"", picture=b"") for thing in things)
+            for things in (self.present, self.present_parts)
+        )
+        return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
+
+    @property
+    def by_label(self) -> Mapping[int, tuple[int, ...]]:
+        """See `ThingNames`."""
+        return self.names.by_label
+
+    @cached_property
+    def listed(self) -> tuple[SceneThing, ...]:
+        """Every thing that has Gaussians, by id."""
+        parts: dict[int, list[int]] = {}
+        for part in self.present_parts:
+            parts.setdefault(part.parent, []).append(part.id)
+        return tuple(
+            self._described(thing, self.counts, self._boxes.get(thing.id), tuple(parts.get(thing.id, ())))
+            for thing in self.present
+        )
+
+    @cached_property
+    def listed_parts(self) -> tuple[SceneThing, ...]:
+        """Every part of a thing that has Gaussians, in the order of `present_parts`."""
+        return tuple(
+            self._described(part, self.part_counts, self._part_boxes.get(part.id), ()) for part in self.present_parts
+        )
+
+    @cached_property
+    def listed_with_parts(self) -> tuple[SceneThing, ...]:
+        """Every thing that has Gaussians, by id, each followed by its parts."""
+        by_id = {part.id: part for part in self.listed_parts}
+        return tuple(
+            listed for thing in self.listed for listed in (thing, *(by_id[part_id] for part_id in thing.parts))
+        )
+
+    def get(self, thing_id: int) -> SceneThing:
+        """The thing or part with this id, as listed.
+
+        Raises:
+            NotFoundError: there is none here.
+        """
+        self.check_all((thing_id,))
+        return next(thing for thing in (*self.listed, *self.listed_parts) if thing.id == thing_id)
+
+    def check_all(self, thing_ids: Sequence[int], field: str = "things") -> None:
+        """Raise unless there is a thing or a part with each of these ids, and something left of it.
+
+        Raises:
+            NotFoundError: there is none here.
+        """
+        here = {thing.id for thing in (*self.present, *self.present_parts)}
+        for number, thing_id in enumerate(thing_ids):
+            if thing_id not in here:
+                raise NotFoundError(
+                    f"there is no thing {str(thing_id)[:40]} in this version of the scene",
+                    field=f"{field}[{number}]",
+                    hint="List the scene's things.",
+                )
+
+    def map(self, posed: PosedCamera) -> ThingMap:
+        """uint16 [H, W]: the thing of each pixel, 0 for none; the maps of the last views are kept."""
+        return self._map(posed, self.table)
+
+    def part_map(self, posed: PosedCamera) -> ThingMap:
+        """uint16 [H, W]: the part of each pixel, 0 for none; the maps of the last views are kept."""
+        if self.table.parts is None:
+            return np.zeros((posed.camera.height, posed.camera.width), np.uint16)
+        return self._map(posed, self.table.parts)
+
+    def mask(self, posed: PosedCamera, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
+        """bool [H, W]: where a view shows one of these things or parts."""
+        inside = np.isin(self.map(posed), thing_ids)
+        if any(part.id in thing_ids for part in self.present_parts):
+            inside |= np.isin(self.part_map(posed), thing_ids)
+        return np.asarray(inside)
+
+    def rows(self, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
+        """bool [G]: Gaussians of one of these things or parts."""
+        inside = np.isin(self.owner, thing_ids)
+        return np.asarray(inside | np.isin(self.part_owner, thing_ids) if self.present_parts else inside)
+
+    @cached_property
+    def views_of_things(self) -> dict[int, tuple[str, ...]]:
+        """Cameras that see each thing, by its id, that `thing_detections` has looked for; shared by versions that
+        differ in names alone."""
+        return {}
+
+    @cached_property
+    def _maps(self) -> KeptMaps:
+        return KeptMaps()
+
+    def _map(self, posed: PosedCamera, of: Things | Parts) -> ThingMap:
+        key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
+        return self._maps.get(key, lambda: self._draw(posed, of))
+
+    def at_pixel(self, posed: PosedCamera, pixel: Pixel) -> int:
+        """The id of the thing that a view shows at a pixel.
+
+        Raises:
+            InvalidInputError: the pixel is outside the picture.
+            NotFoundError: no thing is there.
+        """
+        width, height = posed.camera.width, posed.camera.height
+        if not (0 <= pixel.x < width and 0 <= pixel.y < height):
+            raise InvalidInputError(
+                f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
+                field="pixel",
+                limit=f"0 to below {width} and 0 to below {height}",
+                hint="Send pixels of the camera's own picture.",
+            )
+        thing_id = int(self.map(posed)[int(pixel.y), int(pixel.x)])
+        if not thing_id:
+            raise _nothing(f"at the pixel ({pixel.x:g}, {pixel.y:g})", "pixel")
+        return thing_id
+
+    def part_at_pixel(self, posed: PosedCamera, pixel: Pixel, thing_id: int) -> int:
+        """The id of the part of a thing that a view shows at a pixel of it, 0 where there is none."""
+        if all(part.parent != thing_id for part in self.present_parts):
+            return 0
+        return self._part_of(int(self.part_map(posed)[int(pixel.y), int(pixel.x)]), thing_id)
+
+    def part_at_point(self, point: Vector3, thing_id: int) -> int:
+        """The id of the part of a thing at a point of it, see `at_point`; 0 where there is none."""
+        row = self.row_at(point)
+        return 0 if row is None else self._part_of(int(self.part_owner[row]), thing_id)
+
+    def _part_of(self, part_id: int, thing_id: int) -> int:
+        return part_id if any((part.id, part.parent) == (part_id, thing_id) for part in self.present_parts) else 0
+
+    def in_box(self, posed: PosedCamera, box: PixelBox) -> int:
+        """The id of the thing whose mask overlaps a box of a view best, by intersection over union.
+
+        Raises:
+            InvalidInputError: the box is outside the picture, or has no area.
+            NotFoundError: no thing is there.
+        """
+        width, height = posed.camera.width, posed.camera.height
+        if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
+            raise InvalidInputError(
+                f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
+                f"{width}×{height}",
+                field="box",
+                limit=f"left below right, at most {width}; top below bottom, at most {height}",
+                hint="Send pixels of the camera's own picture.",
+            )
+        ids = self.map(posed)
+        left, top = int(box.left), int(box.top)
+        right, bottom = max(int(np.ceil(box.right)), left + 1), max(int(np.ceil(box.bottom)), top + 1)
+        size = len(self.counts)
+        inside = np.bincount(ids[top:bottom, left:right].ravel(), minlength=size)
+        whole = np.bincount(ids.ravel(), minlength=size)
+        overlap = inside / (whole + (right - left) * (bottom - top) - inside)
+        overlap[0] = 0
+        best = int(overlap.argmax())
+        if not overlap[best]:
+            raise _nothing("in the box", "box")
+        return best
+
+    def at_point(self, point: Vector3) -> int:
+        """The id of the thing at a point of the world: that of the nearest visible Gaussian within three of its largest
+        standard deviations.
+
+        Raises:
+            InvalidInputError: the point is not finite.
+            NotFoundError: no thing is there.
+        """
+        row = self.row_at(point)
+        if row is not None and (thing_id := int(self.owner[row])):
+            return thing_id
+        raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
+
+    def row_at(self, point: Vector3) -> int | None:
+        """The nearest visible Gaussian within three of whose largest standard deviations a point is; None for none.
+
+        Raises:
+            InvalidInputError: the point is not finite.
+        """
+        place = np.array(point, dtype=np.float64)
+        if not np.isfinite(place).all():
+            raise InvalidInputError(f"a point at {tuple(point)}", field="point", hint="Send finite numbers.")
+        tree, rows, reach = self._solid
+        if tree is not None:
+            distance, near = tree.query(place, k=min(_NEAREST, len(rows)))
+            distance, near = np.atleast_1d(distance), np.atleast_1d(near)
+            at = np.flatnonzero(distance <= reach[near])
+            if len(at):
+                return int(rows[near[at[0]]])
+        return None
+
+    @cached_property
+    def _solid(self) -> tuple[cKDTree | None, NDArray[np.int64], NDArray[np.float64]]:
+        rows = solid_rows(self.scene.gaussians)
+        reach = _REACH * np.exp(self.scene.gaussians.log_scales[rows].astype(np.float64).max(axis=1, initial=-np.inf))
+        return (cKDTree(self.scene.gaussians.means[rows]) if len(rows) else None), rows, reach
+
+    @cached_property
+    def _boxes(self) -> dict[int, Box]:
+        return boxes_of(self.scene, self.owner)
+
+    @cached_property
+    def _part_boxes(self) -> dict[int, Box]:
+        return boxes_of(self.scene, self.part_owner) if self.present_parts else {}
+
+    def _described(
+        self, thing: Thing, counts: NDArray[np.int64], box: Box | None, parts: tuple[int, ...]
+    ) -> SceneThing:
+        return SceneThing(
+            id=thing.id,
+            name=thing.name,
+            source=thing.source,
+            probability=thing.probability,
+            suggestions=tuple(NameSuggestion(*suggestion) for suggestion in thing.suggestions),
+            kind="part" if thing.parent else "surface" if thing.surface else "thing",
+            surface=thing.surface,
+            consensus=thing.consensus,
+            gaussian_count=int(counts[thing.id]),
+            box=box,
+            meters=self.scene.scale == "METRIC",
+            parent=thing.parent,
+            parts=parts,
+        )
+
+
+def _same_members(one: Things, other: Things) -> bool:
+    parts = [None if things.parts is None else things.parts.membership for things in (one, other)]
+    return one.membership is other.membership and parts[0] is parts[1]
+
+
+def _nothing(where: str, field: str) -> NotFoundError:
+    return NotFoundError(
+        f"there is no thing {where}", field=field, hint="Pick where the scene's pictures show something."
+    )

@@ -1,0 +1,240 @@
+"""What is measured of things: where they are, how large, and of what color. Once for each version of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from fastsplat.service.query.things.color_names import color_distance, color_shares, lab_of
+from fastsplat.service.query.things.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.scene.boxes import oriented_box
+from fastsplat.service.scene.types import SH_C0, Scene
+from fastsplat_contract.scenes import Box
+
+F64 = NDArray[np.float64]
+Rows = NDArray[np.int64]
+
+_MAX_POINTS = 1_200
+_MAX_COLORED, _MAX_COMPARED = 4_096, 512
+_NEIGHBORS = 4
+_APART = 6.0
+_WIDEST = 4.0
+_TRIM = 0.015
+"""Share of a thing's points beyond its lowest and its highest place, as for its box."""
+
+
+@dataclass(frozen=True)
+class ThingShape:
+    """One thing, in axes of which z is up where the scene tells that (see `ThingMeasures`), else in the world's.
+
+    Attributes:
+        id: of the thing.
+        points: float64 [K, 3], K ≥ 1: at most 1,200 of its Gaussians, without those far from all others.
+        center: float64 [3], the middle of its box.
+        size: edge lengths of its box: the longer and the shorter one across, and the one up; where nothing tells what
+            is up, of the box along its principal axes. Strays count less than for `oriented_box`, so that sizes can be
+            compared: each edge leaves out 1.5 % of the points at either end.
+        low, high: the z of its lowest and its highest place.
+        deviation: median standard deviation of its Gaussians: how sure its surface is.
+    """
+
+    id: int
+    points: F64
+    center: F64
+    size: tuple[float, float, float]
+    low: float
+    high: float
+    deviation: float
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        """Of the points."""
+        return cKDTree(self.points)
+
+    @cached_property
+    def spacing(self) -> float:
+        """How far its points are apart: the median distance to the nearest other one."""
+        if len(self.points) < 2:
+            return 0.0
+        return float(np.median(self.tree.query(self.points, k=[2])[0]))
+
+    @cached_property
+    def bounds(self) -> F64:
+        """float64 [2, 2]: the least and the largest x and y of its points."""
+        return np.stack([self.points[:, :2].min(axis=0), self.points[:, :2].max(axis=0)])
+
+    @cached_property
+    def outline(self) -> F64:
+        """float64 [E, 3]: half planes of the convex outline of its points seen from above; a point (x, y) is as far
+        outside as the largest a·x + b·y + c of its rows (a, b, c) says."""
+        flat = self.points[:, :2]
+        if len(flat) >= 3:
+            try:
+                return np.asarray(ConvexHull(flat).equations)
+            except QhullError:
+                pass  # all on one line: their rectangle along the axes
+        (left, front), (right, back) = self.bounds
+        return np.array([[1.0, 0.0, -right], [-1.0, 0.0, left], [0.0, 1.0, -back], [0.0, -1.0, front]])
+
+    def outside(self, flat: F64) -> F64:
+        """[K]: how far points [K, 2] are outside the outline; negative inside."""
+        edges = self.outline
+        return np.asarray((flat @ edges[:, :2].T + edges[:, 2]).max(axis=1))
+
+    @property
+    def width(self) -> float:
+        """Across, the mean of the two sides."""
+        return (self.size[0] + self.size[1]) / 2
+
+
+@dataclass(frozen=True)
+class ThingColor:
+    """The color of a thing.
+
+    Attributes:
+        lab: float64 [3], CIELAB (D65): the medians of its Gaussians' constant colors, weighted by opacity times area.
+        spread: the median distance of their colors from that one, CIE94.
+        shares: 0..1 by name, on how much of it that is clearly its color.
+    """
+
+    lab: F64
+    spread: float
+    shares: Mapping[str, float]
+
+
+@dataclass
+class ThingMeasures:
+    """What is measured of the things of a scene; each thing when it is first asked for. Threads may share it.
+
+    Attributes:
+        scene: its Gaussians, and what is up.
+        owners: int32 [G] each: the thing of each Gaussian, and the part, 0 for none.
+    """
+
+    scene: Scene
+    owners: tuple[NDArray[np.int32], ...]
+    _shapes: dict[int, ThingShape] = field(default_factory=dict)
+    _colors: dict[int, ThingColor] = field(default_factory=dict)
+
+    @cached_property
+    def up(self) -> F64 | None:
+        """The unit vector up in the world, or None where the scene does not tell."""
+        return self.scene.up()
+
+    @cached_property
+    def axes(self) -> F64:
+        """float64 [3, 3]: rows are the axes of shapes in the world; the last one is up."""
+        if self.up is None:
+            return np.eye(3)
+        first = np.cross(np.eye(3)[np.abs(self.up).argmin()], self.up)
+        first /= np.linalg.norm(first)
+        return np.stack([first, np.cross(self.up, first), self.up])
+
+    @cached_property
+    def _rows(self) -> dict[int, Rows]:
+        solid = solid_rows(self.scene.gaussians)
+        return {thing_id: rows for owner in self.owners for thing_id, rows in grouped_rows(owner, solid)}
+
+    def shape(self, thing_id: int) -> ThingShape | None:
+        """Where a thing or a part is; None for one that cannot be seen."""
+        if thing_id not in self._shapes and thing_id in self._rows:
+            self._shapes[thing_id] = self._shape(thing_id)
+        return self._shapes.get(thing_id)
+
+    def color(self, thing_id: int) -> ThingColor | None:
+        """The color of a thing or a part; None for one that cannot be seen."""
+        if thing_id not in self._colors and thing_id in self._rows:
+            self._colors[thing_id] = self._color(_thinned(self._rows[thing_id], _MAX_COLORED))
+        return self._colors.get(thing_id)
+
+    def _shape(self, thing_id: int) -> ThingShape:
+        gaussians = self.scene.gaussians
+        rows = _thinned(self._rows[thing_id], _MAX_POINTS)
+        means = gaussians.means[rows].astype(np.float64)
+        if len(means) > _NEIGHBORS:
+            away = cKDTree(means).query(means, k=[_NEIGHBORS + 1])[0][:, 0]
+            near = away <= _APART * max(float(np.median(away)), np.finfo(np.float64).tiny)
+            means, rows = means[near], rows[near]
+        points = means @ self.axes.T
+        center, size = _upright_box(points) if self.up is not None else _principal_box(points)
+        low, high = np.quantile(points[:, 2], [_TRIM, 1 - _TRIM])
+        return ThingShape(
+            id=thing_id,
+            points=points,
+            center=center,
+            size=size,
+            low=float(low),
+            high=float(high),
+            deviation=float(np.median(np.exp(gaussians.log_scales[rows].astype(np.float64)))),
+        )
+
+    def _color(self, rows: Rows) -> ThingColor:
+        gaussians = self.scene.gaussians
+        lab = lab_of(np.clip(0.5 + SH_C0 * gaussians.sh[rows, 0].astype(np.float64), 0.0, 1.0))
+        weights = _bounded(masses(gaussians.log_scales[rows], gaussians.logit_opacities[rows]))
+        median = np.array([_weighted_median(values, weights) for values in lab.T])
+        spread = _weighted_median(color_distance(lab, median), weights)
+        some = _thinned(np.arange(len(lab)), _MAX_COMPARED)
+        return ThingColor(median, spread, color_shares(lab[some], weights[some]))
+
+
+def _upright_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
+    """Middle and edge lengths of the upright box of least base, among those turned by steps of 3 degrees."""
+    angles = np.radians(np.arange(0.0, 90.0, 3.0))
+    along = points[:, :2] @ np.stack([np.cos(angles), np.sin(angles)])
+    aside = points[:, :2] @ np.stack([-np.sin(angles), np.cos(angles)])
+    ends = np.quantile(np.concatenate([along, aside, points[:, 2:]], axis=1), [_TRIM, 1 - _TRIM], axis=0)
+    middles, lengths = ends.mean(axis=0), ends[1] - ends[0]
+    count = len(angles)
+    best = int((lengths[:count] * lengths[count:-1]).argmin())
+    x, y = middles[best], middles[count + best]
+    cosine, sine = np.cos(angles[best]), np.sin(angles[best])
+    center = np.array([cosine * x - sine * y, sine * x + cosine * y, middles[-1]])
+    short, long = sorted((float(lengths[best]), float(lengths[count + best])))
+    return center, (long, short, float(lengths[-1]))
+
+
+def _principal_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
+    """Middle and edge lengths, the longest first, of the box along the points' principal axes."""
+    mean = points.mean(axis=0)
+    axes = np.linalg.eigh((points - mean).T @ (points - mean))[1]
+    ends = np.quantile((points - mean) @ axes, [_TRIM, 1 - _TRIM], axis=0)
+    long, middle, short = sorted((ends[1] - ends[0]).tolist(), reverse=True)
+    return mean + axes @ ends.mean(axis=0), (long, middle, short)
+
+
+def boxes_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Box]:
+    """The oriented box of each thing that can be seen, by id, see `oriented_box`.
+
+    Args:
+        scene: of G Gaussians.
+        owner: int32 [G], the thing of each, 0 for none.
+    """
+    gaussians = scene.gaussians
+    weights = masses(gaussians.log_scales, gaussians.logit_opacities)
+    up = scene.up()
+    means = gaussians.means.astype(np.float64)
+    return {
+        thing_id: oriented_box(means[rows], _bounded(weights[rows]), up)
+        for thing_id, rows in grouped_rows(owner, solid_rows(gaussians))
+    }
+
+
+def _bounded(weights: F64) -> F64:
+    """What leaked far away, where Gaussians are wide, does not outweigh the thing."""
+    return np.minimum(weights, _WIDEST * np.median(weights))
+
+
+def _thinned(rows: Rows, most: int) -> Rows:
+    return rows[:: -(-len(rows) // most)]
+
+
+def _weighted_median(values: F64, weights: F64) -> float:
+    order = values.argsort(kind="stable")
+    reached = weights[order].cumsum()
+    return float(values[order[int(np.searchsorted(reached, reached[-1] / 2))]])
