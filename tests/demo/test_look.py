@@ -10,7 +10,7 @@ import pytest
 
 from demo.__main__ import how_to_look
 from demo.look import SAMPLE, TRAINED, folder_to_look_at
-from fastsplat.service.library import open_scene
+from fastsplat.service.library.local_scene import open_scene
 from fastsplat.service.store.database import SQLITE_NAME
 
 _MAKEFILE = (Path(__file__).parents[2] / "Makefile").read_text()
