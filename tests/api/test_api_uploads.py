@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import io
+import json
 import os
 import socket
 import struct
@@ -19,6 +21,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 from fastsplat_contract.operations import SceneOptions
@@ -205,6 +208,26 @@ def test_a_photo_that_cannot_be_used_is_left_out_over_each_face_or_refused_if_as
     assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == "Zz_bad.jpg"
 
 
+def test_photos_of_one_name_are_all_kept_however_they_come(faces: Faces, service: SceneService) -> None:
+    files = [("image.jpg", _photo(1)), ("image.jpg", _photo(2)), ("image.jpg", _photo(3))]
+    name = base64.b64encode(b"image.jpg").decode()
+    uploads = []
+    for _, content in files:
+        headers = {"Tus-Resumable": "1.0.0", "Upload-Length": str(len(content)), "Upload-Metadata": f"filename {name}"}
+        headers["Content-Type"] = "application/offset+octet-stream"
+        made = faces.rest.post("/v1/uploads", headers=headers, content=content)
+        uploads.append(("uploads", (None, made.headers["location"].rpartition("/")[2])))
+    posted = [_post(faces, files), faces.rest.post("/v1/scenes", files=uploads)]
+    ids = [answer.json()["id"] for answer in posted] + [faces.rpc.CreateScene(_messages(files)).id]
+    for operation_id in ids:
+        record = service._store.scenes.operation(operation_id)
+        manifest, folder = read_manifest(service._store.blobs.upload(record.upload_id) / record.options["admitted"])
+        kept = {name: (folder / name).read_bytes() for name in manifest.names}
+        assert kept == {f"image{end}.jpg": files[i][1] for i, end in enumerate(("", " (2)", " (3)"))}
+        assert not manifest.left_out
+        service.delete_scene(record.scene_id)
+
+
 @pytest.mark.usefixtures("untouched")
 def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) -> None:
     for files, options, field in (
@@ -250,6 +273,12 @@ def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> N
     faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
 
 
+_POSES = json.dumps(
+    {
+        **{"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0},
+        "frames": [{"file_path": f"{name}.jpg", "transform_matrix": np.eye(4).tolist()} for name in "ab"],
+    }
+).encode()
 _HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
     "no images": ([("notes.txt", b"hello"), ("more.txt", b"hello")], (400, "INVALID_ARGUMENT")),
     "one image": ([("a.jpg", _photo(1))], (400, "INVALID_ARGUMENT")),
@@ -261,7 +290,10 @@ _HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
     "30,000 × 30,000": ([("a.jpg", _photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
     "name leaves": ([("../../a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
     "absolute name": ([("/etc/a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
-    "same name twice": ([("a.jpg", _photo(1)), ("a.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
+    "same name twice": (
+        [("a.jpg", _photo(1)), ("a.jpg", _photo(2)), ("b.jpg", _photo(3)), ("transforms.json", _POSES)],
+        (400, "INVALID_ARGUMENT"),
+    ),
     "zip leaves": ([("c.zip", _zip({"../a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip absolute": ([("c.zip", _zip({"/a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip bomb": ([("c.zip", _zip({"a.jpg": bytes(100_000_000)}))], (400, "INVALID_ARGUMENT")),
