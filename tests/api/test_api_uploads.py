@@ -18,10 +18,10 @@ import grpc
 import httpx
 import numpy as np
 import pytest
+from fastsplat.service.capture.upload_manifest import read_manifest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.upload_manifest import read_manifest
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError
 from fastsplat_contract.operations import SceneOptions
