@@ -325,8 +325,8 @@ def test_messages_out_of_order_are_malformed(faces: Faces) -> None:
 @pytest.mark.usefixtures("untouched")
 def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
     data = b"".join(
-        b'--b\r\nContent-Disposition: form-data; name="images"; filename="%s"\r\n\r\n%s\r\n' % (name.encode(), photo)
-        for name, photo in photos(3)
+        b'--b\r\nContent-Disposition: form-data; name="images"; filename="%s"\r\n\r\n%s\r\n' % (name.encode(), content)
+        for name, content in photos(3)
     )
     head = b"POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
     for cut in (1, len(data) // 2, len(data)):
@@ -335,12 +335,12 @@ def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
 
     sent, over = threading.Event(), threading.Event()
 
-    def messages() -> Iterator[pb.CreateSceneRequest]:
+    def slowly() -> Iterator[pb.CreateSceneRequest]:
         yield from messages(photos(3))
         sent.set()
         over.wait(60)
 
-    call = faces.rpc.CreateScene.future(messages())
+    call = faces.rpc.CreateScene.future(slowly())
     assert sent.wait(60)
     call.cancel()
     over.set()
@@ -348,12 +348,12 @@ def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
 
 @pytest.mark.usefixtures("untouched")
 def test_a_deadline_in_mid_upload_leaves_nothing(faces: Faces) -> None:
-    def messages() -> Iterator[pb.CreateSceneRequest]:
+    def slowly() -> Iterator[pb.CreateSceneRequest]:
         yield from messages(photos(2))
         over.wait(60)
 
     over = threading.Event()
     with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.CreateScene(messages(), timeout=0.5)
+        faces.rpc.CreateScene(slowly(), timeout=0.5)
     over.set()
     assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED
