@@ -27,7 +27,7 @@ def test_make_look_serves_what_make_demo_trains(tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_sample_scene_is_there_without_training_and_keeps_what_is_done_to_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    models_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert folder_to_look_at() == SAMPLE
