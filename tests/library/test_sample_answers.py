@@ -98,6 +98,12 @@ def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> N
     assert answer.verdict == "undecided" and answer.things == () and answer.probability is None
 
 
+@pytest.mark.parametrize("text", ["mice", "something for children", "something shiny"])
+def test_irregular_plurals_and_words_that_are_no_names_are_english(scene: LocalScene, text: str) -> None:
+    (answer,) = _ask(scene, text)
+    assert "Only English" not in answer.explanation
+
+
 @pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])
 def test_other_languages_are_said_not_to_be_understood(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)

@@ -23,6 +23,8 @@ _CLOSED = frozenset(
     "please s".split()
 )
 """Words that name nothing by themselves."""
+_INDEFINITE = frozenset("something anything everything".split())
+"""English words that no lexicon of names has."""
 
 
 def is_foreign(text: str) -> bool:
@@ -53,5 +55,6 @@ def no_question(text: str, is_word: Callable[[str], bool] | None) -> str:
         return "empty"
     if is_foreign(text):
         return "foreign"
-    known = is_word is None or any(is_word(word.casefold()) for word in _WORD.findall(text))
+    words = [word.casefold() for word in _WORD.findall(text)]
+    known = is_word is None or any(word in _INDEFINITE or is_word(word) for word in words)
     return "" if known else "unknown"

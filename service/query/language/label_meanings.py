@@ -171,8 +171,8 @@ class LabelMeanings:
         return self._names == _names(dictionary)
 
     def is_word(self, word: str) -> bool:
-        """Whether the lexicon has a word, as a name or as a verb."""
-        return bool(self._lexicon.senses(word)) or self._lexicon.is_verb(word)
+        """Whether the lexicon has a word, or its singular, as a name or as a verb."""
+        return any(self._lexicon.senses(each) for each in (word, label_key(word))) or self._lexicon.is_verb(word)
 
     def meaning(self, text: str) -> Meaning:
         """The senses of a question: of the whole phrase, or of its head."""
