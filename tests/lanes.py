@@ -134,7 +134,9 @@ def is_rest(item: pytest.Item) -> bool:
     if path not in FIRST and path.startswith(REST):
         return True
     callspec = getattr(item, "callspec", None)
-    on_postgresql = callspec is not None and "postgresql" in callspec.params.values()
+    on_postgresql = callspec is not None and any(
+        isinstance(value, str) and value == "postgresql" for value in callspec.params.values()
+    )
     return on_postgresql or "postgres" in getattr(item, "fixturenames", ())
 
 
