@@ -34,12 +34,14 @@ def _dataset(database: Path, images: int) -> pycolmap.Reconstruction:
         return pycolmap.synthesize_dataset(options, writer)
 
 
-def _mapping(folder: Path, images: int) -> Mapping:
+def _mapping(folder: Path) -> Mapping:
+    with pycolmap.Database.open(folder / "features.db") as reader:
+        names = [image.name for image in reader.read_all_images()]
     return Mapping(
         folder / "features.db",
         folder,
         folder,
-        [{"file": str(index)} for index in range(images)],
+        [{"file": name} for name in names],
         lambda *_: None,
         lambda *_: None,
     )
@@ -76,7 +78,7 @@ def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_o
     monkeypatch.setattr(
         model_agreement, "verified_matches", lambda database: reads.append(database) or verified_matches(database)
     )
-    mapped = _mapping(tmp_path, 8).run(_ONE_BY_ONE)
+    mapped = _mapping(tmp_path).run(_ONE_BY_ONE)
     models = mapped.models
     assert models[0].num_reg_images() == 8 and mapped.contradictions == (0, 7 * 6 // 2)
     assert reads == [tmp_path / "features.db"]  # once, however many models were compared
@@ -85,7 +87,7 @@ def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_o
 
 def test_where_all_are_placed_nothing_more_is_tried(tmp_path: Path) -> None:
     _dataset(tmp_path / "features.db", 6)
-    models = _mapping(tmp_path, 6).run(_ONE_BY_ONE).models
+    models = _mapping(tmp_path).run(_ONE_BY_ONE).models
     assert models[0].num_reg_images() == 6
     assert not (tmp_path / "again.db").exists() and not (tmp_path / "global").exists()
 
@@ -96,7 +98,7 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
         folder = tmp_path / name
         folder.mkdir()
         truth = _dataset(folder / "features.db", 10)
-        models = _mapping(folder, 10).run(_ALL_AT_ONCE).models
+        models = _mapping(folder).run(_ALL_AT_ONCE).models
         assert not (folder / "models").exists()  # one by one was not needed
         assert models[0].num_reg_images() == 10 and _largest_error(models, truth) < 0.01
         poses.append({image.name: image.cam_from_world().matrix() for image in models[0].images.values()})
@@ -107,7 +109,7 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
 def test_photos_that_share_nothing_give_no_model(tmp_path: Path, global_images: int) -> None:
     _dataset(tmp_path / "features.db", 4)
     _thin(tmp_path / "features.db", lambda first, second, rows: rows[:0])
-    assert _mapping(tmp_path, 4).run(global_images).models == []
+    assert _mapping(tmp_path).run(global_images).models == []
 
 
 def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
