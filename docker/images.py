@@ -137,4 +137,5 @@ def _package_settings(folder: Path) -> Mapping[Path, Path]:
     }
     # An index lies beside its files, so that the folder above "simple" is what must come along.
     folders = {path.parent if path.name == "simple" else path for path in named if path.is_absolute() and path.is_dir()}
-    return {file: Path("/etc/pip.conf"), certificates: _CERTIFICATES} | {path: path for path in folders}
+    files = {path for path in named if path.is_file() and path.suffix == ".txt"}  # constraints
+    return {file: Path("/etc/pip.conf"), certificates: _CERTIFICATES} | {path: path for path in folders | files}

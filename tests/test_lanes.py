@@ -26,11 +26,13 @@ lanes.BUDGET = {}
 """
 _WHERE = """
 import os
+import numpy
 import pytest
 
+@pytest.mark.parametrize("array", [numpy.zeros(2)])
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"])
 @pytest.mark.parametrize("number", range(6))
-def test_it(number, database):
+def test_it(number, database, array):
     with open({log!r}, "a") as log:
         print({name!r}, database, os.getpid(), file=log)
 """

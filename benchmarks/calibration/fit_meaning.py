@@ -1,6 +1,4 @@
-"""Fit the model that weighs what lexicon and text encoder say of a question and a label.
-
-Its file is `service/query/language/meaning.json`.
+"""Fit `service/query/language/meaning.json`, the model that weighs what lexicon and text encoder say of a question.
 
 It learns from the dictionaries of `scenes.txt`, `lists.txt` and `compounds.txt`. Every choice (units of the hidden
 layer, ridge) and every probability comes from predictions for dictionaries that the model of that fold has not seen:

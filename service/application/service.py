@@ -190,6 +190,7 @@ class SceneService:
                 return self.jobs.operation(earlier)
             with self._validating.taken(self.project):
                 validated = self._check_files(upload.raw, self._settings.capture, options.strict)
+                upload.check_names(validated.source, validated.has_labels)
                 check_labels(options, validated, self._settings)
             check_splat_options(validated, options)
             upload.replace_files(validated.folder)

@@ -381,6 +381,7 @@ def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
 def _fenced(claim: Claim) -> Update:
     return update(operations).where(
         operations.c.id == claim.operation.id,
+        operations.c.attempt == claim.attempt,
         operations.c.state == "RUNNING",
     )
 

@@ -143,7 +143,7 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
 def test_files_without_their_package_are_refused_alike(
     faces: Faces, scene_id: str, name: str, module: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = importlib.import_module(f"fastsplat.service.application.{module}_file")
+    writer = importlib.import_module(f"fastsplat.service.application.exporting.{module}_file")
     monkeypatch.delitem(sys.modules, writer.__name__)
     monkeypatch.delattr(writer.__name__)
     monkeypatch.setitem(sys.modules, module, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import socket
 import struct
@@ -13,33 +14,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import grpc
-import httpx
 import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError
+from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.clients import client_of
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.uploaded import Files, messages, photo, photos, post
 from tests.waiting import wait_for
-
-_Files = list[tuple[str, bytes]]
-
-
-def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG")
-    return buffer.getvalue()
-
-
-def _photos(count: int) -> _Files:
-    return [(f"photo {number} ü.jpg", _photo(number)) for number in range(count)]
 
 
 def _zip(entries: dict[str, bytes]) -> bytes:
@@ -75,19 +61,6 @@ def _splat(count: int = 9) -> bytes:
     return "\n".join([*header, "end_header", ""]).encode() + rows.tobytes()
 
 
-def _messages(files: _Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
-    yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))
-    for name, data in files:
-        yield pb.CreateSceneRequest(file=pb.FileHeader(name=name, size_bytes=len(data)))
-        for start in range(0, len(data), 1000):
-            yield pb.CreateSceneRequest(chunk=data[start : start + 1000])
-
-
-def _post(faces: Faces, files: _Files, data: dict[str, object] | None = None) -> httpx.Response:
-    field = "capture" if len(files) == 1 else "images"
-    return faces.rest.post("/v1/scenes", data=data or {}, files=[(field, file) for file in files])
-
-
 @pytest.fixture
 def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> Iterator[None]:
     """Afterwards no file, scene or operation may be there that was not there before."""
@@ -103,16 +76,16 @@ def untouched(faces: Faces, service: SceneService, api_settings: Settings) -> It
     wait_for(lambda: state() <= before)  # a connection that was cut is noticed a moment later
 
 
-def _same_bytes(service: SceneService, operation_id: str, files: _Files) -> bool:
+def _same_bytes(service: SceneService, operation_id: str, files: Files) -> bool:
     folder = service._store.blobs.upload(service._store.scenes.operation(operation_id).upload_id)
     stored = sorted(path.read_bytes() for path in folder.rglob("*") if path.is_file())
     return all(data in stored for _, data in files)
 
 
 def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneService) -> None:
-    files = _photos(3)
+    files = photos(3)
     form = {"name": "my room", "labels": ["mug, ball", "story book"], "time_budget_s": "60", "max_gaussians": "5000"}
-    response = _post(faces, files, form)
+    response = post(faces, files, form)
     assert response.status_code == 202, response.text
     operation = response.json()
     assert response.headers["location"] == f"/v1/operations/{operation['id']}"
@@ -141,15 +114,15 @@ def test_photos_over_rest_become_an_operation(faces: Faces, service: SceneServic
 
 
 def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneService) -> None:
-    files = _photos(3)
+    files = photos(3)
     choices = {"labels": ["mug"], "time_budget_s": 60, "preset": "best", "priority": -2}
-    operation = faces.rpc.CreateScene(_messages(files, name="my room", **choices))
+    operation = faces.rpc.CreateScene(messages(files, name="my room", **choices))
     assert operation.state == pb.OPERATION_STATE_QUEUED and not operation.done
     record = service._store.scenes.operation(operation.id)
     assert (record.options["preset"], record.priority, record.options["labels"]) == ("best", -2, ["mug"])
     for choice in ({"preset": "huge"}, {"priority": 101}):
         with pytest.raises(grpc.RpcError) as caught:
-            faces.rpc.CreateScene(_messages(files, **choice))
+            faces.rpc.CreateScene(messages(files, **choice))
         assert rpc_refusal(caught.value).details["field"] in choice
     assert _same_bytes(service, operation.id, files)
     watched = faces.rpc.WatchOperation(pb.WatchOperationRequest(operation_id=operation.id))
@@ -161,9 +134,9 @@ def test_photos_over_grpc_become_an_operation(faces: Faces, service: SceneServic
 
 def test_a_splat_becomes_an_operation_over_both(faces: Faces, service: SceneService) -> None:
     files = [("own.ply", _splat())]
-    posted = _post(faces, files, {"up": "-y"})
+    posted = post(faces, files, {"up": "-y"})
     assert posted.status_code == 202, posted.text
-    operation = faces.rpc.CreateScene(_messages(files, up="-y"))
+    operation = faces.rpc.CreateScene(messages(files, up="-y"))
     for operation_id in (posted.json()["id"], operation.id):
         record = service._store.scenes.operation(operation_id)
         assert record.options["up"] == "-y"
@@ -174,46 +147,23 @@ def test_a_splat_becomes_an_operation_over_both(faces: Faces, service: SceneServ
 
 def test_every_option_arrives_whatever_the_protocol(faces: Faces, service: SceneService) -> None:
     chosen = {"lens": "panorama", "nadir_deg": 25.0, "privacy": "people", "movers": "ignore"}
-    posted = _post(faces, _photos(2), {name: str(value) for name, value in chosen.items()})
+    posted = post(faces, photos(2), {name: str(value) for name, value in chosen.items()})
     assert posted.status_code == 202, posted.text
-    for operation_id in (posted.json()["id"], faces.rpc.CreateScene(_messages(_photos(2), **chosen)).id):
+    for operation_id in (posted.json()["id"], faces.rpc.CreateScene(messages(photos(2), **chosen)).id):
         record = service._store.scenes.operation(operation_id)
         assert {name: record.options[name] for name in chosen} == chosen
         service.delete_scene(record.scene_id)
-
-
-def test_a_photo_that_cannot_be_used_is_left_out_over_each_face_or_refused_if_asked(
-    faces: Faces, service: SceneService, tmp_path: Path
-) -> None:
-    files = [*_photos(3), ("Zz_bad.jpg", b"holiday notes"), ("cut.jpg", _photo(9, (640, 480))[:2_000])]
-    for name, content in files:
-        (tmp_path / name).write_bytes(content)
-    client = client_of(faces)
-    operations = [client.create_scene(tmp_path), faces.rpc.CreateScene(_messages(files))]
-    for operation in operations:
-        assert set(operation.left_out) == {"Zz_bad.jpg", "cut.jpg"}
-        assert operation.left_out["Zz_bad.jpg"] == "it is not an image this service can read"
-    assert dict(operations[1].left_out) == dict(service.get_operation(operations[0].id).left_out)
-    for operation in operations:
-        service.delete_scene(operation.scene_id)
-    with pytest.raises(CorruptImageError, match=r"^Zz_bad\.jpg is not an image"):
-        client.create_scene(tmp_path, options=SceneOptions(strict=True))
-    rest = rest_refusal(_post(faces, files, {"strict": "true"}))
-    with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.CreateScene(_messages(files, strict=True))
-    rpc = rpc_refusal(caught.value)
-    assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == "Zz_bad.jpg"
 
 
 @pytest.mark.usefixtures("untouched")
 def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) -> None:
     for files, options, field in (
         ([("own.ply", _splat())], {"max_gaussians": 8}, "max_gaussians"),
-        (_photos(2), {"nadir_deg": 81.0}, "nadir_deg"),
+        (photos(2), {"nadir_deg": 81.0}, "nadir_deg"),
     ):
-        rest = rest_refusal(_post(faces, files, options))
+        rest = rest_refusal(post(faces, files, options))
         with pytest.raises(grpc.RpcError) as caught:
-            faces.rpc.CreateScene(_messages(files, **options))
+            faces.rpc.CreateScene(messages(files, **options))
         rpc = rpc_refusal(caught.value)
         assert (rest.reason, rest.details) == (rpc.reason, rpc.details) and rest.details["field"] == field
 
@@ -222,14 +172,14 @@ def test_options_that_are_not_for_this_upload_are_refused_alike(faces: Faces) ->
 def test_every_option_that_is_not_for_this_upload_is_named(service: SceneService) -> None:
     for files, options, field in (
         ([("own.ply", _splat())], SceneOptions(up="w"), "up"),
-        (_photos(2), SceneOptions(up="z"), "up"),
+        (photos(2), SceneOptions(up="z"), "up"),
         ([("own.ply", _splat())], SceneOptions(privacy="people"), "privacy"),
         ([("own.ply", _splat())], SceneOptions(movers="ignore"), "movers"),
-        (_photos(2), SceneOptions(privacy="faces"), "privacy"),
-        (_photos(2), SceneOptions(movers="hide"), "movers"),
-        (_photos(2), SceneOptions(privacy="people", movers="keep"), "movers"),
+        (photos(2), SceneOptions(privacy="faces"), "privacy"),
+        (photos(2), SceneOptions(movers="hide"), "movers"),
+        (photos(2), SceneOptions(privacy="people", movers="keep"), "movers"),
         ([("own.ply", _splat())], SceneOptions(lens="fisheye"), "lens"),
-        (_photos(2), SceneOptions(lens="keyhole"), "lens"),
+        (photos(2), SceneOptions(lens="keyhole"), "lens"),
     ):
         with service.new_upload() as session:
             for name, content in files:
@@ -240,30 +190,39 @@ def test_every_option_that_is_not_for_this_upload_is_named(service: SceneService
 
 
 def test_one_request_id_makes_one_scene_whatever_the_protocol(faces: Faces) -> None:
-    files = _photos(2)
-    first = _post(faces, files, {"name": "once", "request_id": "id-1"})
-    again = _post(faces, files, {"name": "once", "request_id": "id-1"})
+    files = photos(2)
+    first = post(faces, files, {"name": "once", "request_id": "id-1"})
+    again = post(faces, files, {"name": "once", "request_id": "id-1"})
     assert first.status_code == again.status_code == 202 and first.json()["id"] == again.json()["id"]
-    assert faces.rpc.CreateScene(_messages(files, name="once", request_id="id-1")).id == first.json()["id"]
-    other = rest_refusal(_post(faces, _photos(3), {"name": "once", "request_id": "id-1"}))
+    assert faces.rpc.CreateScene(messages(files, name="once", request_id="id-1")).id == first.json()["id"]
+    other = rest_refusal(post(faces, photos(3), {"name": "once", "request_id": "id-1"}))
     assert (other.code, other.reason, other.details["field"]) == (409, "CONFLICT", "request_id")
     faces.rest.delete(f"/v1/scenes/{first.json()['scene_id']}")
 
 
-_HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
+_POSES = json.dumps(
+    {
+        **{"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0},
+        "frames": [{"file_path": f"{name}.jpg", "transform_matrix": np.eye(4).tolist()} for name in "ab"],
+    }
+).encode()
+_HOSTILE: dict[str, tuple[Files, tuple[int, str]]] = {
     "no images": ([("notes.txt", b"hello"), ("more.txt", b"hello")], (400, "INVALID_ARGUMENT")),
-    "one image": ([("a.jpg", _photo(1))], (400, "INVALID_ARGUMENT")),
-    "text called jpg": ([("a.jpg", _photo(1)), ("b.jpg", b"just text")], (400, "INVALID_ARGUMENT")),
+    "one image": ([("a.jpg", photo(1))], (400, "INVALID_ARGUMENT")),
+    "text called jpg": ([("a.jpg", photo(1)), ("b.jpg", b"just text")], (400, "INVALID_ARGUMENT")),
     "truncated jpg": (
-        [("a.jpg", _photo(1)), ("b.jpg", _photo(2, (320, 240))[:-2000])],
+        [("a.jpg", photo(1)), ("b.jpg", photo(2, (320, 240))[:-2000])],
         (400, "INVALID_ARGUMENT"),
     ),
-    "30,000 × 30,000": ([("a.jpg", _photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
-    "name leaves": ([("../../a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
-    "absolute name": ([("/etc/a.jpg", _photo(1)), ("b.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
-    "same name twice": ([("a.jpg", _photo(1)), ("a.jpg", _photo(2))], (400, "INVALID_ARGUMENT")),
-    "zip leaves": ([("c.zip", _zip({"../a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
-    "zip absolute": ([("c.zip", _zip({"/a.jpg": _photo(1), "b.jpg": _photo(2)}))], (400, "INVALID_ARGUMENT")),
+    "30,000 × 30,000": ([("a.jpg", photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
+    "name leaves": ([("../../a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
+    "absolute name": ([("/etc/a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
+    "same name twice": (
+        [("a.jpg", photo(1)), ("a.jpg", photo(2)), ("b.jpg", photo(3)), ("transforms.json", _POSES)],
+        (400, "INVALID_ARGUMENT"),
+    ),
+    "zip leaves": ([("c.zip", _zip({"../a.jpg": photo(1), "b.jpg": photo(2)}))], (400, "INVALID_ARGUMENT")),
+    "zip absolute": ([("c.zip", _zip({"/a.jpg": photo(1), "b.jpg": photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip bomb": ([("c.zip", _zip({"a.jpg": bytes(100_000_000)}))], (400, "INVALID_ARGUMENT")),
     "splat cut off": ([("own.ply", _splat()[:-1])], (400, "INVALID_ARGUMENT")),
     "splat of billions": (
@@ -271,7 +230,7 @@ _HOSTILE: dict[str, tuple[_Files, tuple[int, str]]] = {
         (413, "RESOURCE_EXHAUSTED"),
     ),
     "two splats": ([("own.ply", _splat()), ("other.ply", _splat())], (400, "INVALID_ARGUMENT")),
-    "broken zip": ([("c.zip", _zip({"a.jpg": _photo(1)})[:-30])], (400, "INVALID_ARGUMENT")),
+    "broken zip": ([("c.zip", _zip({"a.jpg": photo(1)})[:-30])], (400, "INVALID_ARGUMENT")),
 }
 
 
@@ -283,11 +242,11 @@ _OVER_GRPC_TOO = {"text called jpg", "name leaves", "absolute name", "same name 
 @pytest.mark.parametrize("case", _HOSTILE)
 def test_a_hostile_upload_is_refused_alike_and_leaves_nothing(faces: Faces, case: str) -> None:
     files, codes = _HOSTILE[case]
-    rest = rest_refusal(_post(faces, files))
+    rest = rest_refusal(post(faces, files))
     assert rest.code == codes[0] and rest.detail and rest.details.get("hint", "x")
     if case in _OVER_GRPC_TOO:
         with pytest.raises(grpc.RpcError) as caught:
-            faces.rpc.CreateScene(_messages(files))
+            faces.rpc.CreateScene(messages(files))
         rpc = rpc_refusal(caught.value)
         assert rpc.code == codes[1] and (rest.reason, rest.details) == (rpc.reason, rpc.details)
 
@@ -326,26 +285,26 @@ def test_an_upload_over_the_limit_is_refused_while_it_arrives(faces: Faces) -> N
 @pytest.mark.parametrize(
     ("data", "files", "field"),
     [
-        ({"time_budget_s": "soon"}, _photos(2), "time_budget_s"),
-        ({"time_budget_s": "-1"}, _photos(2), "time_budget_s"),
-        ({"time_budget_s": "nan"}, _photos(2), "time_budget_s"),
-        ({"max_gaussians": "1.5"}, _photos(2), "max_gaussians"),
-        ({"name": ["a", "b"]}, _photos(2), "name"),
-        ({"colour": "red"}, _photos(2), "colour"),
+        ({"time_budget_s": "soon"}, photos(2), "time_budget_s"),
+        ({"time_budget_s": "-1"}, photos(2), "time_budget_s"),
+        ({"time_budget_s": "nan"}, photos(2), "time_budget_s"),
+        ({"max_gaussians": "1.5"}, photos(2), "max_gaussians"),
+        ({"name": ["a", "b"]}, photos(2), "name"),
+        ({"colour": "red"}, photos(2), "colour"),
         ({"name": "x"}, [], "Content-Type"),
     ],
 )
-def test_a_malformed_form_names_its_field(faces: Faces, data: dict[str, object], files: _Files, field: str) -> None:
-    refused = rest_refusal(_post(faces, files, data))
+def test_a_malformed_form_names_its_field(faces: Faces, data: dict[str, object], files: Files, field: str) -> None:
+    refused = rest_refusal(post(faces, files, data))
     assert refused.code == 400 and refused.details["field"] == field
 
 
 @pytest.mark.usefixtures("untouched")
 def test_files_come_under_known_fields_only(faces: Faces) -> None:
-    photo = ("a.jpg", _photo(1))
-    unknown = rest_refusal(faces.rest.post("/v1/scenes", files=[("photo", photo)]))
+    file = ("a.jpg", photo(1))
+    unknown = rest_refusal(faces.rest.post("/v1/scenes", files=[("photo", file)]))
     assert unknown.code == 400 and unknown.details["field"] == "photo"
-    two = rest_refusal(faces.rest.post("/v1/scenes", files=[("capture", photo), ("capture", ("b.jpg", _photo(2)))]))
+    two = rest_refusal(faces.rest.post("/v1/scenes", files=[("capture", file), ("capture", ("b.jpg", photo(2)))]))
     assert two.code == 400 and two.details["field"] == "capture"
     nothing = rest_refusal(faces.rest.post("/v1/scenes", files=[("name", (None, "x"))]))
     assert nothing.code == 400 and nothing.details["field"] == "files"
@@ -357,17 +316,17 @@ def test_messages_out_of_order_are_malformed(faces: Faces) -> None:
     file = pb.CreateSceneRequest(file=pb.FileHeader(name="a.jpg"))
     chunk = pb.CreateSceneRequest(chunk=b"x")
     announced = pb.CreateSceneRequest(file=pb.FileHeader(name="a.jpg", size_bytes=3))
-    for messages in ([], [file, chunk], [header], [header, chunk], [header, file, header], [header, announced, chunk]):
+    for sent in ([], [file, chunk], [header], [header, chunk], [header, file, header], [header, announced, chunk]):
         with pytest.raises(grpc.RpcError) as caught:
-            faces.rpc.CreateScene(iter(messages))
+            faces.rpc.CreateScene(iter(sent))
         assert rpc_refusal(caught.value).code == "INVALID_ARGUMENT"
 
 
 @pytest.mark.usefixtures("untouched")
 def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
     data = b"".join(
-        b'--b\r\nContent-Disposition: form-data; name="images"; filename="%s"\r\n\r\n%s\r\n' % (name.encode(), photo)
-        for name, photo in _photos(3)
+        b'--b\r\nContent-Disposition: form-data; name="images"; filename="%s"\r\n\r\n%s\r\n' % (name.encode(), content)
+        for name, content in photos(3)
     )
     head = b"POST /v1/scenes HTTP/1.1\r\nHost: x\r\nContent-Type: multipart/form-data; boundary=b\r\n"
     for cut in (1, len(data) // 2, len(data)):
@@ -376,12 +335,12 @@ def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
 
     sent, over = threading.Event(), threading.Event()
 
-    def messages() -> Iterator[pb.CreateSceneRequest]:
-        yield from _messages(_photos(3))
+    def slowly() -> Iterator[pb.CreateSceneRequest]:
+        yield from messages(photos(3))
         sent.set()
         over.wait(60)
 
-    call = faces.rpc.CreateScene.future(messages())
+    call = faces.rpc.CreateScene.future(slowly())
     assert sent.wait(60)
     call.cancel()
     over.set()
@@ -389,12 +348,12 @@ def test_a_client_that_goes_away_leaves_nothing(faces: Faces) -> None:
 
 @pytest.mark.usefixtures("untouched")
 def test_a_deadline_in_mid_upload_leaves_nothing(faces: Faces) -> None:
-    def messages() -> Iterator[pb.CreateSceneRequest]:
-        yield from _messages(_photos(2))
+    def slowly() -> Iterator[pb.CreateSceneRequest]:
+        yield from messages(photos(2))
         over.wait(60)
 
     over = threading.Event()
     with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.CreateScene(messages(), timeout=0.5)
+        faces.rpc.CreateScene(slowly(), timeout=0.5)
     over.set()
     assert caught.value.code() is grpc.StatusCode.DEADLINE_EXCEEDED

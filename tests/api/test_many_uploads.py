@@ -16,7 +16,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import LimitSettings, Settings
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, served
-from tests.api.test_api_uploads import _messages, _photos, _post
+from tests.api.uploaded import messages, photos, post
 from tests.waiting import wait_for
 
 _FORMS, _PIECES = 450, 50
@@ -87,8 +87,8 @@ def _offset(faces: Faces, path: str) -> str:
 
 
 def _posts_pass(faces: Faces, service: SceneService) -> None:
-    over_rest = _post(faces, _photos(2), {"name": "ordinary"})
+    over_rest = post(faces, photos(2), {"name": "ordinary"})
     assert over_rest.status_code == 202, over_rest.text
-    over_grpc = faces.rpc.CreateScene(_messages(_photos(2), name="ordinary"))
+    over_grpc = faces.rpc.CreateScene(messages(photos(2), name="ordinary"))
     for operation_id in (over_rest.json()["id"], over_grpc.id):
         assert service.get_operation(operation_id).state == "QUEUED"

@@ -20,6 +20,7 @@ from PIL import Image
 from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
+from fastsplat.service.application.upload_keys import OneUpload
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
@@ -157,7 +158,7 @@ def test_it_posts_one_scene_follows_its_job_and_does_nothing_else(place: _Place,
 
 def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, capture: Path) -> None:
     service, key_id = place.service, place.link().key.id
-    sessions = [service.for_upload(key_id).new_upload() for _ in range(2)]
+    sessions = [OneUpload(service, key_id).new_upload() for _ in range(2)]
     outcomes: list[str] = []
     start = threading.Barrier(2)
     for number, session in enumerate(sessions):
@@ -170,7 +171,7 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
     def post(number: int) -> None:
         start.wait()
         try:
-            service.for_upload(key_id).create_scene(sessions[number], f"phone {number}", "", SceneOptions())
+            OneUpload(service, key_id).create_scene(sessions[number], f"phone {number}", "", SceneOptions())
             outcomes.append("made")
         except ConflictError:
             outcomes.append("refused")
@@ -184,7 +185,7 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
     assert len(service.list_scenes().scenes) == 1
     assert len(place.uploads()) == 1
     with pytest.raises(ConflictError):
-        service.for_upload(key_id).new_upload()
+        OneUpload(service, key_id).new_upload()
 
 
 def test_the_same_request_sent_twice_makes_one_scene(place: _Place, capture: Path) -> None:
@@ -212,7 +213,7 @@ def test_one_that_has_expired_opens_nothing(place: _Place, capture: Path) -> Non
 
 def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> None:
     link = place.link()
-    upload = place.service.for_upload(link.key.id)
+    upload = OneUpload(place.service, link.key.id)
     session = upload.new_upload()
     for number in range(2):
         content = io.BytesIO()

@@ -97,12 +97,26 @@ def test_unsafe_names_are_refused(service, settings, name):
     assert left_behind(service, settings.data_dir) == []
 
 
-def test_two_files_need_two_names(service):
+def test_photos_of_one_name_are_all_kept_under_names_of_their_own(service, settings):
     with service.new_upload() as upload:
-        upload.write("a", [b"1"])
-        for name in ("a", "a/b", "./a"):
-            with pytest.raises(InvalidInputError):
-                upload.write(name, [b"2"])
+        upload.write("b/a.jpg", [b"0"])
+        for name in ("b", "b/a.jpg/c"):
+            with pytest.raises(InvalidInputError, match="two files of this upload"):
+                upload.write(name, [b"0"])
+        for number, name in enumerate(("b/a (2).jpg", "b/a.jpg", "./b/a.jpg", "b/a (2).jpg"), 1):
+            upload.write(name, [str(number).encode()])
+        service.create_scene(upload, "", "", SceneOptions())
+    files = {path.name: path.read_text() for path in settings.data_dir.glob("uploads/*/*/b/*")}
+    assert files == {"a.jpg": "0", "a (2).jpg": "1", "a (3).jpg": "2", "a (4).jpg": "3", "a (2) (2).jpg": "4"}
+
+
+def test_two_files_of_one_name_are_refused_where_label_maps_mean_one_of_them(service, settings):
+    with service.new_upload() as upload:
+        for name in ("a.jpg", "labels.json", "a.jpg"):
+            upload.write(name, [b"1"])
+        with pytest.raises(InvalidInputError, match=r"two files of this upload are called 'a\.jpg'"):
+            service.create_scene(upload, "", "", SceneOptions())
+    assert left_behind(service, settings.data_dir) == []
 
 
 def test_bytes_are_counted_over_all_files(service):

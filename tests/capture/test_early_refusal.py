@@ -13,7 +13,7 @@ from PIL import Image
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless, shows_depth
 from fastsplat.service.capture.sfm.model_agreement import verified_matches
-from fastsplat.service.capture.sfm.pairs import telling_first
+from fastsplat.service.capture.sfm.pairs import telling_pairs
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat_contract.errors import ReconstructionError
@@ -98,10 +98,10 @@ def test_photos_that_share_nothing_or_too_little_are_refused_once_all_pairs_are_
 
 @pytest.mark.parametrize("count", [2, 5, 26, 60])
 def test_telling_pairs_are_few_and_link_all_photos(count: int) -> None:
-    every = [(i, j) for i in range(count) for j in range(i + 1, count)]
-    telling, others = telling_first(every, count)
-    assert sorted([*telling, *others]) == every and len(telling) <= count + 14
+    telling = telling_pairs(count)
+    assert telling == sorted(set(telling)) and len(telling) <= count + 14
     assert {image for pair in telling for image in pair} == set(range(count))
+    assert all(0 <= i < j < count for i, j in telling)
 
 
 def _refusal(folder: Path, settings) -> tuple[ReconstructionError, str]:
@@ -123,7 +123,8 @@ def test_photos_that_only_turn_in_place_are_refused_before_any_is_placed(tmp_pat
         Image.fromarray(pixels).save(tmp_path / f"upload/{number}.png")
     error, messages = _refusal(tmp_path / "upload", settings)
     assert "from one place" in error.message and "to the side" in error.hint and "8 photos are few" in error.hint
-    assert "matching image pairs" in messages and "registering" not in messages
+    assert "first look: matching image pairs" in messages and "registering" not in messages
+    assert messages.count("extracting features") == 1  # of small copies only: nothing was done at full size
 
 
 def test_photos_of_unrelated_places_are_refused_before_any_is_placed(test_data: Path, tmp_path: Path, settings) -> None:

@@ -7,12 +7,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
-from PIL import ExifTags, Image
+from PIL import Image
 
+from benchmarks.robustness.spoiled_photos import DAMAGED, SETTINGS, SPOILED, capture_of, exif, jpeg
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
@@ -20,49 +20,6 @@ from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
 
 _GOOD = range(0, 40, 3)
-_HUGE = 40_000_000
-
-
-def _jpeg(pixels: np.ndarray, **options: object) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "JPEG", quality=92, **options)
-    return stream.getvalue()
-
-
-def _exif(focal_35mm: float, orientation: int = 1) -> Image.Exif:
-    exif = Image.Exif()
-    exif[ExifTags.Base.Orientation], exif[ExifTags.Base.Model] = orientation, "another"
-    exif.get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm] = focal_35mm
-    return exif
-
-
-def _through_another_lens(pixels: np.ndarray) -> np.ndarray:
-    """As a lens with strong barrel distortion shows it."""
-    height, width = pixels.shape[:2]
-    x, y = np.meshgrid((np.arange(width) - width / 2) / width, (np.arange(height) - height / 2) / width)
-    factor = 1 + 1.5 * (x**2 + y**2)
-    at = [(part * factor * width + side / 2).astype(np.float32) for part, side in ((x, width), (y, height))]
-    return np.asarray(cv2.remap(pixels, *at, cv2.INTER_LINEAR))
-
-
-def _forty_megapixels(pixels: np.ndarray) -> bytes:
-    scale = (_HUGE / (pixels.shape[0] * pixels.shape[1])) ** 0.5
-    return _jpeg(np.asarray(cv2.resize(pixels, None, fx=scale, fy=scale, interpolation=cv2.INTER_LINEAR)))
-
-
-_SPOILED: dict[str, Callable[[np.ndarray, np.ndarray], bytes]] = {
-    "black": lambda good, foreign: _jpeg(np.zeros_like(good)),
-    "white": lambda good, foreign: _jpeg(np.full_like(good, 255)),
-    "tiny": lambda good, foreign: _jpeg(np.asarray(Image.fromarray(good).resize((16, 12)))),
-    "duplicate": lambda good, foreign: _jpeg(good, subsampling=2),
-    "rotated": lambda good, foreign: _jpeg(np.ascontiguousarray(np.rot90(good))),
-    "foreign": lambda good, foreign: _jpeg(foreign),
-    "lens": lambda good, foreign: _jpeg(_through_another_lens(good)),
-    "lying": lambda good, foreign: _jpeg(good, exif=_exif(300.0)),
-    "absurd": lambda good, foreign: _jpeg(good, exif=_exif(60_000.0, 77)),
-    "huge": lambda good, foreign: _forty_megapixels(good),
-    "crop": lambda good, foreign: _jpeg(np.ascontiguousarray(good[20:340, 150:300])),
-}
 _POINTS = b"""ply
 format ascii 1.0
 element vertex 1
@@ -72,34 +29,22 @@ property float z
 end_header
 0 0 -2
 """
-_DAMAGED: dict[str, Callable[[bytes], bytes]] = {
-    "truncated": lambda whole: whole[: len(whole) // 3],
-    "garbage": lambda whole: whole[:200] + bytes(range(256)) * 20,
-    "text": lambda whole: b"This is no photo.\n" * 50,
-}
 
 
 def _capture(folder: Path, names: list[str], test_data: Path, settings):
     """Of fourteen good photos and those with these faults; files that are damaged were whole when they were checked."""
     settings = settings.model_copy(update={"max_side": 480, "sfm_features": 2_000})
-    images = folder / "upload" / "images"
-    images.mkdir(parents=True)
-    photos = [(test_data / f"tabletop/images/{index:03d}.jpg").read_bytes() for index in _GOOD]
-    for index, content in zip(_GOOD, photos, strict=True):
-        (images / f"{index:03d}.jpg").write_bytes(content)
+    sent = {f"{index:03d}.jpg": (test_data / f"tabletop/images/{index:03d}.jpg").read_bytes() for index in _GOOD}
+    photos, damaged, rng = list(sent.values()), {}, np.random.default_rng(0)
     foreign = np.asarray(Image.open(test_data / "kitchen/images/05.jpg").convert("RGB"))
     for number, name in enumerate(names):
         content = photos[3 * number % len(photos)]
-        if name in _SPOILED:
-            content = _SPOILED[name](np.asarray(Image.open(io.BytesIO(content))), foreign)
-        (images / f"{name}.jpg").write_bytes(content)
-    files = validate_upload(images.parent, settings).folder / "files"
-    for name in _DAMAGED.keys() & set(names):
-        path = files / "images" / f"{name}.jpg"
-        content = _DAMAGED[name](path.read_bytes())
-        path.unlink()  # a link to what was sent
-        path.write_bytes(content)
-    return build_capture(images.parent, folder / "out", settings, silent)
+        if name in DAMAGED:
+            damaged[f"{name}.jpg"] = DAMAGED[name](content)
+        else:
+            content = SPOILED[name](np.asarray(Image.open(io.BytesIO(content))), foreign, rng)
+        sent[f"{name}.jpg"] = content
+    return capture_of(folder, sent, damaged, settings)
 
 
 @pytest.mark.parametrize(
@@ -124,12 +69,30 @@ def test_spoiled_photos_cost_themselves_and_are_named(names: list[str], test_dat
     for name in good:
         assert verdicts[name].placed and set(verdicts[name].defects) <= {"duplicate"}  # of a spoiled copy
     reasons = {name.removesuffix(".jpg"): verdict.not_placed for name, verdict in verdicts.items()}
-    assert {reasons[name] for name in _DAMAGED.keys() & set(names)} == {"unreadable"}
+    assert {reasons[name] for name in DAMAGED.keys() & set(names)} == {"unreadable"}
     assert {reasons[name] for name in {"black", "white", "tiny"} & set(names)} == {"few_features"}
     assert {reasons[name] for name in {"foreign"} & set(names)} <= {"no_overlap", "few_matches", "other_model"}
     if "duplicate" in names:
         copied = f"{3 * names.index('duplicate') * 3 % 42:03d}.jpg"
         assert verdicts["duplicate.jpg"].duplicate_of == copied or verdicts[copied].duplicate_of == "duplicate.jpg"
+
+
+def test_pieces_of_photos_whose_own_lens_runs_away_cost_themselves(test_data: Path, tmp_path: Path) -> None:
+    """Two of some hundred that were tried: each gets a camera of its own, which bundle adjustment drives off."""
+    paths = sorted((test_data / "plush/images").iterdir())
+    chosen = [paths[row] for row in np.linspace(0, len(paths) - 1, 16).round().astype(int)]
+    sent = {path.name: path.read_bytes() for path in chosen}
+    for name, (rows, columns), focal in (
+        ("20240212_004008.jpg", (slice(342, 750), slice(706, 1000)), 80.0),
+        ("20240212_004010.jpg", (slice(369, 608), slice(726, 1000)), None),
+    ):
+        piece = np.ascontiguousarray(np.asarray(Image.open(test_data / "plush/images" / name))[rows, columns])
+        sent[f"piece of {name}"] = jpeg(piece, exif=exif(focal)) if focal else jpeg(piece)
+    capture = capture_of(tmp_path, sent, {}, SETTINGS)
+    reasons = {verdict.name: verdict.not_placed for verdict in capture.report.photos if not verdict.placed}
+    alone = {"20240212_004010.jpg", "20240212_004018.jpg"}  # without a place among the sixteen, too
+    assert reasons.keys() <= alone | {name for name in sent if name.startswith("piece")}
+    assert "lens" in reasons.values()
 
 
 def test_photos_that_are_all_damaged_end_the_capture_with_a_reason(upload, photo, settings) -> None:

@@ -21,16 +21,14 @@ from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
 
 _SIZE = (64, 48)
-_POINTS = b"""ply
+_POINTS = (
+    b"""ply
 format ascii 1.0
 element vertex 2
-property float x
-property float y
-property float z
-end_header
-0 0 1
-1 2 3
 """
+    + b"".join(b"property float %c\n" % axis for axis in b"xyz")
+    + b"end_header\n0 0 1\n1 2 3\n"
+)
 
 
 def _document(**changes: Any) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def _workers(folder: Path) -> list[str]:
 
 
 def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
-    test_data: Path, models_dir: Path, tmp_path: Path
+    capture: Path, test_data: Path, models_dir: Path, tmp_path: Path
 ) -> None:
     made = trained_tabletop(test_data, models_dir)
     shown = [from_json(Operation, line) for line in (made / "progress.jsonl").read_bytes().splitlines()]
@@ -51,7 +51,7 @@ def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
     with fastsplat.open_scene(out) as again:
         assert again.id == scene.id and again.ask("mug") == mug
     with pytest.raises(ConflictError, match="has a trained scene"):
-        fastsplat.train(made / "table top", out)
+        fastsplat.train(capture, out)
     with fastsplat.open_scene(out) as kept:
         assert kept.id == scene.id
 

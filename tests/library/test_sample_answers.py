@@ -11,6 +11,7 @@ import fastsplat
 from benchmarks.questions.judging import contradictions
 from benchmarks.questions.trained_questions import read_scenes
 from fastsplat.service.library.local_scene import LocalScene
+from fastsplat.service.settings import load_settings
 from fastsplat_contract.queries import Answer, QueryRequest
 
 _TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]
@@ -21,6 +22,7 @@ def scene(request: pytest.FixtureRequest, models_dir: Path, lexicon_models_dir: 
     models = lexicon_models_dir if request.param == "lexicon" else models_dir
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("FASTSPLAT_MODELS", str(models))
+        load_settings.cache_clear()  # before the fixture that does so for each test
         with fastsplat.open_sample() as opened:
             yield opened
 

@@ -79,7 +79,7 @@ def small_settings(folder: Path) -> Settings:
     """Of a server with little room, and without a detector of names that it is told."""
     return page_settings(
         folder,
-        quotas=QuotaSettings(scenes=1, stored_bytes=30_000),
+        quotas=QuotaSettings(scenes=1, stored_bytes=45_000),
         capture=CaptureSettings(max_upload_bytes=60_000, max_images=3),
         perception=PerceptionSettings(text_encoder=ENCODER, open_set_detector=""),
     )

@@ -113,6 +113,7 @@ def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, brow
         for version in (recolored, trained):
             page.locator("canvas").focus()
             page.keyboard.press("Control+z")
+            expect(page.get_by_text("Undone.")).to_be_visible()
             expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(f"^{version} "))
         expect(page.locator(".thing-list li")).to_have_count(3)
     assert len(_gaussians(place, own)) == count

@@ -52,7 +52,7 @@ def test_a_slow_machine_draws_coarsely_while_the_camera_moves_and_all_at_rest(
         assert box is not None
         full = round(box["width"])
         expect(canvas).to_have_attribute("width", str(full))
-        visit.page.wait_for_function("performance.now() - window.begun > 200")  # its first picture takes long
+        visit.page.wait_for_function("() => performance.now() - window.begun > 200")  # its first picture takes long
         assert visit.page.evaluate(_PRESSED) == (full + 1) // 2
         expect(canvas).to_have_attribute("width", str(full))
         assert any("splatWorker" in url for url in visit.requests)

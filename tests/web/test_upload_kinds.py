@@ -78,19 +78,22 @@ def test_a_full_quota_is_said_before_anything_is_sent(small: Place, browser: Bro
         visit.check_accessible()
         assert visit.fits()
         assert not [address for address in visit.requests if "/v1/uploads" in address]
+        visit.page.get_by_role("link", name="See what the project holds").click()
+        expect(visit.page.get_by_text("1 of 1", exact=True)).to_be_visible()
+    assert len(small.service.list_scenes().scenes) == 1
 
 
 def test_what_the_project_or_the_server_has_no_room_for_is_said_before_it_is_sent(
     small: Place, browser: Browser, tmp_path: Path
 ) -> None:
-    photos = write_photos(tmp_path, 5)
+    photos = write_photos(tmp_path, 7)
     large = tmp_path / "large.jpg"
-    large.write_bytes(photos[0].read_bytes() + b"\0" * 30_000)
+    large.write_bytes(photos[0].read_bytes() + b"\0" * 45_000)
     larger = tmp_path / "larger.jpg"
     larger.write_bytes(photos[0].read_bytes() + b"\0" * 65_000)
     with visiting(browser, small.url, "#/new") as visit:
         expect(visit.page.get_by_role("heading", name="Take them with your phone")).to_be_visible()
-        for files, words in (([large], "30.0 kB left"), ([larger], "more than the server takes"), (photos, "5 images")):
+        for files, words in (([large], "45.0 kB left"), ([larger], "more than the server takes"), (photos, "7 images")):
             visit.page.get_by_label("Choose files").set_input_files(files)
             expect(visit.page.get_by_role("alert")).to_contain_text(words)
             expect(visit.page.get_by_role("button", name="Upload")).to_be_disabled()

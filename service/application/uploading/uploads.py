@@ -6,14 +6,16 @@ import errno
 import hashlib
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from types import TracebackType
 from typing import BinaryIO, Self
 
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.types import Source
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.blobs import lock_of, remove
 from fastsplat_contract.errors import DatabaseError, InvalidInputError, LimitExceededError, ResourceError
@@ -45,6 +47,7 @@ class UploadSession:
         self._check_space = check_space
         self._space_checked_at = 0
         self._digests: dict[str, str] = {}
+        self._files_of_name: Counter[str] = Counter()
         self._bytes = 0
         self._open = True
         self._file: UploadFile | None = None
@@ -66,11 +69,12 @@ class UploadSession:
         """Take one file; folders in its name are kept. Returns its size in bytes.
 
         Args:
-            name: a relative path with forward slashes, e.g. "images/0001.jpg".
+            name: a relative path with forward slashes, e.g. "images/0001.jpg". A file whose name was used before in
+                this upload, as those of photos of two cards are, is kept beside the other: "images/0001 (2).jpg".
             stream: a binary file to read to its end, or chunks of bytes.
 
         Raises:
-            InvalidInputError: the name is unsafe or was used before in this upload, or the session is over.
+            InvalidInputError: the name is unsafe or is that of a folder, or the session is over.
             LimitExceededError: too many bytes or files; nothing more can be written, so call `abort`.
             ResourceError: the disk is full.
         """
@@ -96,7 +100,8 @@ class UploadSession:
             InvalidInputError, LimitExceededError, ResourceError: as `write`.
         """
         self._check_open()
-        self._file = UploadFile(name, self._place(name), self._check_bytes, self._ended)
+        name, path = self._place(name)
+        self._file = UploadFile(name, path, self._check_bytes, self._ended)
         return self._file
 
     def _ended(self, name: str, size: int, digest: str) -> None:
@@ -114,7 +119,7 @@ class UploadSession:
             InvalidInputError, LimitExceededError, ResourceError: as `write`.
         """
         self._check_open()
-        path = self._place(name)
+        name, path = self._place(name)
         try:
             size = source.stat().st_size
             self._check_bytes(name, size)
@@ -202,7 +207,22 @@ class UploadSession:
         if not self._open:
             raise InvalidInputError("this upload is over", field="upload", hint="Start a new upload.")
 
-    def _place(self, name: str) -> Path:
+    def check_names(self, kind: Source, has_labels: bool) -> None:
+        """Refuse two files of one name where it matters which is meant; photos alone are all used.
+
+        Args:
+            kind: what the files turned out to be.
+            has_labels: whether label maps go with the photos.
+
+        Raises:
+            InvalidInputError: two files have one name, and poses or label maps say of one of them more than that.
+        """
+        twice = next(iter(self._files_of_name), None)
+        if twice is not None and (kind != "images" or has_labels):
+            raise _same_name(twice)
+
+    def _place(self, name: str) -> tuple[str, Path]:
+        """The name that a file gets, and where it goes."""
         parts = safe_parts(name)
         if len(self._digests) >= self._settings.max_entries:
             raise LimitExceededError(
@@ -213,11 +233,14 @@ class UploadSession:
             )
         path = self.raw.joinpath(*parts)
         folders = [self.raw.joinpath(*parts[:depth]) for depth in range(1, len(parts))]
-        if path.exists() or any(folder.is_file() for folder in folders):
-            raise InvalidInputError(
-                f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
-            )
-        return path
+        if path.is_dir() or any(folder.is_file() for folder in folders):
+            raise _same_name(name)
+        sent = PurePosixPath(*parts)
+        while path.exists():
+            self._files_of_name[str(sent)] += 1
+            name = str(sent.with_stem(f"{sent.stem} ({self._files_of_name[str(sent)] + 1})"))
+            path = self.raw.joinpath(*safe_parts(name))
+        return name, path
 
 
 class UploadFile:
@@ -272,6 +295,12 @@ class UploadFile:
         with suppress(OSError):  # what was buffered may find no room
             self._file.close()
         self._path.unlink(missing_ok=True)
+
+
+def _same_name(name: str) -> InvalidInputError:
+    return InvalidInputError(
+        f"two files of this upload are called {name!r}", field=name, hint="Give every file its own name."
+    )
 
 
 def _chunks(stream: BinaryIO | Iterable[bytes]) -> Iterable[bytes]:

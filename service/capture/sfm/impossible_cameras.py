@@ -14,11 +14,29 @@ import pycolmap
 from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
 from fastsplat.service.capture.photos.lens_faces import lens_of
 from fastsplat.service.capture.sfm import rigs
+from fastsplat.service.capture.sfm.mapping import Mapped, Mapping, largest_first
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.photo_verdicts import NotPlaced
 
 _FOCAL_RANGE = (0.25, 8.0)
 """Of the longer side: 127° to 7° of view."""
+
+
+def map_possible(mapping: Mapping, global_images: int, max_side: int) -> tuple[Mapped, dict[str, NotPlaced]]:
+    """What a mapping makes of its images, without impossible ones, and why these have no place, by their files.
+
+    Where others have no place either, they may have lost it to these: then the others are mapped alone.
+    """
+    mapped = mapping.run(global_images)
+    _ = mapped.contradictions  # kept: pairs that only one of has a place contradict a model, too
+    impossible = take_out_impossible(mapped.models, max_side)
+    models = largest_first(model for model in mapped.models if model.num_reg_images())
+    left = len(mapping.entries) - len(impossible)
+    if not impossible or left < 2 or (models and models[0].num_reg_images() >= left):
+        mapped.models[:] = models
+        return mapped, impossible
+    mapped, more = map_possible(mapping.without(impossible), global_images, max_side)
+    return mapped, impossible | more
 
 
 def take_out_impossible(models: Sequence[pycolmap.Reconstruction], max_side: int) -> dict[str, NotPlaced]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -127,6 +127,20 @@ class Mapping:
     @cached_property
     def _verified(self) -> VerifiedMatches:
         return VerifiedMatches(self.database)
+
+    def without(self, files: Collection[str]) -> Mapping:
+        """The same without these images and their matches; it has a folder of its own."""
+        folder = self.folder / "without"
+        folder.mkdir()
+        database = folder / "features.db"
+        shutil.copyfile(self.database, database)
+        with pycolmap.Database.open(database) as editor:
+            ids = {image.image_id for image in editor.read_all_images() if image.name in files}
+            for pair in self._verified.pairs:
+                if ids & set(pair):
+                    editor.delete_two_view_geometry(*pair)
+        entries = [entry for entry in self.entries if entry["file"] not in files]
+        return replace(self, database=database, folder=folder, entries=entries)
 
     def run(self, global_images: int) -> Mapped:
         """The best models that were reached; by the global mapper first where there are more than `global_images`,
@@ -276,8 +290,9 @@ class Mapping:
         """Ids of the images without a place."""
         model = best.models[0] if best.models else None
         placed = set() if model is None else {image.image_id for image in model.images.values() if image.has_pose}
+        files = {entry["file"] for entry in self.entries}
         with pycolmap.Database.open(self.database) as reader:
-            return {image.image_id for image in reader.read_all_images()} - placed
+            return {image.image_id for image in reader.read_all_images() if image.name in files} - placed
 
 
 def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:

@@ -59,12 +59,12 @@ def choose_pairs(
     return sorted(pairs)
 
 
-def telling_first(image_pairs: Sequence[tuple[int, int]], count: int) -> tuple[list[Pair], list[Pair]]:
-    """The pairs that tell most of all `count` images together, and the others: neighbors in the order of names, and
-    those among a few images that are spread evenly over it."""
-    spread = set(np.linspace(0, count - 1, min(count, _SPREAD_IMAGES)).round().astype(int).tolist())
-    telling = [(i, j) for i, j in image_pairs if j - i == 1 or {i, j} <= spread]
-    return telling, sorted(set(image_pairs) - set(telling))
+def telling_pairs(count: int) -> list[Pair]:
+    """Few pairs that tell most of all `count` images together, sorted: neighbors in the order of names, and those among
+    a few images that are spread evenly over it."""
+    spread = np.linspace(0, count - 1, min(count, _SPREAD_IMAGES)).round().astype(int).tolist()
+    neighbors = {(i, i + 1) for i in range(count - 1)}
+    return sorted(neighbors | {(i, j) for i in spread for j in spread if i < j})
 
 
 def _mutual_matches(first: NDArray[np.float32], second: NDArray[np.float32]) -> int:

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.sfm import geometry, pairs, rigs
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless
-from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
-from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, largest_first, mapper_options
+from fastsplat.service.capture.sfm.impossible_cameras import map_possible
+from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, mapper_options
 from fastsplat.service.capture.sfm.model_agreement import VerifiedMatches
 from fastsplat_contract.errors import ReconstructionError
 
@@ -31,6 +31,8 @@ _IMAGES_A_STEP = 8
 _PAIRS_A_STEP = 48
 _FEATURES_DONE, MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
 _MIN_FEATURES = 50
+_EARLY_SIDE, _EARLY_FEATURES = 480, 1_000
+"""Of the first look, which only has to tell a step to the side from a turn."""
 _FAISS_BLAS_THRESHOLD = "_ZN5faiss31distance_compute_blas_thresholdE"
 """faiss::distance_compute_blas_threshold: searches of at least so many descriptors multiply matrices by BLAS."""
 _NEVER = 2**31 - 1
@@ -57,23 +59,26 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     database = folder / "features.db"
     images = Path(request["image_folder"])
     files = [image["file"] for image in request["images"]]
+    single = not rigs.has_rigs(request["images"])
+    if single:
+        _look_early(images, files, request, folder, lambda _, message: report(0.0, f"first look: {message}"))
     import_images(database, images, request["images"])
-    extract_and_match(database, images, files, request, folder, report, request["min_registered_share"])
+    extract_and_match(database, images, files, request, folder, report)
+    if single:
+        refuse_hopeless(database, min_share=request["min_registered_share"], complete=True)
     report(MATCHING_DONE, "registering images")
-    mapped = Mapping(
+    mapping = Mapping(
         database,
         images,
         folder,
         request["images"],
         lambda copy, image_pairs: _match_guided(copy, image_pairs, request, folder),
         lambda done, message: report(MATCHING_DONE + (_MAPPING_DONE - MATCHING_DONE) * done, message),
-    ).run(request["global_mapping_images"])
-    if not mapped.models:
+    )
+    mapped, impossible = map_possible(mapping, request["global_mapping_images"], request["max_side"])
+    models, contradictions = mapped.models, mapped.contradictions
+    if not models and not impossible:
         raise ReconstructionError("no two images see the same thing from different places", hint=geometry.PHOTO_HINT)
-    # Before images are taken out: pairs that only one of has a place contradict a model, too.
-    contradictions = mapped.contradictions
-    impossible = take_out_impossible(mapped.models, request["max_side"])
-    models = largest_first(model for model in mapped.models if model.num_reg_images())
     if not models:
         raise ReconstructionError(
             f"the lens of the photos could not be worked out: none of {len(impossible)} has a possible one",
@@ -151,6 +156,17 @@ def import_images(database: Path, images: Path, entries: list[dict[str, Any]]) -
     rigs.apply_rig(database, entries)
 
 
+def _look_early(images: Path, files: list[str], request: dict[str, Any], folder: Path, report: Report) -> None:
+    """Refuse photos that were all taken from one place, by small copies of them and few of their pairs: a tenth of the
+    features and matches that placing them takes, and good for nothing else."""
+    database = folder / "early.db"
+    import_images(database, images, request["images"])
+    small = {**request, "sfm_max_side": _EARLY_SIDE, "sfm_features": _EARLY_FEATURES}
+    few = pairs.telling_pairs(len(files))
+    extract_and_match(database, images, files, small, folder, report, few)
+    refuse_hopeless(database, min_share=request["min_registered_share"], complete=False)
+
+
 def extract_and_match(
     database: Path,
     images: Path,
@@ -158,18 +174,17 @@ def extract_and_match(
     request: dict[str, Any],
     folder: Path,
     report: Report,
-    least_share: float | None = None,
+    image_pairs: list[pairs.Pair] | None = None,
 ) -> None:
     """Write features and verified matches to the database.
 
     Args:
         database, images, request, folder, report: as in `reconstruct` and `import_images`.
         files: of the images.
-        least_share: of images that must get a place: where their matches show that they cannot, they are refused before
-            all pairs are matched; None: any will do.
+        image_pairs: to match; None: they are chosen.
 
     Raises:
-        ReconstructionError: the images have hardly any texture, or as `refuse_hopeless`.
+        ReconstructionError: the images have hardly any texture.
     """
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = request["sfm_max_side"]
@@ -181,17 +196,12 @@ def extract_and_match(
         step = files[start : start + _IMAGES_A_STEP]
         extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
-    image_pairs = _choose_pairs(database, files, request)
-    done, share = 0, None if rigs.has_rigs(request["images"]) else least_share
-    for part in pairs.telling_first(image_pairs, len(files)):
-        for start in range(0, len(part), _PAIRS_A_STEP):
-            fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * done / len(image_pairs)
-            report(fraction, f"matching image pairs {done}/{len(image_pairs)}")
-            step_pairs = part[start : start + _PAIRS_A_STEP]
-            _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
-            done += len(step_pairs)
-        if share is not None:
-            refuse_hopeless(database, min_share=share, complete=done == len(image_pairs))
+    image_pairs = image_pairs or _choose_pairs(database, files, request)
+    for start in range(0, len(image_pairs), _PAIRS_A_STEP):
+        fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
+        report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
+        step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
+        _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
 
 
 def _match(

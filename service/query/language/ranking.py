@@ -15,6 +15,7 @@ from fastsplat.service.query.language.calibration import calibration_key
 from fastsplat.service.query.language.embeddings import TextCaches, text_caches
 from fastsplat.service.query.language.english import names_nothing, no_question
 from fastsplat.service.query.language.explain import explain
+from fastsplat.service.query.language.judgement import Judgement, Mask
 from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
 from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
@@ -33,7 +34,7 @@ from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER, unnamed_probability
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched, Verdict
+from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -43,31 +44,10 @@ RELATED_PROBABILITY = 0.15
 """A related entry other than the leading one is relevant from this calibrated probability on. Measured by
 benchmarks/calibration: 0 shows everything above the threshold, of which every second entry is beside the point."""
 
-Mask = NDArray[np.bool_]
-
 _PER_LABEL = 2_048
 """Bytes: its names, by which it is looked up, count, confidence."""
 _FARTHEST = -1.0
 """The score of what a question denies: nothing in common."""
-
-
-@dataclass(frozen=True)
-class _Judgement:
-    """The verdict of an answer, and the entries it is about.
-
-    Attributes:
-        verdict: see `Answer`.
-        relevant: bool [N], the entries that the answer speaks of.
-        leading: bool [N], those among them that lead whatever they score.
-        named: whether the names alone decided.
-        suggested: whether the entries are merely suggested for things without a name.
-    """
-
-    verdict: Verdict
-    relevant: Mask
-    leading: Mask
-    named: bool
-    suggested: bool = False
 
 
 @dataclass(frozen=True)
@@ -294,7 +274,7 @@ class Ranker:
         names = {} if self._things is None else self._things.suggested_names
         return names.get(label_key(text), (0.0, ()))
 
-    def _without_doubtful(self, judged: _Judgement, standing: Mask, belief: Belief | None) -> _Judgement:
+    def _without_doubtful(self, judged: Judgement, standing: Mask, belief: Belief | None) -> Judgement:
         """A judgement in which names that are merely suggested for things without one stand back behind those that
         things bear; alone they make an answer possible. What would merely serve in the place of what was asked for does
         so under a sure name alone: not under one that is suggested, nor, by the lexicon's model, under a doubtful one.
@@ -332,18 +312,18 @@ class Ranker:
         )
         return tuple(map(Match._make, columns))
 
-    def _judge(self, match: NameMatch, context: PromptContext, scores: F64, likely: F64 | None) -> _Judgement:
+    def _judge(self, match: NameMatch, context: PromptContext, scores: F64, likely: F64 | None) -> Judgement:
         """The verdict and the entries it speaks of.
 
         What a question names and says more of than a dictionary can tell is shown first, and is never exact.
         """
         if match.exact:
             exact = self._mask(match.exact)
-            return _Judgement("exact", exact, exact, named=True)
+            return Judgement("exact", exact, exact, named=True)
         negated = self._mask(match.negated)
         exact = (scores >= context.exact) & ~negated
         if exact.any() and not match.heads:
-            return _Judgement("exact", exact, exact, named=False)
+            return Judgement("exact", exact, exact, named=False)
         passing = scores >= (np.inf if context.related is None else context.related)
         related = passing & self._present
         if related.any() and likely is not None:
@@ -352,7 +332,7 @@ class Ranker:
         related = (related | leading | self._mask(match.hyponyms)) & ~negated & self._present
         deciding = leading if leading.any() else related
         named = bool(deciding.any()) and not (deciding & passing).any()
-        return _Judgement("related" if related.any() else "absent", related, leading, named)
+        return Judgement("related" if related.any() else "absent", related, leading, named)
 
     def _meant(
         self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
@@ -374,7 +354,7 @@ class Ranker:
         likely = np.where(excluded, 0.0, model.likely(logits))
         return _Meant(likely, model.presence(logits[~excluded], likely[~excluded]), comparison, model)
 
-    def _judge_meaning(self, match: NameMatch, context: PromptContext, scores: F64, meant: _Meant) -> _Judgement:
+    def _judge_meaning(self, match: NameMatch, context: PromptContext, scores: F64, meant: _Meant) -> Judgement:
         """As `_judge`, by the probabilities of the lexicon's model.
 
         Entries are exact that share a sense with the whole question and are likely enough to be listed, or that the
@@ -382,7 +362,7 @@ class Ranker:
         """
         if match.exact:
             exact = self._mask(match.exact)
-            return _Judgement("exact", exact, exact, named=True)
+            return Judgement("exact", exact, exact, named=True)
         comparison, likely = meant.comparison, meant.likely
         found = meant.presence >= meant.model.related
         listed = np.zeros(len(likely), dtype=np.bool_)
@@ -391,16 +371,16 @@ class Ranker:
         shared = (comparison.relations.same > 0) & comparison.meaning.whole
         exact = listed & (shared | (scores >= context.exact))
         if exact.any() and not match.heads:
-            return _Judgement("exact", exact, exact, named=False)
+            return Judgement("exact", exact, exact, named=False)
         leading = self._mask(match.heads) & self._present & ~self._mask(match.negated)
         related = listed | leading
-        return _Judgement(
+        return Judgement(
             "related" if related.any() else "absent", related, leading, named=bool(leading.any()) and not found
         )
 
     @property
-    def _nothing(self) -> _Judgement:
-        return _Judgement("absent", self._mask(()), self._mask(()), named=False)
+    def _nothing(self) -> Judgement:
+        return Judgement("absent", self._mask(()), self._mask(()), named=False)
 
     def _mask(self, label_ids: Sequence[int]) -> Mask:
         mask = np.zeros(len(self._labels), dtype=np.bool_)

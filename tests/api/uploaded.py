@@ -1,0 +1,39 @@
+"""Photos as they are uploaded, over both protocols."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+
+import httpx
+import numpy as np
+from PIL import Image
+
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.served import Faces
+
+Files = list[tuple[str, bytes]]
+
+
+def photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
+    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG")
+    return buffer.getvalue()
+
+
+def photos(count: int) -> Files:
+    return [(f"photo {number} ü.jpg", photo(number)) for number in range(count)]
+
+
+def messages(files: Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
+    yield pb.CreateSceneRequest(header=pb.CreateSceneHeader(**header))
+    for name, data in files:
+        yield pb.CreateSceneRequest(file=pb.FileHeader(name=name, size_bytes=len(data)))
+        for start in range(0, len(data), 1000):
+            yield pb.CreateSceneRequest(chunk=data[start : start + 1000])
+
+
+def post(faces: Faces, files: Files, data: dict[str, object] | None = None) -> httpx.Response:
+    field = "capture" if len(files) == 1 else "images"
+    return faces.rest.post("/v1/scenes", data=data or {}, files=[(field, file) for file in files])
