@@ -96,6 +96,7 @@ EXAMPLES = (
     *(_render(kind, format="npy") for kind in ("label_map", "depth", "thing_map", "normals", "confidence")),
     _render("depth", depth_scale=0.002),
     _render("rgb", view=None, camera=turned(0.25)),
+    *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     *(Example("DownloadCameras", CameraFileRequest("", name)) for name in ("json", "transforms")),
     Example("DownloadScenePly"),

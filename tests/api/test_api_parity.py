@@ -131,7 +131,10 @@ def test_every_encoding_of_a_mask_is_the_same_mask(faces: Faces, service: SceneS
             (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding=encoding)
             assert (decode_mask3d(answer.mask3d or b"", encoding, answer.gaussians) == expected).all()
             params = {"text": "mug", "encoding": encoding}
-            assert faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params).content == answer.mask3d
+            packed = faces.rest.get(f"/v1/scenes/{scene_id}/mask3d.bin", params=params)
+            assert packed.content == answer.mask3d
+            told = (packed.headers["x-gaussian-count"], packed.headers["x-scene-version"])
+            assert told == (str(len(expected)), answer.version)
         (answer,) = client.query(scene_id, "mug", outputs=["mask3d"], mask3d_encoding="ply")
         assert answer.mask3d == service.answers.mask_ply(scene_id, "mug")
         (rle,) = client.query(scene_id, "mug", views=_VIEWS, outputs=["mask2d"])
