@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 
 from fastsplat.service.capture.sfm import model_agreement
-from fastsplat.service.capture.sfm.mapping import Mapping, Models, mapper_options
+from fastsplat.service.capture.sfm.mapping import Mapping, Models, mapper_options, strongest_pairs
 from fastsplat.service.capture.sfm.model_agreement import (
     VerifiedMatches,
     choose_held_out,
@@ -83,6 +83,14 @@ def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_o
     assert models[0].num_reg_images() == 8 and mapped.contradictions == (0, 7 * 6 // 2)
     assert reads == [tmp_path / "features.db"]  # once, however many models were compared
     assert _largest_error(models, truth) < 0.01
+
+
+def test_copies_of_a_photo_do_not_take_the_matching_that_would_join_it() -> None:
+    """Of the images 3 to 7, which are left, 3 has most matches with its copies."""
+    matches = {pair: np.zeros((200, 2), np.uint32) for pair in ((3, 4), (3, 5), (3, 6), (3, 7), (4, 5), (6, 7))}
+    matches |= {(1, 3): np.zeros((20, 2), np.uint32), (2, 7): np.zeros((30, 2), np.uint32)}
+    chosen = strongest_pairs(matches, {}, {3, 4, 5, 6, 7})
+    assert {(1, 3), (2, 7)} <= set(chosen)
 
 
 def test_where_all_are_placed_nothing_more_is_tried(tmp_path: Path) -> None:

@@ -206,7 +206,7 @@ class Mapping:
             message = f"registering {len(left)} images that have no place yet, try {number + 1} of {len(tries)}"
             self.report(begin, message)
             if guided:
-                self.rematch(copy, _strongest_pairs(pairs, held_out, left))
+                self.rematch(copy, strongest_pairs(pairs, held_out, left))
                 withhold(copy, held_out)
             if name == "complete":
                 give_back(copy, held_out)
@@ -300,11 +300,12 @@ def largest_first(models: Iterable[pycolmap.Reconstruction]) -> Models:
     return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
 
 
-def _strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:
-    """The few pairs with most matches, without those that are held out, of each of these images, sorted."""
+def strongest_pairs(matches: PairMatches, held_out: PairMatches, images: set[int]) -> list[tuple[int, int]]:
+    """The few pairs of each of these images that join it to another best, sorted: by their matches without those that
+    are held out, and last the pairs of two of these images, as of a photo and its copy, which give neither a place."""
     of_image = defaultdict(list)
     for pair, rows in matches.items():
         for image_id in set(pair) & images:
-            of_image[image_id].append((len(held_out.get(pair, ())) - len(rows), pair))
+            of_image[image_id].append((images >= set(pair), len(held_out.get(pair, ())) - len(rows), pair))
     strongest = {row for rows in of_image.values() for row in sorted(rows)[:_GUIDED_PAIRS_PER_IMAGE]}
-    return sorted(pair for _, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])
+    return sorted(pair for *_, pair in sorted(strongest)[:_MOST_GUIDED_PAIRS])
