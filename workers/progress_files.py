@@ -26,7 +26,7 @@ class ProgressFiles:
     """Publishes what a stage of a job shows. What `progress` raises ends the stage."""
 
     def __init__(self, job: Job, stage: str, progress: Progress) -> None:
-        self._job, self._stage, self._progress = job, stage, progress
+        self._job, self._progress = job, progress
         self._last = ProgressEvent(stage, 0.0, "")
         self._numbers = itertools.count(1)
 

@@ -136,10 +136,9 @@ def _same(
 def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[int, NDArray[np.intp]]]) -> F64:
     photo = photos[number]
     depths = np.where(photo.depths > 0, photo.depths, 1.0)
-    every = np.arange(len(depths))
     places = photo.places
     directions = _directions(photo.posed, np.where(photo.depths[:, None] > 0, places, places + np.eye(3)[0]))
-    information, vector = _ray_terms(photo, every, directions, places)
+    information, vector = _ray_terms(photo, directions, places)
     along = (1 / (_DEPTH_DEVIATION * depths) ** 2)[:, None, None] * directions[:, :, None] * directions[:, None, :]
     information += along
     vector += (along @ places[:, :, None])[:, :, 0]
@@ -150,13 +149,13 @@ def _solved(photos: Sequence[SeenKeypoints], number: int, seen: Sequence[tuple[i
             pose = photos[other].posed.world_from_camera
             rays = photos[other].posed.camera.rays(points[:, 0], points[:, 1]) @ pose[:3, :3].T
             rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-            more, its = _ray_terms(photos[other], keypoints, rays, places[keypoints])
+            more, its = _ray_terms(photos[other], rays, places[keypoints])
             information[keypoints] += more
             vector[keypoints] += its
     return np.asarray(np.linalg.solve(information, vector[:, :, None])[:, :, 0])
 
 
-def _ray_terms(photo: SeenKeypoints, rows: NDArray[np.intp], rays: F64, places: F64) -> tuple[F64, F64]:
+def _ray_terms(photo: SeenKeypoints, rays: F64, places: F64) -> tuple[F64, F64]:
     """Information [P, 3, 3] of rays [P, 3] from a photo about places near to given ones, and its product with a point
     on the ray."""
     center = photo.posed.world_from_camera[:3, 3]

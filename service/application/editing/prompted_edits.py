@@ -63,7 +63,7 @@ class PromptedEdits:
             if edit.prompt is not None and edit.action in PROMPTED:
                 count += 1
                 try:
-                    _check(edit.prompt, _MAX_PROMPT_PIXELS)
+                    _check(edit.prompt)
                 except (InvalidInputError, LimitExceededError) as error:
                     raise error.within(f"edits[{number}].prompt") from error
         if count:
@@ -132,7 +132,7 @@ class PromptedEdits:
         return replace(posed, camera=training_size(posed.camera, self._settings.prompts.max_side))
 
 
-def _check(prompt: ThingPrompt, max_pixels: int) -> None:
+def _check(prompt: ThingPrompt) -> None:
     if (prompt.camera is None) == (prompt.view is None):
         raise InvalidInputError(
             "a prompt needs exactly one of camera and view", field="view", hint="Name a view or send a pose."
@@ -144,11 +144,11 @@ def _check(prompt: ThingPrompt, max_pixels: int) -> None:
             hint="Send at least one of the two.",
         )
     count = len(prompt.pixels) + len(prompt.background)
-    if count > max_pixels:
+    if count > _MAX_PROMPT_PIXELS:
         raise LimitExceededError(
             f"{count} pixels in one prompt",
             field="pixels" if len(prompt.pixels) >= len(prompt.background) else "background",
-            limit=f"{max_pixels} pixels, background included",
+            limit=f"{_MAX_PROMPT_PIXELS} pixels, background included",
             hint="A few pixels say as much.",
         )
 

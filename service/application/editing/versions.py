@@ -349,14 +349,13 @@ class Versions:
     def _check(self, edits: Sequence[Edit], request_id: str) -> None:
         check_request_id(request_id)
         check_texts(tuple(edits), "edits")
-        limit = _MAX_EDITS
         if not edits:
             raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
-        if len(edits) > limit:
+        if len(edits) > _MAX_EDITS:
             raise LimitExceededError(
                 f"{len(edits)} edits",
                 field="edits",
-                limit=f"{limit} edits",
+                limit=f"{_MAX_EDITS} edits",
                 hint="Send them in several requests.",
             )
 

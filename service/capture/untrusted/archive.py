@@ -68,7 +68,7 @@ def unpack(archive: Path, into: Path, settings: CaptureSettings) -> None:
         if zipped:
             _unpack_zip(archive, writer, settings)
         else:
-            _unpack_tar(archive, writer, settings)
+            _unpack_tar(archive, writer)
     except _DAMAGE as error:
         raise InvalidInputError(
             f"{archive.name} is damaged or cut short: {error}", field=archive.name, hint="Pack and send it again."
@@ -213,7 +213,7 @@ def _check_zip_overlap(raw: BinaryIO, entries: list[zipfile.ZipInfo], archive: s
         end = entry.header_offset + 30 + name_bytes + extra_bytes + entry.compress_size
 
 
-def _unpack_tar(archive: Path, writer: _Writer, settings: CaptureSettings) -> None:
+def _unpack_tar(archive: Path, writer: _Writer) -> None:
     with archive.open("rb") as raw:
         compressed = raw.read(2) == b"\x1f\x8b"
         raw.seek(0)

@@ -15,7 +15,6 @@ from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.depth_maps import F32
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.photos.camera_model import compute_undistortion, rotate90
-from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat_contract.camera import Camera
@@ -31,7 +30,6 @@ def view_depth(
     photo: PhotoInfo,
     decoder: ImageDecoder,
     root: Path,
-    settings: CaptureSettings,
 ) -> tuple[F32, Camera]:
     """A depth map float32 [H, W] of a posed image's view, scene units, 0 where unknown, and its pinhole camera.
 
@@ -42,7 +40,6 @@ def view_depth(
         photo: the photo.
         decoder: reads the map.
         root: the upload's files.
-        settings: limits.
 
     Raises:
         CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

@@ -131,7 +131,7 @@ class ViewSources:
             self.log.unused_depths += 1
             return None
         try:
-            return view_depth(image, image.depth, size, photo, self.decoder, self.files, self.settings)
+            return view_depth(image, image.depth, size, photo, self.decoder, self.files)
         except _BROKEN:
             self.log.broken_maps.append(image.depth.path)
             return None
