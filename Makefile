@@ -89,8 +89,8 @@ stubs: setup  ## regenerate the types of the C++ extension
 	$(BIN)/python -m nanobind.stubgen -q -m fastsplat.service.splatting.raster._cpu -o service/splatting/raster/_cpu.pyi
 	$(BIN)/ruff format -q service/splatting/raster/_cpu.pyi
 
-protos: setup  ## regenerate the wire contract's Python
-	$(BIN)/python protos/generate.py
+protos: setup  ## write the .proto from the contract's types, and its Python
+	$(BIN)/python -m protos.generate
 
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py

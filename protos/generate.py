@@ -1,4 +1,4 @@
-"""Regenerates the Python of the .proto files: `python protos/generate.py [output folder]`."""
+"""Writes the .proto from the contract's types, and the Python of the .proto: `python -m protos.generate`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,15 @@ from pathlib import Path
 import grpc_tools
 from grpc_tools import protoc
 
+from protos.proto_text import proto_text
+from protos.registry import Registry
+
 _ROOT = Path(__file__).resolve().parent
 _PROTOS = ("fastsplat/v1/fastsplat.proto", "fastsplat/v1/status.proto")
+PROTO = _ROOT / "fastsplat/v1/fastsplat.proto"
+"""What `write_proto` writes."""
+NUMBERS = _ROOT / "fastsplat/v1/numbers.json"
+"""The number of every field and enum value that ever was."""
 OUTPUT = _ROOT.parent / "client/fastsplat_contract/v1"
 """The package that the generated modules belong to: `fastsplat_contract.v1`."""
 
@@ -23,6 +30,13 @@ GENERATED = (
     "status_pb2.pyi",
 )
 """What `generate` writes."""
+
+
+def write_proto() -> None:
+    """Write `PROTO`, and into `NUMBERS` what is new."""
+    registry = Registry(NUMBERS)
+    PROTO.write_text(proto_text(PROTO.with_suffix(".proto.in").read_text(), registry))
+    registry.save()
 
 
 def generate(output: Path) -> None:
@@ -44,4 +58,5 @@ def generate(output: Path) -> None:
 
 
 if __name__ == "__main__":
-    generate(Path(sys.argv[1]) if len(sys.argv) > 1 else OUTPUT)
+    write_proto()
+    generate(OUTPUT)

@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 from fastsplat.api.access.caller import Principal
-from fastsplat.api.access.policy import Rule
 from fastsplat.service.application.admin.keys import KeyRing, key_id_of
 from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import FastSplatError, NotFoundError, PermissionDeniedError, UnauthenticatedError
 from fastsplat_contract.keys import Role
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 from fastsplat.api.access.authenticator import Authenticator, Credentials, KeyWatch
 from fastsplat.api.access.caller import Principal
-from fastsplat.api.access.policy import Rule
 from fastsplat.api.access.rate_limits import RateLimiter
 from fastsplat.api.metrics import Metrics
 from fastsplat.service.application.admin.admin import Admin
 from fastsplat.service.application.admin.keys import KeyRing
 from fastsplat.service.settings import Settings
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import FastSplatError
 
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fastsplat.api.access.caller import Principal
-from fastsplat.api.access.policy import Rule
 from fastsplat.service.settings import LimitSettings
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import OverloadedError, RateLimitedError
 
 _REMEMBERED = 10_000

@@ -13,9 +13,10 @@ from grpc import aio
 from fastsplat.api.access.authenticator import Credentials, KeyWatch
 from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.access.gate import Gate
-from fastsplat.api.access.policy import UNMATCHED, Rule, is_known_route, rule_of
+from fastsplat.api.access.policy import UNMATCHED, is_known_route, rule_of
 from fastsplat.api.grpc.decoding import replaced, wrapped_behavior
 from fastsplat.api.grpc.guard import Context, guarded
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import FastSplatError
 
 Handler: TypeAlias = "grpc.RpcMethodHandler[Any, Any]"

@@ -12,14 +12,14 @@ from fastsplat.api.access.caller import in_callers_project
 from fastsplat.api.access.gate import Gate
 from fastsplat.api.grpc.access import AccessInterceptor
 from fastsplat.api.grpc.decoding import DecodingInterceptor
-from fastsplat.api.grpc.servicer import SceneServicer
+from fastsplat.api.grpc.rpcs import add_rpcs
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.threads import Threads
 from fastsplat.api.tls import Tls
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import LimitSettings
 from fastsplat_contract.errors import ResourceError
-from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
+from fastsplat_contract.v1 import fastsplat_pb2
 
 _STREAMS_PER_CONNECTION = 256
 """Calls of one gRPC connection at a time."""
@@ -75,7 +75,7 @@ async def start_server(
             ("grpc.so_reuseport", 0),  # otherwise two servers share a port without a word
         ],
     )
-    fastsplat_pb2_grpc.add_SceneServiceServicer_to_server(SceneServicer(in_callers_project(service), threads), server)
+    add_rpcs(server, in_callers_project(service), threads)
     checks = health.aio.HealthServicer()
     health_pb2_grpc.add_HealthServicer_to_server(checks, server)
     reflection.enable_server_reflection((_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME), server)

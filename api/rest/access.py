@@ -15,9 +15,10 @@ from fastsplat.api.access.authenticator import Credentials
 from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.access.exposure import check_local
 from fastsplat.api.access.gate import Gate
-from fastsplat.api.access.policy import UNMATCHED, Rule, rule_of
+from fastsplat.api.access.policy import UNMATCHED, rule_of
 from fastsplat.api.errors import status_of
 from fastsplat.api.rest.events import end_events
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
 
 _log = logging.getLogger(__name__)

@@ -7,10 +7,10 @@ import json
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import fastapi_offline
-from fastapi import FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from fastapi.openapi.docs import get_swagger_ui_html
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import Response
@@ -22,13 +22,9 @@ from fastsplat.api.health import Readiness
 from fastsplat.api.rest import problem_answers
 from fastsplat.api.rest.access import AccessLayer
 from fastsplat.api.rest.assistant import Assistant
-from fastsplat.api.rest.detection_routes import detection_routes
 from fastsplat.api.rest.examples import add_examples
 from fastsplat.api.rest.export_routes import export_routes
 from fastsplat.api.rest.health import health_routes
-from fastsplat.api.rest.job_watching_routes import job_watching_routes
-from fastsplat.api.rest.key_routes import key_routes
-from fastsplat.api.rest.known_name_routes import known_name_routes
 from fastsplat.api.rest.localize_routes import localize_routes
 from fastsplat.api.rest.middleware import OuterLayer
 from fastsplat.api.rest.page import add_page
@@ -38,10 +34,12 @@ from fastsplat.api.rest.responses import json_response
 from fastsplat.api.rest.routes import operation_routes, scene_routes, server_routes
 from fastsplat.api.rest.standard_http import HeadLayer, etag_of, not_modified, reads_gzip
 from fastsplat.api.rest.static_files import ReleaseFiles
+from fastsplat.api.rest.table_routes import table_routes
 from fastsplat.api.rest.tus import tus_routes
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_contract.call import Tag
 from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.problems import Problem
 from fastsplat_contract.server_info import ServerInfo
@@ -136,20 +134,21 @@ def create_app(
     problem_answers.install(app)
     address = settings.grpc_address or (None if grpc_port is None else f":{grpc_port}")
     info = ServerInfo(version("fastsplat"), address)
-    app.include_router(server_routes(info, service, threads), tags=["server"])
-    app.include_router(scene_routes(service, settings, threads), tags=["scenes"])
-    app.include_router(
-        tus_routes(service, threads, settings.capture.max_upload_bytes, settings.root_path), tags=["uploads"]
+    max_upload_bytes, root_path = settings.capture.max_upload_bytes, settings.root_path
+    written: tuple[tuple[Tag, APIRouter], ...] = (
+        ("server", server_routes(info)),
+        ("scenes", scene_routes(service, settings, threads)),
+        ("operations", operation_routes(service, threads)),
+        ("queries", query_routes(service, threads)),
+        ("queries", photo_routes(service, threads)),
+        ("queries", localize_routes(service, settings, threads)),
+        ("queries", export_routes(service, threads)),
     )
-    app.include_router(operation_routes(service, threads), tags=["operations"])
-    app.include_router(job_watching_routes(service, threads), tags=["operations"])
-    app.include_router(query_routes(service, threads), tags=["queries"])
-    app.include_router(photo_routes(service, threads), tags=["queries"])
-    app.include_router(detection_routes(service, threads), tags=["queries"])
-    app.include_router(localize_routes(service, settings, threads), tags=["queries"])
-    app.include_router(export_routes(service, threads), tags=["queries"])
-    app.include_router(key_routes(service, threads), tags=["keys"])
-    app.include_router(known_name_routes(service, threads), tags=["known names"])
+    for tag, router in written:  # before those of the table: the path of a job matches that of waiting for it, too
+        app.include_router(router, tags=[tag])
+    for tag in get_args(Tag):
+        app.include_router(table_routes(tag, service, threads, root_path), tags=[tag])
+    app.include_router(tus_routes(service, threads, max_upload_bytes, root_path), tags=["uploads"])
     app.include_router(health_routes(readiness or Readiness(lambda: None)), tags=["health"])
 
     @cache

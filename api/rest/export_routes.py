@@ -1,4 +1,4 @@
-"""The REST routes of finished scenes as files for other programs, and of places on the map of their floor."""
+"""The REST routes of finished scenes as files for other programs."""
 
 from __future__ import annotations
 
@@ -10,20 +10,17 @@ from fastapi import Path as PathParameter
 from starlette.responses import Response
 
 from fastsplat.api.rest.files import immutable_file
-from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, run_cancellable
+from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellable
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.exporting.scene_exports import MEDIA_TYPES, UNREPEATABLE
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
-from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.members import description_of
 
 _Things = Annotated[list[int], Query(description=description_of(ExportRequest, "things"))]
 _Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
-_Thing = Annotated[int, Query(description="id of a thing or a part")]
-_Radius = Annotated[float, Query(description="meters; 0: 0.2", ge=0)]
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 
@@ -45,15 +42,6 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         if export.format == "html":  # a page of its own, not one of this server
             headers["Content-Security-Policy"] = "sandbox"
         return Response(content, media_type=MEDIA_TYPES[export.format], headers=headers)
-
-    @router.get("/scenes/{scene_id}/goal", response_model=Goal)
-    async def get_goal(
-        request: Request, scene_id: str, thing_id: _Thing = 0, robot_radius: _Radius = 0.0, version: Version = ""
-    ) -> Response:
-        """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up."""
-        return await json_of_call(
-            request, threads.answer, lambda: service.exports.goal(scene_id, thing_id, robot_radius, version)
-        )
 
     @router.get(
         "/scenes/{scene_id}/scene.ply",

@@ -15,7 +15,6 @@ from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
-from fastsplat_contract.measure_messages import MeasureIn, Measurement, MeasureRequest
 from fastsplat_contract.members import description_of
 from fastsplat_contract.queries import (
     PictureFormat,
@@ -26,7 +25,6 @@ from fastsplat_contract.queries import (
     QueryRequest,
     RenderIn,
 )
-from fastsplat_contract.thing_messages import PickedThing, PickIn, PickRequest
 
 _PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {
@@ -107,18 +105,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
         return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
-
-    @router.post("/v1/scenes/{scene_id}:measure", response_model=Measurement)
-    async def measure_scene(request: Request, scene_id: str, body: MeasureIn) -> Response:
-        """How far two places are from each other, how large a thing is, or where a place is."""
-        what = MeasureRequest(scene_id=scene_id, **vars(body))
-        return await json_of_call(request, threads.answer, lambda: service.answers.measure(what))
-
-    @router.post("/v1/scenes/{scene_id}:pick", response_model=PickedThing)
-    async def pick_thing(request: Request, scene_id: str, body: PickIn) -> Response:
-        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask."""
-        place = PickRequest(scene_id, **vars(body))
-        return await json_of_call(request, threads.answer, lambda: service.answers.pick(place))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",

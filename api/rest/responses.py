@@ -13,6 +13,7 @@ from starlette.responses import Response
 from fastsplat.api.rest.problem_answers import PROBLEM_RESPONSE
 from fastsplat.api.rest.standard_http import reads_gzip
 from fastsplat_contract.json_codec import to_json
+from fastsplat_contract.operations import Operation
 
 _R = TypeVar("_R")
 
@@ -98,6 +99,11 @@ async def json_of_call(
 def json_response(body: bytes, status: int = 200, headers: Mapping[str, str] | None = None) -> Response:
     """JSON that is written already."""
     return Response(body, status, headers, "application/json")
+
+
+def accepted(operation: Operation, root_path: str) -> Response:
+    """A job that was ordered, and where it is; the API is served under `root_path`."""
+    return json_response(to_json(operation), 202, {"Location": f"{root_path}/v1/operations/{operation.id}"})
 
 
 async def _disconnect(request: Request, body_read: asyncio.Event | None) -> None:

@@ -20,8 +20,7 @@ SupportRelation = Literal["on", "in"]
 """How a thing is carried: it rests on the other or hangs on it, or it is in it."""
 
 CovarianceTerm = Literal["edges", "membership", "scale", "alignment"]
-"""What a covariance of positions is made of: how sharp the thing's ends are, which of its Gaussians may not be its own,
-how long a unit is, how well the pairs of points fit that put the scene into a map."""
+"""What a covariance of positions is made of."""
 
 
 @travels(request=False)
@@ -66,7 +65,12 @@ class Detection(Response):
         ),
     ]
     covariance_terms: Annotated[
-        Many[CovarianceTerm], Field(description="what is in `position_covariance`; what is not named was not known")
+        Many[CovarianceTerm],
+        Field(
+            description="what is in `position_covariance`; what is not named was not known. edges: how sharp the "
+            "thing's ends are; membership: which of its Gaussians may not be its own; scale: how long a unit is; "
+            "alignment: how well the pairs of points fit that put the scene into a map"
+        ),
     ]
     support: Annotated[
         Support | None,

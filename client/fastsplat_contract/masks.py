@@ -5,14 +5,14 @@ from __future__ import annotations
 import importlib
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from fastsplat_contract.errors import InvalidInputError, MissingPackageError
-from fastsplat_contract.wire import Base64, Many, Response
+from fastsplat_contract.wire import Base64, Int64, Many, Response
 
 MaskEncoding = Literal["rle", "png"]
 Mask3dEncoding = Literal["bits", "runs", "indices", "ply"]
@@ -45,7 +45,7 @@ class ViewMask(Response):
         Base64 | None,
         Field(description="8-bit gray PNG, 255 inside, 0 outside, base64 in JSON; absent unless asked for"),
     ]
-    area: Annotated[int, Field(description="pixels inside")]
+    area: Annotated[Int64, Field(description="pixels inside")]
 
     def array(self) -> NDArray[np.bool_]:
         """bool [H, W].
@@ -67,6 +67,18 @@ class ViewMask(Response):
                 hint="pip install 'fastsplat-client[png]', or ask for \"rle\".",
             ) from None
         return np.asarray(image.open(BytesIO(self.png))) > 0
+
+
+@dataclass(frozen=True)
+class ViewMaskPiece(ViewMask):
+    """A 2D mask as it travels over gRPC: whole, or the rest of one that is too long for one message."""
+
+    proto: ClassVar[str] = "ViewMask"
+
+    continues: Annotated[
+        bool,
+        Field(description="append this one's counts or png to those of the mask before; nothing else is new"),
+    ] = False
 
 
 def encode_rle(mask: NDArray[np.bool_]) -> str:

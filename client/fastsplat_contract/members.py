@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_
 
 from pydantic.fields import FieldInfo
 
-from fastsplat_contract.wire import Carried
+from fastsplat_contract.wire import Bits64, Carried, OneOf
 
 
 class Member(NamedTuple):
@@ -22,6 +22,8 @@ class Member(NamedTuple):
     optional: bool  # whether it may be None
     default: bool  # whether it has one
     carried: str  # the protobuf message that has the field; "" for the type's own
+    one_of: str  # the protobuf oneof that the field is of; "" for none
+    wide: bool  # whether the number has 64 bits in protobuf
     description: str
 
 
@@ -55,8 +57,10 @@ def _members(hints: dict[str, Any], defaults: dict[str, bool]) -> Iterator[Membe
         if many := get_origin(kind) in (tuple, frozenset):
             kind, _ = _bare(get_args(kind)[0])
         carried = next((mark.by for mark in marks if isinstance(mark, Carried)), "")
+        one_of = next((mark.name for mark in marks if isinstance(mark, OneOf)), "")
         descriptions = (mark.description for mark in marks if isinstance(mark, FieldInfo))
-        yield Member(name, kind, many, optional, default, carried, next(filter(None, descriptions), ""))
+        description = next(filter(None, descriptions), "")
+        yield Member(name, kind, many, optional, default, carried, one_of, Bits64() in marks, description)
 
 
 def _bare(hint: Any) -> tuple[Any, tuple[Any, ...]]:

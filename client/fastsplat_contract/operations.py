@@ -13,7 +13,7 @@ from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.train_more_messages import PresetName as PresetName
 from fastsplat_contract.train_more_messages import TrainMoreResult
-from fastsplat_contract.wire import Many, Request, Response, travels
+from fastsplat_contract.wire import Int64, Many, Request, Response, travels
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
@@ -55,7 +55,7 @@ class SceneOptions(Request):
             "quality says what was given up for it",
         ),
     ] = None
-    max_gaussians: Annotated[int | None, Field(ge=1, description="hard budget; absent: the server's default")] = None
+    max_gaussians: Annotated[Int64 | None, Field(ge=1, description="hard budget; absent: the server's default")] = None
     preset: Annotated[PresetName | None, Field(description="draft, balanced or best; absent: the server's default")] = (
         None
     )
@@ -222,21 +222,6 @@ class RetryIn(Request):
             "verdicts call them, beside those of earlier retries"
         ),
     ] = ()
-
-
-@dataclass(frozen=True)
-class ListOperations(Request):
-    """Which page of which operations."""
-
-    proto: ClassVar[str] = "ListOperationsRequest"
-
-    page_size: Annotated[
-        int, Field(description="0: the server's default; more than the server's maximum counts as the maximum")
-    ] = 0
-    page_token: Annotated[
-        str, Field(description="empty: the first page; otherwise next_page_token of the page before")
-    ] = ""
-    state: Annotated[OperationState | None, Field(description="only those in this state")] = None
 
 
 @travels(request=False, proto="ListOperationsResponse")

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.scenes import NextPageToken
-from fastsplat_contract.wire import Many, Response, travels
+from fastsplat_contract.wire import Int64, Many, Response, travels
 
 
 @travels(request=False)
@@ -17,7 +17,7 @@ class ScenePhoto(NamedTuple):
     """A photo that is stored with a scene."""
 
     view: Annotated[str, Field(description="name of the scene's camera that took it")]
-    size_bytes: Annotated[int, Field(description="of the JPEG file")]
+    size_bytes: Annotated[Int64, Field(description="of the JPEG file")]
 
 
 @travels(request=False, proto="ListPhotosResponse")

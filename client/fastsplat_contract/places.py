@@ -10,18 +10,24 @@ from pydantic import Field
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import Pixel
-from fastsplat_contract.wire import Many, Request, travels
+from fastsplat_contract.wire import Many, OneOf, Request, travels
 
 
 @dataclass(frozen=True)
 class Place(Request):
     """One place of a scene: what a view shows at a pixel, a point of the world, or a whole thing."""
 
-    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint, for a pixel")] = None
-    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
-    pixel: Annotated[Pixel | None, Field(description="of the camera or view: the surface that it shows there")] = None
-    point: Annotated[Vector3 | None, Field(description="in the world frame, instead of `pixel`")] = None
-    thing: Annotated[int | None, Field(description="id of a thing, instead of `pixel`: its surface and its box")] = None
+    camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint, for a pixel")] = None
+    view: Annotated[
+        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
+    ] = None
+    pixel: Annotated[
+        Pixel | None, OneOf("place"), Field(description="of the camera or view: the surface that it shows there")
+    ] = None
+    point: Annotated[Vector3 | None, OneOf("place"), Field(description="in the world frame, instead of `pixel`")] = None
+    thing: Annotated[
+        int | None, OneOf("place"), Field(description="id of a thing, instead of `pixel`: its surface and its box")
+    ] = None
 
 
 @dataclass(frozen=True)

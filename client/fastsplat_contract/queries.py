@@ -13,7 +13,7 @@ from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
 from fastsplat_contract.phrase_messages import PhraseAnswer
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.scenes import Color, SceneObject
-from fastsplat_contract.wire import Base64, Carried, Many, Request, Response, Some, checked, travels
+from fastsplat_contract.wire import Base64, Carried, Int64, Many, OneOf, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
 Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
@@ -73,7 +73,11 @@ class QueryIn(Request):
     cameras: Annotated[Many[PosedCamera], Field(description="free viewpoints for 2D masks")] = ()
     views: Annotated[Many[str], Field(description="names of the scene's own cameras for 2D masks")] = ()
     outputs: Annotated[
-        Some[Output], Field(description="what to compute beside the ranking; mask2d needs cameras or views")
+        Some[Output],
+        Field(
+            description="what to compute beside the ranking. mask2d: a 2D mask per text and camera or view, which it "
+            "needs; mask3d: a 3D mask per text; objects: the things that answer, as boxes"
+        ),
     ] = frozenset()
     version: Version = ""
     negatives: Annotated[Many[str], Field(description="canonical negatives of the relevancy; empty: the server's")] = ()
@@ -132,7 +136,7 @@ class Match(
     relevancy: Annotated[float, Field(description="0..1")]
     similarity: Annotated[float, Field(description="cosine, -1..1")]
     nearest_negative: Annotated[str, Field(description="the canonical negative that set the relevancy")]
-    gaussian_count: int
+    gaussian_count: Int64
     relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
     probability: Annotated[
         float | None,
@@ -199,7 +203,7 @@ class Answer(Response):
         ),
     ]
     version: Annotated[str, Field(description="of the scene")]
-    gaussians: Annotated[int, Field(description="G, the length of the 3D mask")]
+    gaussians: Annotated[Int64, Field(description="G, the length of the 3D mask")]
     match_count: Annotated[int, Field(description="entries in the whole dictionary")]
     matches: Annotated[Many[Match], Field(description="entries of the dictionary, best first, up to `max_matches`")]
     masks: Annotated[
@@ -291,7 +295,7 @@ class SkippedScene(Response):
     detail: Annotated[str, Field(description="one sentence for people")]
 
 
-@travels(request=False)
+@travels(request=False, proto="QueryResponse")
 class QueryOut(NamedTuple):
     """One answer a text; over all scenes, one a scene and text."""
 
@@ -332,8 +336,10 @@ class RenderIn(Request):
         ),
     ]
     text: Annotated[str | None, Field(description="the question; overlay, relevancy and mask need one")] = None
-    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
-    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
+    camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
+    view: Annotated[
+        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
+    ] = None
     version: Version = ""
     format: Annotated[
         PictureFormat,

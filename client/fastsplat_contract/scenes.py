@@ -14,7 +14,7 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
-from fastsplat_contract.wire import Many, Request, Response, travels
+from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
@@ -33,9 +33,9 @@ class DictionaryEntry(Response):
     label_id: Annotated[int, Field(description="from 1; 0 means undetected")]
     label: str
     aliases: Annotated[Many[str], Field(description="other names merged into this entry")]
-    pixels: Annotated[int, Field(description="over all label maps")]
+    pixels: Annotated[Int64, Field(description="over all label maps")]
     views: Annotated[int, Field(description="label maps it occurs in")]
-    gaussian_count: Annotated[int, Field(description="Gaussians whose most probable class it is")]
+    gaussian_count: Annotated[Int64, Field(description="Gaussians whose most probable class it is")]
 
 
 @travels(request=False, proto="ListLabelsResponse")
@@ -57,7 +57,7 @@ class SceneSummary(Response):
     state: SceneState
     operation_id: Annotated[str, Field(description="the operation that makes it")]
     created_at: datetime
-    gaussians: Annotated[int, Field(description="G, the length of every 3D mask; 0 until ready")]
+    gaussians: Annotated[Int64, Field(description="G, the length of every 3D mask; 0 until ready")]
     scale: Annotated[
         Scale,
         Field(
@@ -69,12 +69,10 @@ class SceneSummary(Response):
 
 
 ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "point_pairs"]
-"""What said how long a unit is: lengths that a person knew, printed tags in the photos, a depth sensor's maps, a
-phone's tracking, the places in the photos' EXIF, or points of a map; of several the surest."""
+"""What said how long a unit is."""
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
-"""What said which way is up: sensors, as the photos' metadata have them; cameras that were held level; floors, tables
-and other level planes; or, least surely, the mean of what the cameras had for up."""
+"""What said which way is up."""
 
 
 _PLUS_Z = Vector3(0.0, 0.0, 1.0)
@@ -84,7 +82,14 @@ _PLUS_Z = Vector3(0.0, 0.0, 1.0)
 class SceneVertical(Response):
     """Which way is up in a scene's current version, and how sure that is."""
 
-    source: VerticalSource
+    source: Annotated[
+        VerticalSource,
+        Field(
+            description="metadata: sensors, as the photos' metadata have them; horizon: cameras that were held level; "
+            "planes: floors, tables and other level planes; cameras: the mean of what the cameras had for up, the "
+            "least sure"
+        ),
+    ]
     deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
     up: Annotated[
         Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
@@ -95,7 +100,14 @@ class SceneVertical(Response):
 class SceneScaling(NamedTuple):
     """How the unit of a scene's current version came to be a meter."""
 
-    source: ScaleSource
+    source: Annotated[
+        ScaleSource,
+        Field(
+            description="known_length: lengths that a person knew; tags: printed tags in the photos; sensor_depth: "
+            "maps of a depth sensor; arkit: a phone's tracking; gps: the places in the photos' EXIF; point_pairs: "
+            "points of a map; of several the surest"
+        ),
+    ]
     meters_per_unit: Annotated[
         float, Field(description="of the scene as it was trained; lengths of this version are multiplied by it")
     ]
@@ -189,7 +201,7 @@ class SceneObject(Response):
     score: Annotated[float, Field(description="how sure its Gaussians are of the label, 0..1")]
     centroid: Annotated[Vector3, Field(description="world frame, scene units")]
     box: Box
-    gaussian_count: int
+    gaussian_count: Int64
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     best_views: Annotated[Many[str], Field(description="the scene's cameras that see it best, best first")]
     thing_id: Annotated[int, Field(description="which thing it is, see SceneThing")] = 0
@@ -238,8 +250,8 @@ class Edit(Request):
             "train_more: stand in the versions that such jobs have made, and are no edits to send"
         ),
     ]
-    label: str | None = None
-    object_id: Annotated[str | None, Field(description="instead of `label`")] = None
+    label: Annotated[str | None, OneOf("target")] = None
+    object_id: Annotated[str | None, OneOf("target"), Field(description="instead of `label`")] = None
     color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
     transform: Annotated[
         Pose | None,
@@ -340,7 +352,7 @@ class SceneVersion(Response):
     version: str
     parent: Annotated[str, Field(description="the version it was made of; empty for the trained one")]
     created_at: datetime
-    gaussians: int
+    gaussians: Int64
     current: Annotated[bool, Field(description="whether questions that name no version go here")]
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
     prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()

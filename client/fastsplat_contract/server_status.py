@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from fastsplat_contract.keys import Role
-from fastsplat_contract.wire import Many, Response
+from fastsplat_contract.wire import Int64, Many, Response
 
 ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
 ModelState = Literal["ready", "missing", "unset"]
@@ -39,8 +39,8 @@ class QuotaStatus(Response):
     """What the project uses of one quota."""
 
     kind: Annotated[QuotaKind, Field(description="scenes, bytes of their uploads, jobs that wait or run")]
-    used: int
-    limit: Annotated[int | None, Field(description="absent: no bound")]
+    used: Int64
+    limit: Annotated[Int64 | None, Field(description="absent: no bound")]
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class ServerStatus(Response):
     training_backend: Annotated[str, Field(description="what this server's workers train with: cpu, cuda or reference")]
     workers: Annotated[int, Field(description="worker processes that live; without one, jobs wait")]
     quotas: Annotated[Many[QuotaStatus], Field(description="of the project; empty for a key for one upload")]
-    max_upload_bytes: Annotated[int, Field(description="of one upload, all its files together")]
+    max_upload_bytes: Annotated[Int64, Field(description="of one upload, all its files together")]
     max_images: Annotated[int, Field(description="images in one upload")]
     addresses: Annotated[
         Many[str],

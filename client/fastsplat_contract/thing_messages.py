@@ -14,7 +14,7 @@ from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.scenes import Box, NextPageToken
 from fastsplat_contract.thing_prompts import Pixel as Pixel
 from fastsplat_contract.thing_prompts import PixelBox as PixelBox
-from fastsplat_contract.wire import Many, Request, Response, travels
+from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
 
 NameSource = Literal["given", "detected", "person"]
 """Who named a thing: label maps that came with the capture, a detector, a person."""
@@ -57,7 +57,7 @@ class SceneThing(Response):
         Field(description="of a surface: floor, ceiling, wall, horizontal surface, or surface; empty for a thing"),
     ]
     consensus: Annotated[float, Field(description="share of the views that see it in which it was proposed, 0..1")]
-    gaussian_count: int
+    gaussian_count: Int64
     box: Annotated[Box | None, Field(description="absent if all its Gaussians are too faint to be seen")]
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     parent: Annotated[int, Field(description="of a part: the thing that it is a part of; else 0")] = 0
@@ -79,15 +79,21 @@ class PickIn(Request):
 
     proto: ClassVar[str] = "PickThingRequest"
 
-    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
-    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
-    pixel: Annotated[Pixel | None, Field(description="of the camera or view: the thing that it shows")] = None
+    camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
+    view: Annotated[
+        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
+    ] = None
+    pixel: Annotated[
+        Pixel | None, OneOf("place"), Field(description="of the camera or view: the thing that it shows")
+    ] = None
     box: Annotated[
         PixelBox | None,
+        OneOf("place"),
         Field(description="of the camera or view, instead of `pixel`: the thing whose mask overlaps it best"),
     ] = None
     point: Annotated[
         Vector3 | None,
+        OneOf("place"),
         Field(description="instead of `pixel`, in the world frame: the thing at it; then no camera or view is needed"),
     ] = None
     version: Version = ""

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.wire import Many, Request, Response, travels
+from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
 
 PROMPTED = ("split", "add")
 """The edits that say by a prompt which Gaussians they mean."""
@@ -36,8 +36,10 @@ class PixelBox(NamedTuple):
 class ThingPrompt(Request):
     """Where one thing is in the picture of a view: pixels on it, a box around it, or both."""
 
-    camera: Annotated[PosedCamera | None, Field(description="a free viewpoint")] = None
-    view: Annotated[str | None, Field(description="name of one of the scene's own cameras, instead of `camera`")] = None
+    camera: Annotated[PosedCamera | None, OneOf("viewpoint"), Field(description="a free viewpoint")] = None
+    view: Annotated[
+        str | None, OneOf("viewpoint"), Field(description="name of one of the scene's own cameras, instead of `camera`")
+    ] = None
     pixels: Annotated[Many[Pixel], Field(description="on the thing; with a box they may be left out")] = ()
     background: Annotated[Many[Pixel], Field(description="beside the thing")] = ()
     box: Annotated[PixelBox | None, Field(description="around the thing")] = None
@@ -49,7 +51,7 @@ class PromptedThing(Response):
 
     edit: Annotated[int, Field(description="number of the edit in its request, from 0")]
     thing_id: Annotated[int, Field(description="of the new thing")]
-    gaussian_count: Annotated[int, Field(description="that the new thing got")]
+    gaussian_count: Annotated[Int64, Field(description="that the new thing got")]
     views: Annotated[
         Many[str],
         Field(

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fastsplat_contract.wire import Request, Response
+from fastsplat_contract.wire import Int64, Request, Response
 
 PresetName = Literal["draft", "balanced", "best"]
 
@@ -45,10 +45,10 @@ class TrainMoreResult(Response):
             "edits that stay in force: then the new version stands beside them, to be restored"
         ),
     ]
-    steps: Annotated[int, Field(description="of optimization")]
+    steps: Annotated[Int64, Field(description="of optimization")]
     seconds: Annotated[float, Field(description="of optimization")]
-    gaussians_before: Annotated[int, Field(description="of the version that it began with")]
-    gaussians: Annotated[int, Field(description="of the new version")]
+    gaussians_before: Annotated[Int64, Field(description="of the version that it began with")]
+    gaussians: Annotated[Int64, Field(description="of the new version")]
     psnr_before: Annotated[
         float | None, Field(description="dB, of photos that training does not see; absent where all are trained on")
     ]

@@ -128,6 +128,20 @@ class Carried(NamedTuple):
     by: str
 
 
+class OneOf(NamedTuple):
+    """In protobuf the field is one of a oneof: of the fields of one name, a message has one at most."""
+
+    name: str
+
+
+class Bits64(NamedTuple):
+    """In protobuf the number has 64 bits; others have 32."""
+
+
+Int64 = Annotated[int, Bits64()]
+"""A number that may pass 2^31; in protobuf it has 64 bits."""
+
+
 def checked(check: Callable[[T], T]) -> Callable[[T], T]:
     """A validator of pydantic that refuses what `check` refuses, with its limit and its hint."""
 

@@ -16,7 +16,7 @@ from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.keys import Role
 
 ROLES: tuple[Role, ...] = get_args(Role)
-"""Each may do what those before it may, but the first: see `api.access.policy.Rule`."""
+"""Each may do what those before it may, but the first: see `fastsplat_contract.call.Rule`."""
 
 
 @dataclass(frozen=True)

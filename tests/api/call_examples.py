@@ -126,7 +126,7 @@ EXAMPLES = (
     *(Example("WaitOperation", {"timeout_s": 0.0}, of) for of in ("done", "training")),
     Example("FinishOperation", of="training"),
     Example("CancelOperation", of="training"),
-    Example("RetryOperation", {"exclude": ["bad.jpg"]}, "cancelled"),
+    Example("RetryOperation", {"exclude": ("bad.jpg",)}, "cancelled"),
     *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras")),
     Example("GetServerStatus"),
     Example("ListKnownNames", {"page_size": 1}, "named"),

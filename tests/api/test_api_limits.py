@@ -14,9 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.api.access.caller import Principal
-from fastsplat.api.access.policy import Rule
 from fastsplat.api.access.rate_limits import RateLimiter
 from fastsplat.service.settings import LimitSettings, Settings
+from fastsplat_contract.call import Rule
 from fastsplat_contract.errors import NotFoundError, OverloadedError, RateLimitedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served

@@ -2,43 +2,39 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-from fastsplat.api.access.policy import _CALLS
 from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES
 from fastsplat.api.rest import openapi
 from fastsplat.service.application.jobs.stored import scene_of
 from fastsplat.service.application.service import MAX_LISTED
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import SceneRecord
+from fastsplat_contract.calls import CALLS
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2
+from protos import generate
+from protos.proto_text import proto_text
+from protos.registry import Registry
 from tests.api.made_scene import turned
 
-_PROTOS = Path(__file__).resolve().parents[2] / "protos"
 
-
-def _generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("generate", _PROTOS / "generate.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def test_the_proto_is_that_of_the_types() -> None:
+    registry = Registry(generate.NUMBERS)
+    written = proto_text(generate.PROTO.with_suffix(".proto.in").read_text(), registry)
+    assert written == generate.PROTO.read_text(), "fastsplat.proto is stale: make protos"
 
 
 def test_the_generated_code_is_that_of_the_proto(tmp_path: Path) -> None:
-    generator = _generator()
-    generator.generate(tmp_path)
-    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.py*")} == set(generator.GENERATED)
-    for name in generator.GENERATED:
-        assert (tmp_path / name).read_text() == (generator.OUTPUT / name).read_text(), f"{name} is stale: make protos"
+    generate.generate(tmp_path)
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.py*")} == set(generate.GENERATED)
+    for name in generate.GENERATED:
+        assert (tmp_path / name).read_text() == (generate.OUTPUT / name).read_text(), f"{name} is stale: make protos"
 
 
 @pytest.fixture(scope="module")
@@ -66,9 +62,9 @@ def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(
     ask where it is."""
     routes = {f"{method.upper()} {path}" for path, methods in described["paths"].items() for method in methods}
     elsewhere = {"GET /livez", "GET /readyz", "GET /v1/server"} | {route for route in routes if "/v1/uploads" in route}
-    assert {route for _, named in _CALLS.values() for route in named} == routes - elsewhere
+    assert {route for call in CALLS for route in call.routes} == routes - elsewhere
     rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
-    assert rpcs - {rpc for rpc, (_, named) in _CALLS.items() if named} == {"StreamQuery"}
+    assert rpcs - {call.rpc for call in CALLS if call.routes} == {"StreamQuery"}
 
 
 def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:

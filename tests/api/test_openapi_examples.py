@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fastsplat.api.examples.example_parameters import IDS
 from fastsplat.api.rest import openapi
-from fastsplat.api.rest.example_parameters import IDS
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene

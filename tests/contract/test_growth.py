@@ -1,15 +1,18 @@
-"""A scalar more on a box or on an answer: the type and the .proto say so, and everything else follows."""
+"""A scalar more on a box or on an answer: the type says so, and everything else follows."""
 
 from __future__ import annotations
 
-import importlib.util
+import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from protos.registry import Registry
 
 _ROOT = Path(__file__).resolve().parents[2]
 _BOX = """    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
@@ -36,12 +39,12 @@ assert list(answers_of(messages_of(answer), frozenset())) == [answer]
 
 @pytest.fixture
 def grown(tmp_path: Path) -> Path:
-    """A copy of the contract in which `Box.fill` and `Answer.seconds` are new: on the type, and in the .proto."""
-    shutil.copytree(_ROOT / "client/fastsplat_contract", tmp_path / "fastsplat_contract")
+    """A copy of the contract in which `Box.fill` and `Answer.seconds` are new on the type."""
+    shutil.copytree(_ROOT / "client/fastsplat_contract", tmp_path / "client/fastsplat_contract")
     shutil.copytree(_ROOT / "protos", tmp_path / "protos")
-    _replace(tmp_path / "fastsplat_contract/scenes.py", _BOX, f"{_BOX}    fill: float\n")
+    _replace(tmp_path / "client/fastsplat_contract/scenes.py", _BOX, f"{_BOX}    fill: float\n")
     _replace(
-        tmp_path / "fastsplat_contract/queries.py",
+        tmp_path / "client/fastsplat_contract/queries.py",
         _ANSWER,
         _ANSWER.replace("gaussians", "seconds: float\n    gaussians"),
     )
@@ -55,33 +58,39 @@ def _replace(path: Path, old: str, new: str) -> None:
 
 
 def _run(root: Path, code: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "PYTHONPATH": str(root)}
-    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    environment = {**os.environ, "PYTHONPATH": f"{root}:{root / 'client'}"}
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_a_scalar_more_takes_the_type_and_the_proto(grown: Path) -> None:
-    proto = grown / "protos/fastsplat/v1/fastsplat.proto"
-    _replace(proto, "message Box {\n", "message Box {\n  double fill = 99;\n")
-    _replace(proto, "message Answer {\n", "message Answer {\n  double seconds = 99;\n")
-    spec = importlib.util.spec_from_file_location("generate", grown / "protos/generate.py")
-    assert spec is not None and spec.loader is not None
-    generator = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(generator)
-    generator.generate(grown / "fastsplat_contract/v1")
+def test_a_scalar_more_takes_the_type_alone(grown: Path) -> None:
+    numbers = grown / "protos/fastsplat/v1/numbers.json"
+    before = json.loads(numbers.read_text())
+    generated = _run(grown, "from protos import generate; generate.write_proto(); generate.generate(generate.OUTPUT)")
+    assert generated.returncode == 0, generated.stderr
+    after = json.loads(numbers.read_text())
+    assert after["Box"].pop("fill") == 3 and after["Answer"].pop("seconds") == max(before["Answer"].values()) + 1
+    assert after == before
     tried = _run(grown, _TRY)
     assert tried.returncode == 0, tried.stderr
 
 
-@pytest.mark.parametrize("name", ["Box.fill", "Answer.seconds"])
-def test_one_that_the_proto_lacks_is_named(grown: Path, name: str) -> None:
-    kind = name.partition(".")[0]
-    shutil.copytree(_ROOT / "tests/contract", grown / "tests/contract")
-    (grown / "api/rest").mkdir(parents=True)
-    shutil.copy(_ROOT / "api/rest/openapi.json", grown / "api/rest/openapi.json")
-    for test, words in (
-        ("test_protobuf_has_the_same_fields", f"{name} is not in message {kind}"),
-        ("test_json_has_the_same_fields", f"openapi.json and the type differ in {name}"),
-    ):
-        code = f"from tests.contract.test_agreement import {test} as check; check({kind!r})"
-        refused = _run(grown, code)
-        assert refused.returncode != 0 and words in refused.stderr, refused.stderr
+def test_a_number_is_given_once_and_never_again(tmp_path: Path) -> None:
+    path = tmp_path / "numbers.json"
+    path.write_text('{"Box": {"center": 1, "size": 4}}')
+    registry = Registry(path)
+    assert registry.numbers("Box", ["fill", "size"]) == {"size": 4, "fill": 5}  # `center` went
+    assert registry.retired("Box", ["fill", "size"]) == {"center": 1}
+    registry.save()
+    again = Registry(path)
+    assert again.numbers("Box", ["weight", "center"]) == {"center": 1, "weight": 6}
+    assert again.numbers("Cone", ["height"]) == {"height": 1}
+
+
+def test_what_is_gone_from_a_type_is_reserved_in_the_proto(grown: Path) -> None:
+    _replace(grown / "client/fastsplat_contract/scenes.py", f"{_BOX}    fill: float\n", "    fill: float\n")
+    written = _run(grown, "from protos import generate; generate.write_proto()")
+    assert written.returncode == 0, written.stderr
+    proto = (grown / "protos/fastsplat/v1/fastsplat.proto").read_text()
+    (box,) = re.findall(r"^message Box \{.*?^\}", proto, re.MULTILINE | re.DOTALL)
+    assert "reserved 2;" in box and 'reserved "size";' in box and "double fill = 3;" in box

@@ -51,7 +51,7 @@ def values_of(kind: Any) -> st.SearchStrategy[Any]:
 @cache
 def _bounds(kind: Any) -> Mapping[str, Any]:
     schema = json_schema_of(kind)
-    properties: Mapping[str, Any] = schema.get("properties") or schema["$defs"][kind.__name__]["properties"]
+    properties: Mapping[str, Any] = (schema["$defs"][kind.__name__] if "$ref" in schema else schema)["properties"]
     return properties
 
 

@@ -51,7 +51,7 @@ def test_every_rpc_and_message_is_described(site: Path) -> None:
     service = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"]
     assert [method.name for method in service.methods if method.name not in text] == []
     assert [name for name in fastsplat_pb2.DESCRIPTOR.message_types_by_name if name not in text] == []
-    assert "Uploads a capture and queues its training." in text
+    assert "Upload a capture and queue its training." in text
 
 
 def test_every_public_name_of_python_is_described(site: Path) -> None:

@@ -301,41 +301,43 @@ class SceneServiceServicer:
     """Missing associated documentation comment in .proto file."""
 
     def CreateScene(self, request_iterator, context):
-        """Uploads a capture and queues its training. One header, then for each file its FileHeader followed by its chunks.
-        The answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
+        """Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. The
+        answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetScene(self, request, context):
-        """Missing associated documentation comment in .proto file."""
+        """One scene with its dictionary, cameras and quality.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListScenes(self, request, context):
-        """Scenes in pages (AIP-158), newest first, without their dictionaries, cameras and quality.
+        """Scenes in pages, newest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def UpdateScene(self, request, context):
-        """Renames a scene.
+        """Rename a scene.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def DeleteScene(self, request, context):
-        """Missing associated documentation comment in .proto file."""
+        """Forget a scene and all its files; its job stops.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListPhotoVerdicts(self, request, context):
-        """What became of each photo of the scene's capture, in pages, by name; as soon as its capture stage is done.
+        """What became of each photo of a scene's capture, in pages, by name; once its capture stage is done.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -363,7 +365,7 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def PickThing(self, request, context):
-        """Which thing is at a pixel or in a box of a view, or at a point of the scene.
+        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -377,107 +379,106 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def EditScene(self, request, context):
-        """Makes a new version of a scene: the edits in order, all or none. Questions that are being answered keep the version
-        they began with.
+        """Make a new version of a scene: the edits in order, all or none; it is current on return.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def AlignScene(self, request, context):
-        """Puts a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version: an edit by itself.
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def UndoEdit(self, request, context):
-        """Goes back to the version before the current one.
+        """Go back to the version before the current one.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RedoEdit(self, request, context):
-        """Goes forward to the version that was undone: of those made of the current one, the one that was current last.
+        """Go forward to the version that was undone: of several made of the current one, the one current last.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RestoreVersion(self, request, context):
-        """Makes any version the current one; all others stay.
+        """Make any version of a scene the current one; all others stay.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListVersions(self, request, context):
-        """Every version, oldest first.
+        """Every version of a scene, oldest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def LookAgain(self, request, context):
-        """Searches a scene for more names with the server's open-set detector, and names what that finds: a job, which makes a
-        new version of the scene. The answer is durable.
+        """Search a scene for more names with the server's open-set detector: an operation that makes a version.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def TrainMore(self, request, context):
-        """Trains a scene further, from where it is, with the photos that are kept with it: a job, which makes a new version of
-        the scene. The answer is durable.
+        """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetOperation(self, request, context):
-        """Missing associated documentation comment in .proto file."""
+        """Where a job stands, stage by stage.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListOperations(self, request, context):
-        """Operations in pages (AIP-158), newest first.
+        """Operations in pages, newest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def CancelOperation(self, request, context):
-        """Missing associated documentation comment in .proto file."""
+        """Ask a job to stop; one that is over stays as it is.
+        """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RetryOperation(self, request, context):
-        """Queues a failed or cancelled operation again, with the upload that it had; one in another state stays as it is.
+        """Queue a failed or cancelled job again, with the upload that it had, or with less of it; one in another state stays
+        as it is.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def FinishOperation(self, request, context):
-        """Asks a job to end its training early, and to make the scene of what is there; asked again it changes nothing.
-        FAILED_PRECONDITION unless it trains right now.
+        """Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetPreview(self, request, context):
-        """The newest picture of a scene that is being trained.
+        """The newest picture of a scene that is being trained, with its step and figures.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def GetPlacedCameras(self, request, context):
-        """The cameras that a job has placed so far, with some points.
+        """The cameras that a job has placed so far, and some of its points.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -491,7 +492,7 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def WatchOperation(self, request, context):
-        """Sends the operation now and on every change, and ends after a state that is final.
+        """The operation now and on every change, until it is done.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -569,7 +570,7 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ListNextPhotos(self, request, context):
-        """Where to stand for the next photos of a scene.
+        """Where to stand for the next photos of a scene: at most three places, the most useful first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -583,58 +584,58 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ListDetections(self, request, context):
-        """The things of a scene as a robot needs them, in pages, by id: poses with covariances, names with probabilities, what
-        carries them, and by which views they are known.
+        """The things of a scene in pages, by id: poses with covariances, names with probabilities, what carries them, and by
+        which views they are known.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def Localize(self, request, context):
-        """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in one
-        message; REST takes larger ones.
+        """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in
+        one message; REST takes larger ones.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListBestViews(self, request, context):
-        """Which of the scene's cameras show some things, or the answer to a text, best.
+        """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def CreateKey(self, request, context):
-        """Makes a key of the caller's project, of the caller's role at most; its secret is told this once.
+        """Make a key of the project, of the caller's role at most; its secret is told this once.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def CreateUploadKey(self, request, context):
-        """Makes a key with which somebody else, e.g. one's own phone, may post one scene; its secret is told this once.
+        """Make a key with which somebody else, e.g. one's phone, may post one scene; its secret is told this once.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ListKeys(self, request, context):
-        """Keys of the caller's project in pages (AIP-158), newest first, of the caller's role at most.
+        """Keys of the project in pages, newest first, of the caller's role at most; never their secrets.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def RevokeKey(self, request, context):
-        """Takes a key back for ever; what it has under way ends within two seconds.
+        """Take a key back for ever; what it has under way ends within two seconds.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def ExpireKey(self, request, context):
-        """Lets a valid key expire at another time, sooner or later.
+        """Let a valid key expire at another time, sooner or later.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -648,21 +649,21 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ListKnownNames(self, request, context):
-        """What people named in the scenes of the project and is suggested in others, in pages (AIP-158), newest first.
+        """What people named in the scenes of the project and is suggested in others, in pages, newest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def DeleteKnownName(self, request, context):
-        """Suggests a name no more, and removes what it looks like; its scene keeps the name.
+        """Suggest a name no more, and remove what it looks like; its scene keeps the name.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
     def DeleteKnownNames(self, request, context):
-        """The same of every name of the project.
+        """Suggest no name of the project any more, and remove what they look like; its scenes keep the names.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

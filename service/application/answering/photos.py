@@ -21,8 +21,8 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.requests import MAX_VIEWS
 
-MAX_VIEWS = 16
 _USUAL_VIEWS = 3
 _MAX_NAMED = 20
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from fastsplat.service.application.base.validate import check_request_id, check_seconds
 from fastsplat.service.application.jobs.scene_orders import order_job
 from fastsplat.service.planning.presets import preset_name
@@ -46,5 +44,5 @@ def train_more_job(scene_id: str, version: str, request: TrainMoreIn, project: s
         check_seconds(request.seconds, "seconds")
     if request.preset is not None:
         preset_name(request.preset)
-    order = to_plain(replace(request, request_id=""))
+    order = to_plain(TrainMoreIn(request.seconds, request.steps, request.preset))
     return order_job(TRAIN_MORE, scene_id, request.request_id, order, project, version=version)

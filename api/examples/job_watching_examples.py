@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
 import numpy as np
 
@@ -13,14 +12,12 @@ from fastsplat_contract.operations import Operation, StageProgress
 
 _PLACED = PlacedInfo(1, 60, 60, complete=True)
 
-JOB_WATCHING_ANSWERS: tuple[Any, ...] = (
-    Preview(PreviewInfo(4, 1_250, 16.5, 24_000, 24.8, "front.png", 320, 240), b"\xff\xd8\xff"),
-    PlacedCameras(
-        _PLACED,
-        (PosedCamera(Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0), np.eye(4), "front.png"),),
-        bytes(12),
-        b"\xc8\x96\x64",
-    ),
+PREVIEW = Preview(PreviewInfo(4, 1_250, 16.5, 24_000, 24.8, "front.png", 320, 240), b"\xff\xd8\xff")
+PLACED = PlacedCameras(
+    _PLACED,
+    (PosedCamera(Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0), np.eye(4), "front.png"),),
+    bytes(12),
+    b"\xc8\x96\x64",
 )
 
 

@@ -1,4 +1,4 @@
-"""Examples of measuring and of going through versions, for the OpenAPI document."""
+"""Examples of measuring and of going through versions."""
 
 from __future__ import annotations
 
@@ -21,6 +21,9 @@ from fastsplat_contract.scenes import AlignIn, Box, Edit, EditIn, RedoIn, Restor
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.train_more_messages import TrainMoreIn
+
+Bodies = Mapping[str, tuple[str, Any]]
+"""Bodies of one type by name, with a summary each."""
 
 _KNOWN_LENGTH = KnownLength(
     Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)), meters=0.25, plus_minus=0.001
@@ -85,52 +88,50 @@ DETECTIONS = DetectionList(
     Vector3(0.0, 0.0, 1.0),
 )
 
-CHANGE_BODIES: Mapping[str, Mapping[str, tuple[str, Any]]] = {
-    "MeasureIn": {
-        "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
-        "points": (
-            "how far two points are apart",
-            MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
-        ),
-        "pixel": (
-            "how far a thing is from what a view shows at a pixel",
-            MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
-        ),
-    },
-    "LookAgainIn": {
-        "texts": (
-            "name what looks like one of these",
-            LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
-        ),
-    },
-    "AlignIn": {
-        "pairs": (
-            "into a map, by three points of both",
-            AlignIn(
-                Alignment(
-                    "map",
-                    pairs=(
-                        PointPair(Vector3(0.0, 0.0, 0.0), Vector3(1.0, 2.0, 0.0)),
-                        PointPair(Vector3(1.0, 0.0, 0.0), Vector3(1.0, 3.0, 0.0)),
-                        PointPair(Vector3(0.0, 1.0, 0.0), Vector3(0.0, 2.0, 0.0)),
-                    ),
-                ),
-                "one-more-name-of-your-choice",
-            ),
-        ),
-        "transform": (
-            "by a rigid motion",
-            AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
-        ),
-    },
-    "TrainMoreIn": {
-        "steps": (
-            "another thousand steps with larger pictures",
-            TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
-        ),
-        "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
-    },
-    "RedoIn": {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))},
-    "RetryIn": {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))},
-    "RestoreIn": {"trained": ("back to the scene as it was trained", RestoreIn("1"))},
+MEASURED: Bodies = {
+    "size": ("how large a thing is", MeasureIn((Place(thing=1),))),
+    "points": (
+        "how far two points are apart",
+        MeasureIn((Place(point=Vector3(0.0, 0.0, 0.0)), Place(point=Vector3(0.5, 0.0, 0.0)))),
+    ),
+    "pixel": (
+        "how far a thing is from what a view shows at a pixel",
+        MeasureIn((Place(view="front.png", pixel=Pixel(24.0, 18.0)), Place(thing=1))),
+    ),
 }
+SOUGHT: Bodies = {
+    "texts": (
+        "name what looks like one of these",
+        LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
+    ),
+}
+ALIGNED: Bodies = {
+    "pairs": (
+        "into a map, by three points of both",
+        AlignIn(
+            Alignment(
+                "map",
+                pairs=(
+                    PointPair(Vector3(0.0, 0.0, 0.0), Vector3(1.0, 2.0, 0.0)),
+                    PointPair(Vector3(1.0, 0.0, 0.0), Vector3(1.0, 3.0, 0.0)),
+                    PointPair(Vector3(0.0, 1.0, 0.0), Vector3(0.0, 2.0, 0.0)),
+                ),
+            ),
+            "one-more-name-of-your-choice",
+        ),
+    ),
+    "transform": (
+        "by a rigid motion",
+        AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
+    ),
+}
+TRAINED: Bodies = {
+    "steps": (
+        "another thousand steps with larger pictures",
+        TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
+    ),
+    "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
+}
+REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
+RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}
+RESTORED: Bodies = {"trained": ("back to the scene as it was trained", RestoreIn("1"))}

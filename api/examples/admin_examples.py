@@ -1,0 +1,65 @@
+"""Examples of what those see who run a place: its keys and the names that it knows."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+
+from fastsplat.api.examples.change_examples import Bodies
+from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, UploadKeyIn
+from fastsplat_contract.known_names import KnownName, KnownNameList
+from fastsplat_contract.server_status import ModelStatus, QuotaStatus, ServerStatus
+
+_MADE = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
+
+KEY = AccessKey(
+    id=IDS["key_id"],
+    name="robot in the kitchen",
+    project="default",
+    role="reader",
+    state="VALID",
+    created_at=_MADE,
+    expires_at=datetime(2027, 1, 1, 12, 0, tzinfo=UTC),
+    revoked_at=None,
+)
+NEW_KEY = NewKey(KEY, f"fsk_{KEY.id}_is-43-letters-digits-hyphens-or-underscores")
+KEYS = KeyList((KEY,), PAGE_TOKEN)
+KNOWN_NAMES = KnownNameList(
+    (
+        KnownName(
+            id=IDS["name_id"],
+            name="mug",
+            scene_id=IDS["scene_id"],
+            version=IDS["version"],
+            thing_id=1,
+            named_at=_MADE,
+            picture=b"\xff\xd8\xff",
+        ),
+    ),
+    PAGE_TOKEN,
+)
+STATUS = ServerStatus(
+    version="0.1.0",
+    project="default",
+    role="editor",
+    key_expires_at=None,
+    upload_operation="",
+    models=(
+        ModelStatus("text_encoder", "minilm_l6_int8", "ready", calibrated=True),
+        ModelStatus("open_set_detector", "", "unset", calibrated=None),
+    ),
+    backend="cpu",
+    training_backend="cuda",
+    workers=2,
+    quotas=(QuotaStatus("scenes", 12, 1_000), QuotaStatus("bytes", 3_000_000_000, None), QuotaStatus("jobs", 1, 100)),
+    max_upload_bytes=10_000_000_000,
+    max_images=2_000,
+    addresses=("http://192.168.1.20:8000/",),
+)
+
+NEW_KEYS: Bodies = {
+    "robot": ("a key for a year that only looks", KeyIn("robot in the kitchen", "reader", 31_536_000.0)),
+    "person": ("a key that also creates and changes", KeyIn("Ada")),
+}
+UPLOAD_KEYS: Bodies = {"default": ("a link for one's phone", UploadKeyIn())}
+LIFETIMES: Bodies = {"hour": ("one hour more", LifetimeIn(3_600.0))}

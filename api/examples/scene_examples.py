@@ -1,0 +1,278 @@
+"""Examples of scenes, questions and their answers: values of the contract's own types, so that they say nothing that it
+does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+
+from fastsplat.api.examples.change_examples import SCALE, Bodies
+from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
+from fastsplat.api.examples.job_watching_examples import running_operation
+from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import SceneFileError
+from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
+from fastsplat_contract.operations import OperationList
+from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
+from fastsplat_contract.phrase_messages import PhraseAnswer, Witness
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
+from fastsplat_contract.scenes import (
+    Box,
+    Color,
+    DictionaryEntry,
+    Edit,
+    EditIn,
+    LabelList,
+    ObjectList,
+    Scene,
+    SceneList,
+    SceneObject,
+    SceneSummary,
+    SceneUpdate,
+    SceneVersion,
+    UndoIn,
+    VersionList,
+)
+from fastsplat_contract.thing_messages import (
+    NameSuggestion,
+    PickedThing,
+    PickIn,
+    Pixel,
+    PixelBox,
+    SceneThing,
+    ThingList,
+)
+from fastsplat_contract.thing_prompts import ThingPrompt
+
+_POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
+_DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)
+_UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
+_PINHOLE = Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0)
+_VIEWPOINT = PosedCamera(_PINHOLE, np.eye(4))
+VIEW = PosedCamera(_PINHOLE, np.eye(4), "front.png")
+_MUG = DictionaryEntry(label_id=1, label="mug", aliases=("cup",), pixels=48_210, views=31, gaussian_count=5_120)
+_BALL = DictionaryEntry(label_id=2, label="ball", aliases=(), pixels=20_007, views=28, gaussian_count=2_416)
+_OBJECT = SceneObject(
+    id="1-1",
+    label_id=1,
+    label="mug",
+    score=0.93,
+    centroid=Vector3(0.12, 0.04, 0.81),
+    box=Box(center=Pose(Vector3(0.12, 0.05, 0.81), _UPRIGHT), size=Vector3(0.09, 0.11, 0.09)),
+    gaussian_count=5_120,
+    meters=True,
+    best_views=("front.png",),
+)
+_THING = SceneThing(
+    id=1,
+    name="mug",
+    source="person",
+    probability=1.0,
+    suggestions=(),
+    kind="thing",
+    surface="",
+    consensus=0.96,
+    gaussian_count=5_120,
+    box=_OBJECT.box,
+    meters=True,
+)
+_UNNAMED = replace(
+    _THING,
+    id=2,
+    name="",
+    source=None,
+    probability=0.0,
+    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"])),
+)
+_DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
+_MASK = np.zeros((48, 64), dtype=np.bool_)
+_MASK[20:30, 24:40] = True
+_VIEW_MASK = ViewMask(
+    view="front.png",
+    camera_index=0,
+    segmentation=Segmentation((48, 64), encode_rle(_MASK)),
+    png=None,
+    area=int(_MASK.sum()),
+)
+OPERATION = running_operation(IDS["operation_id"], IDS["scene_id"], _POSTED, _DONE)
+_SUMMARY = SceneSummary(
+    id=IDS["scene_id"],
+    name="my table",
+    state="READY",
+    operation_id=IDS["operation_id"],
+    created_at=_POSTED,
+    gaussians=182_400,
+    scale="METRIC",
+    version="1",
+    label_count=2,
+)
+_PHOTO = PhotoVerdict(
+    name="IMG_0042.jpg",
+    placed=False,
+    not_placed="few_matches",
+    defects=("blurred",),
+    duplicate_of="",
+    sharpness=0.31,
+    brightness=0.84,
+    matches=9,
+    advice="It is much less sharp than the others: hold the camera still, or take it again.",
+    withheld=0.083,
+    between=("IMG_0041.jpg", "IMG_0042.jpg"),
+    exposure_ev=-0.42,
+    red_ev=0.03,
+    blue_ev=-0.05,
+)
+VERSION = SceneVersion(
+    scene_id=IDS["scene_id"],
+    version=IDS["version"],
+    parent="1",
+    created_at=_DONE,
+    gaussians=177_280,
+    current=True,
+    edits=(Edit("remove", label="mug"),),
+)
+_ANSWER = Answer(
+    scene_id=IDS["scene_id"],
+    text="cup left of the ball",
+    verdict="exact",
+    explanation='"cup", left of the ball: thing 1 (direction to thing 2: 12.5°).',
+    probability=0.97,
+    label_set=(1,),
+    coverage=0.9,
+    decided_by="name",
+    threshold=None,
+    version="1",
+    gaussians=182_400,
+    match_count=2,
+    matches=(
+        Match(1, "mug", 0.91, 0.88, "object", 5_120, True, 0.96),
+        Match(2, "ball", 0.32, 0.41, "things", 2_416, False, 0.02),
+    ),
+    masks=(_VIEW_MASK,),
+    objects=(_OBJECT,),
+    presence=0.99,
+    phrase=PhraseAnswer(
+        asks="things",
+        head="cup",
+        conditions=("left of the ball",),
+        not_understood="",
+        things=(1,),
+        undecided=(),
+        witnesses=(Witness("left of the ball", 1, (2,), "direction", 12.5, "deg", 5.2),),
+    ),
+)
+OPERATIONS = OperationList((OPERATION,), PAGE_TOKEN)
+SCENE = Scene(
+    **vars(_SUMMARY),
+    camera_count=1,
+    dictionary=(_MUG, _BALL),
+    cameras=(VIEW,),
+    quality={"psnr": 28.4, "images": 60, "registered": 60},
+)
+SCENES = SceneList((_SUMMARY,), PAGE_TOKEN)
+LABELS = LabelList((_MUG, _BALL), "")
+PHOTO_VERDICTS = PhotoVerdictList((_PHOTO,), PAGE_TOKEN, True, placed_count=59, photo_count=60)
+OBJECTS = ObjectList((_OBJECT,), "", "1")
+THINGS = ThingList((_THING, _UNNAMED), "", "1")
+PICKED = PickedThing(_THING, _VIEW_MASK, "1")
+PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
+BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
+VERSIONS = VersionList((VERSION,))
+ANSWERS = QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1)
+
+QUESTIONS: Bodies = {
+    "view": (
+        "masks in one of the scene's own views, and boxes",
+        QueryIn(("cup", "ball"), views=("front.png",), outputs=frozenset({"mask2d", "objects"}), max_matches=5),
+    ),
+    "viewpoint": (
+        "masks seen from a robot's camera",
+        QueryIn(("mug",), cameras=(_VIEWPOINT,), outputs=frozenset({"mask2d"}), mask2d_encoding="png"),
+    ),
+    "relation": (
+        "the thing left of another, as seen from one of the scene's own views",
+        QueryIn(("the mug left of the ball",), outputs=frozenset({"objects"}), asker_view="front.png"),
+    ),
+    "gaussians": (
+        "which Gaussians answer",
+        QueryIn(("mug",), outputs=frozenset({"mask3d"}), mask3d_encoding="runs", version="1"),
+    ),
+}
+PICTURES: Bodies = {
+    "view": ("the answer drawn over one of the scene's own views", RenderIn("overlay", "mug", view="front.png")),
+    "viewpoint": ("depth in millimeters from a robot's camera", RenderIn("depth", camera=_VIEWPOINT)),
+    "array": ("label ids as numpy's file", RenderIn("label_map", view="front.png", format="npy")),
+    "tinted": (
+        "a quick picture in which a thing glows",
+        RenderIn(
+            "rgb",
+            camera=_VIEWPOINT,
+            format="jpeg",
+            tints=(Tint((1,), Color(1.0, 0.56, 0.06), 0.75),),
+            dimming=0.5,
+        ),
+    ),
+}
+EDITS: Bodies = {
+    "recolor": (
+        "paint all mugs green",
+        EditIn((Edit("recolor", label="mug", color=Color(0.1, 0.8, 0.2)),), "a-name-of-your-choice"),
+    ),
+    "move": (
+        "move all balls half a unit along x",
+        EditIn((Edit("move", label="ball", transform=Pose(Vector3(0.5, 0.0, 0.0), _UPRIGHT)),)),
+    ),
+    "name": (
+        "name a thing that had no name, or another",
+        EditIn((Edit("name", things=(2,), name="ball"),)),
+    ),
+    "split": (
+        "take two things apart that were one",
+        EditIn(
+            (
+                Edit("merge", things=(1, 2)),
+                Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(Pixel(24.0, 18.0),))),
+            )
+        ),
+    ),
+    "add": (
+        "make a thing that was missing, and name it",
+        EditIn(
+            (
+                Edit("discard", things=(2,)),
+                Edit(
+                    "add",
+                    prompt=ThingPrompt(view="front.png", box=PixelBox(20.0, 13.0, 29.0, 22.0)),
+                    name="ball",
+                ),
+            )
+        ),
+    ),
+    "scale": SCALE,
+    "remove": ("remove one kind of thing", EditIn((Edit("remove", label="story book"),))),
+}
+PLACES: Bodies = {
+    "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(24.0, 18.0))),
+    "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
+    "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
+}
+NAMES: Bodies = {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))}
+UNDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))}
+
+FORM: Mapping[str, Any] = {
+    "name": "my table",
+    "labels": ["mug", "ball", "story book"],
+    "uploads": [IDS["upload_id"]],
+    "preset": "balanced",
+    "time_budget_s": 600.0,
+    "max_gaussians": 300_000,
+    "priority": 0,
+    "request_id": "a-name-of-your-choice",
+}
+"""The form that posts a capture which was sent as a resumable upload before."""

@@ -1,0 +1,278 @@
+"""How the service layer answers each call of the table, for both protocols.
+
+What needs more of a protocol than a request and an answer (uploads, streams, waiting, files by range) is written there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+from fastsplat.api.access.caller import caller_id, caller_role
+from fastsplat.api.examples import (
+    admin_examples,
+    change_examples,
+    job_watching_examples,
+    localize_examples,
+    scene_examples,
+)
+from fastsplat.api.examples.change_examples import Bodies
+from fastsplat.api.threads import Threads
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract import calls
+from fastsplat_contract.call import Call
+from fastsplat_contract.scenes import Edit, VersionList
+
+Q = TypeVar("Q")
+A = TypeVar("A")
+R = TypeVar("R")
+
+
+@dataclass(frozen=True)
+class Handler(Generic[Q, A]):
+    """How one call is answered.
+
+    Attributes:
+        call: which.
+        ask: asks the service, as its caller has it; runs on a thread.
+        computes: whether it is a question or a picture, see `Threads.answer`.
+        example: what it answers, for the API's description; once for each type of answers.
+        bodies: what may stand in REST's body, each with a summary; once for each type of bodies.
+    """
+
+    call: Call[Q, A]
+    ask: Callable[[SceneService, Q], A]
+    computes: bool = False
+    example: A | None = None
+    bodies: Bodies = field(default_factory=dict)
+
+    async def run(self, threads: Threads, function: Callable[[], R]) -> R:
+        """The result of a function that asks, on a thread of those that such calls have."""
+        return await (threads.answer(function) if self.computes else threads.call(function))
+
+
+HANDLERS: Mapping[str, Handler[Any, Any]] = {
+    handler.call.rpc: handler
+    for handler in (
+        Handler(
+            calls.GET_SCENE, lambda service, asked: service.get_scene(asked.scene_id), example=scene_examples.SCENE
+        ),
+        Handler(
+            calls.LIST_SCENES,
+            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
+            example=scene_examples.SCENES,
+        ),
+        Handler(
+            calls.UPDATE_SCENE,
+            lambda service, asked: service.update_scene(asked.scene_id, asked),
+            bodies=scene_examples.NAMES,
+        ),
+        Handler(calls.DELETE_SCENE, lambda service, asked: service.delete_scene(asked.scene_id)),
+        Handler(
+            calls.LIST_PHOTO_VERDICTS,
+            lambda service, asked: service.list_photo_verdicts(asked.scene_id, asked.page_size, asked.page_token),
+            example=scene_examples.PHOTO_VERDICTS,
+        ),
+        Handler(
+            calls.LIST_LABELS,
+            lambda service, asked: service.list_labels(asked.scene_id, asked.page_size, asked.page_token),
+            example=scene_examples.LABELS,
+        ),
+        Handler(
+            calls.LIST_OBJECTS,
+            lambda service, asked: service.answers.list_objects(
+                asked.scene_id, asked.version, asked.label, asked.page_size, asked.page_token
+            ),
+            computes=True,
+            example=scene_examples.OBJECTS,
+        ),
+        Handler(
+            calls.LIST_THINGS,
+            lambda service, asked: service.answers.list_things(
+                asked.scene_id, asked.version, asked.page_size, asked.page_token, asked.parts
+            ),
+            computes=True,
+            example=scene_examples.THINGS,
+        ),
+        Handler(
+            calls.PICK_THING,
+            lambda service, asked: service.answers.pick(asked),
+            computes=True,
+            example=scene_examples.PICKED,
+            bodies=scene_examples.PLACES,
+        ),
+        Handler(
+            calls.MEASURE_SCENE,
+            lambda service, asked: service.answers.measure(asked),
+            computes=True,
+            example=change_examples.MEASUREMENT,
+            bodies=change_examples.MEASURED,
+        ),
+        Handler(
+            calls.EDIT_SCENE,
+            lambda service, asked: service.versions.edit(
+                asked.scene_id, asked.edits, asked.request_id, asked.version, caller_id()
+            ),
+            example=scene_examples.VERSION,
+            bodies=scene_examples.EDITS,
+        ),
+        Handler(
+            calls.ALIGN_SCENE,
+            lambda service, asked: service.versions.edit(
+                asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()
+            ),
+            bodies=change_examples.ALIGNED,
+        ),
+        Handler(
+            calls.UNDO_EDIT,
+            lambda service, asked: service.versions.undo(asked.scene_id, asked.version),
+            bodies=scene_examples.UNDONE,
+        ),
+        Handler(
+            calls.REDO_EDIT,
+            lambda service, asked: service.versions.redo(asked.scene_id, asked.version),
+            bodies=change_examples.REDONE,
+        ),
+        Handler(
+            calls.RESTORE_VERSION,
+            lambda service, asked: service.versions.restore(asked.scene_id, asked.version, asked.expected),
+            bodies=change_examples.RESTORED,
+        ),
+        Handler(
+            calls.LIST_VERSIONS,
+            lambda service, asked: VersionList(service.versions.all(asked.scene_id)),
+            example=scene_examples.VERSIONS,
+        ),
+        Handler(
+            calls.LOOK_AGAIN,
+            lambda service, asked: service.look_again(asked.scene_id, asked),
+            bodies=change_examples.SOUGHT,
+        ),
+        Handler(
+            calls.TRAIN_MORE,
+            lambda service, asked: service.training.order(asked.scene_id, asked),
+            bodies=change_examples.TRAINED,
+        ),
+        Handler(
+            calls.GET_OPERATION,
+            lambda service, asked: service.get_operation(asked.operation_id),
+            example=scene_examples.OPERATION,
+        ),
+        Handler(
+            calls.LIST_OPERATIONS,
+            lambda service, asked: service.list_operations(asked.page_size, asked.page_token, asked.state),
+            example=scene_examples.OPERATIONS,
+        ),
+        Handler(calls.CANCEL_OPERATION, lambda service, asked: service.cancel_operation(asked.operation_id)),
+        Handler(
+            calls.RETRY_OPERATION,
+            lambda service, asked: service.retry_operation(asked.operation_id, asked.exclude),
+            bodies=change_examples.RETRIED,
+        ),
+        Handler(calls.FINISH_OPERATION, lambda service, asked: service.jobs.finish(asked.operation_id)),
+        Handler(
+            calls.GET_PREVIEW,
+            lambda service, asked: service.jobs.preview(asked.operation_id),
+            example=job_watching_examples.PREVIEW,
+        ),
+        Handler(
+            calls.GET_PLACED_CAMERAS,
+            lambda service, asked: service.jobs.placed_cameras(asked.operation_id),
+            example=job_watching_examples.PLACED,
+        ),
+        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True),
+        Handler(calls.DOWNLOAD_CAMERAS, lambda service, asked: service.camera_file(asked.scene_id, asked.format)),
+        Handler(
+            calls.DOWNLOAD_MASK_PLY,
+            lambda service, asked: service.answers.mask_ply(asked.scene_id, asked.text, asked.version),
+            computes=True,
+        ),
+        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True),
+        Handler(
+            calls.DOWNLOAD_THING_IDS,
+            lambda service, asked: service.answers.thing_ids(asked.scene_id, asked.version),
+            computes=True,
+        ),
+        Handler(
+            calls.LIST_PHOTOS,
+            lambda service, asked: service.photos.all(asked.scene_id, asked.version, asked.page_size, asked.page_token),
+            example=scene_examples.PHOTOS,
+        ),
+        Handler(
+            calls.LIST_NEXT_PHOTOS,
+            lambda service, asked: service.photos.next_photos(asked.scene_id, asked.version),
+            computes=True,
+            example=change_examples.NEXT_PHOTOS,
+        ),
+        Handler(
+            calls.GET_GOAL,
+            lambda service, asked: service.exports.goal(
+                asked.scene_id, asked.thing_id, asked.robot_radius, asked.version
+            ),
+            computes=True,
+            example=change_examples.GOAL,
+        ),
+        Handler(
+            calls.LIST_DETECTIONS,
+            lambda service, asked: service.detections.all(
+                asked.scene_id, asked.version, asked.page_size, asked.page_token
+            ),
+            computes=True,
+            example=change_examples.DETECTIONS,
+        ),
+        Handler(
+            calls.LOCALIZE,
+            lambda service, asked: service.localizing.localize(asked),
+            computes=True,
+            example=localize_examples.LOCALIZATION,
+        ),
+        Handler(
+            calls.LIST_BEST_VIEWS,
+            lambda service, asked: service.photos.best_views(
+                asked.scene_id, asked.things, asked.text, asked.max_views, asked.version
+            ),
+            computes=True,
+            example=scene_examples.BEST_VIEWS,
+        ),
+        Handler(
+            calls.CREATE_KEY,
+            lambda service, asked: service.keys.create(caller_role(), asked),
+            example=admin_examples.NEW_KEY,
+            bodies=admin_examples.NEW_KEYS,
+        ),
+        Handler(
+            calls.CREATE_UPLOAD_KEY,
+            lambda service, asked: service.keys.create_for_upload(asked),
+            bodies=admin_examples.UPLOAD_KEYS,
+        ),
+        Handler(
+            calls.LIST_KEYS,
+            lambda service, asked: service.keys.list(caller_role(), asked.page_size, asked.page_token, asked.scene_id),
+            example=admin_examples.KEYS,
+        ),
+        Handler(
+            calls.REVOKE_KEY,
+            lambda service, asked: service.keys.revoke(caller_role(), asked.key_id),
+            example=admin_examples.KEY,
+        ),
+        Handler(
+            calls.EXPIRE_KEY,
+            lambda service, asked: service.keys.expire(caller_role(), asked.key_id, asked.lifetime_s),
+            bodies=admin_examples.LIFETIMES,
+        ),
+        Handler(
+            calls.GET_SERVER_STATUS,
+            lambda service, asked: service.status(caller_role(), caller_id()),
+            example=admin_examples.STATUS,
+        ),
+        Handler(
+            calls.LIST_KNOWN_NAMES,
+            lambda service, asked: service.known_names.list(asked.page_size, asked.page_token),
+            example=admin_examples.KNOWN_NAMES,
+        ),
+        Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
+        Handler(calls.DELETE_KNOWN_NAMES, lambda service, asked: service.known_names.forget_all()),
+    )
+}
+"""By the name of the RPC."""

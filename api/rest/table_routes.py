@@ -1,0 +1,130 @@
+"""The REST routes that do no more than ask and answer, made of the table of calls."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import fields
+from inspect import Parameter, Signature
+from types import GenericAlias, NoneType
+from typing import Any, get_args, get_type_hints
+
+from fastapi import APIRouter, Query, Request
+from pydantic.fields import FieldInfo
+from starlette.responses import Response
+
+from fastsplat.api.handlers import HANDLERS, Handler
+from fastsplat.api.rest.responses import PROBLEMS, accepted, json_of_call, json_response, run_cancellable
+from fastsplat.api.threads import Threads
+from fastsplat.service.application.service import SceneService
+from fastsplat_contract.call import Call, Tag
+from fastsplat_contract.calls import LOCALIZE
+from fastsplat_contract.json_codec import to_json
+from fastsplat_contract.members import Member, members
+from fastsplat_contract.wire import Request as Body
+
+_FORMS = {LOCALIZE.rpc}
+"""Calls whose request is no JSON over REST; their routes are written elsewhere, as are those that answer with files."""
+
+
+def table_routes(tag: Tag, service: SceneService, threads: Threads, root_path: str) -> APIRouter:
+    """All calls of one tag that ask by path, query or JSON, and answer with JSON or nothing.
+
+    Args:
+        tag: see `Call.tag`.
+        service: what answers.
+        threads: where it does.
+        root_path: the path under which the API is served, for addresses in answers.
+    """
+    router = APIRouter(responses=PROBLEMS)
+    for rpc, handler in HANDLERS.items():
+        call = handler.call
+        if call.tag == tag and call.response is not bytes and rpc not in _FORMS:
+            method, path = call.route.split(" ")
+            kind: dict[str, Any] = {"response_model": call.response}
+            if call.response is NoneType:
+                kind = {"response_class": Response}
+            endpoint = _endpoint(handler, service, threads, root_path)
+            router.add_api_route(path, endpoint, methods=[method], status_code=call.status, **kind)
+    return router
+
+
+def _endpoint(
+    handler: Handler[Any, Any], service: SceneService, threads: Threads, root_path: str
+) -> Callable[..., Awaitable[Response]]:
+    """What FastAPI calls with the parameters of a call; its name, description and signature are those of the call."""
+    call = handler.call
+    body = _body(call)
+    lists = {member.name for member in _members(call) if member.many}
+
+    async def endpoint(request: Request, **parameters: Any) -> Response:
+        sent = parameters.pop("body", None)
+        named = {name: tuple(value) if name in lists else value for name, value in parameters.items()}
+        if body is not None:
+            named |= vars(sent if sent is not None else body())
+        asked = call.request(**named) if call.request is not NoneType else None
+
+        def function() -> Any:
+            return handler.ask(service, asked)
+
+        def run(work: Callable[[], Any]) -> Awaitable[Any]:
+            return handler.run(threads, work)
+
+        if call.status == 200:
+            return await json_of_call(request, run, function)
+        if call.status == 202:
+            return accepted(await run_cancellable(request, run, function), root_path)
+        result = await run(function)
+        if call.status == 201:
+            return json_response(to_json(result), 201, {"Cache-Control": "no-store"})
+        return Response(status_code=204)
+
+    endpoint.__name__ = re.sub(r"(?<=.)(?=[A-Z])", "_", call.rpc).lower()
+    endpoint.__doc__ = call.about
+    vars(endpoint)["__signature__"] = Signature([*_parameters(call, body)], return_annotation=Response)
+    return endpoint
+
+
+def _members(call: Call[Any, Any]) -> tuple[Member, ...]:
+    request: Any = call.request
+    return members(request) if request is not NoneType else ()
+
+
+def _body(call: Call[Any, Any]) -> Any:
+    """The type of what stands in the body: the request, or the part of it that is not in the path; None without one."""
+    if call.route.startswith(("GET ", "DELETE ")):
+        return None
+    in_path = set(re.findall(r"{(\w+)}", call.route))
+    forms: tuple[Any, ...] = call.request.__mro__
+    for kind in forms:
+        if issubclass(kind, Body) and kind is not Body and not in_path & {member.name for member in members(kind)}:
+            return kind if members(kind) else None
+    return None
+
+
+def _parameters(call: Call[Any, Any], body: Any) -> Iterator[Parameter]:
+    def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter:
+        return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+
+    yield parameter("request", Request)
+    in_path = re.findall(r"{(\w+)}", call.route)
+    for name in in_path:
+        yield parameter(name, str)
+    if body is not None:
+        yield parameter("body", body | None, None) if call.body_optional else parameter("body", body)
+        return
+    defaults = {field.name: field.default for field in fields(call.request)} if _members(call) else {}
+    for member in _members(call):
+        if member.name not in in_path:
+            kind: Any = member.kind | None if member.optional else member.kind
+            default: Any = defaults[member.name] if member.default else ...
+            if member.many:
+                kind, default = GenericAlias(list, member.kind), list(default)
+            query = Query(default, description=member.description, json_schema_extra=_bounds(call, member.name))
+            yield parameter(member.name, kind, query)
+
+
+def _bounds(call: Call[Any, Any], name: str) -> Any:
+    """What the request's type adds to the JSON schema of a field."""
+    marks = get_args(get_type_hints(call.request, include_extras=True)[name])
+    return next((mark.json_schema_extra for mark in marks if isinstance(mark, FieldInfo)), None)

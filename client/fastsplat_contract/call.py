@@ -1,0 +1,76 @@
+"""What is declared of a call, and what it needs of its caller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Generic, Literal, NamedTuple, TypeVar, get_args
+
+from fastsplat_contract.keys import Role
+
+Asked = TypeVar("Asked")
+Answered = TypeVar("Answered")
+Tag = Literal["server", "scenes", "operations", "queries", "keys", "known names"]
+_ROLES: tuple[Role, ...] = get_args(Role)
+
+
+class Rule(NamedTuple):
+    """What a call needs of its caller.
+
+    Attributes:
+        role: the least one that will do; None: no key is needed.
+        long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
+        upload: it brings files, for as long as its sender takes.
+        shared: a key of one scene may make it; that scene is then all that there is.
+        one_upload: a key for one upload will do, too; it does nothing else.
+    """
+
+    role: Role | None
+    long_lived: bool = False
+    upload: bool = False
+    shared: bool = False
+    one_upload: bool = False
+
+    def allows(self, role: Role) -> bool:
+        """Whether a caller of this role may make the call."""
+        if role == "uploader":
+            return self.role is None or self.one_upload
+        return self.role is None or _ROLES.index(role) >= _ROLES.index(self.role)
+
+
+@dataclass(frozen=True)
+class Call(Generic[Asked, Answered]):
+    """One call of the service.
+
+    Attributes:
+        rpc: its name in gRPC; REST's operations are called the same in snake_case.
+        tag: the chapter of the REST API that it stands in.
+        request: what is asked, with what REST has in the path; `None`'s type for nothing.
+        response: what is answered; bytes for a file, `None`'s type for nothing.
+        rule: who may make it.
+        route: method and path of REST; "" for none.
+        about: one or two sentences for people.
+        also: further routes of REST that do the same in another form.
+        pieces_in, pieces_out: the message of the gRPC stream that request or response come in; "" for one message.
+        status: REST's: 201 of what its caller alone may keep, 202 of a job, whose place is told, 204 of nothing.
+        body_optional: whether REST's body may be left out, which is then that of the type's defaults.
+        repeatable: whether to make it twice does no more than to make it once.
+    """
+
+    rpc: str
+    tag: Tag
+    request: type[Asked]
+    response: type[Answered]
+    rule: Rule
+    route: str
+    about: str
+    also: tuple[str, ...] = ()
+    pieces_in: str = ""
+    pieces_out: str = ""
+    status: Literal[200, 201, 202, 204] = 200
+    body_optional: bool = False
+    repeatable: bool = True
+
+    @property
+    def routes(self) -> tuple[str, ...]:
+        """All routes of REST."""
+        return (self.route, *self.also) if self.route else ()

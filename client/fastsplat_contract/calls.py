@@ -1,0 +1,266 @@
+"""The table of calls: each is declared here once.
+
+Derived from it are who may call what (`api.access.policy`), the service in the .proto, and, with
+`api.handlers`, the RPCs and REST routes that do no more than ask and answer.
+"""
+
+from __future__ import annotations
+
+from types import NoneType
+from typing import Any
+
+from fastsplat_contract.call import Call, Rule
+from fastsplat_contract.detection_messages import DetectionList
+from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.goal_messages import Goal
+from fastsplat_contract.job_watching import PlacedCameras, Preview
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
+from fastsplat_contract.known_names import KnownNameList
+from fastsplat_contract.localize_messages import Localization, LocalizeRequest
+from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.next_photo_messages import NextPhotoList
+from fastsplat_contract.operations import Operation, OperationList
+from fastsplat_contract.photo_messages import BestViewList, PhotoList
+from fastsplat_contract.photo_verdicts import PhotoVerdictList
+from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
+from fastsplat_contract.requests import (
+    AlignSceneRequest,
+    CancelOperationRequest,
+    CreateSceneHeader,
+    DeleteKnownNameRequest,
+    DeleteKnownNamesRequest,
+    DeleteSceneRequest,
+    DownloadMaskPlyRequest,
+    DownloadPhotoRequest,
+    DownloadScenePlyRequest,
+    DownloadThingIdsRequest,
+    EditSceneRequest,
+    ExpireKeyRequest,
+    FinishOperationRequest,
+    GetGoalRequest,
+    GetOperationRequest,
+    GetPlacedCamerasRequest,
+    GetPreviewRequest,
+    GetSceneRequest,
+    ListBestViewsRequest,
+    ListDetectionsRequest,
+    ListKeysRequest,
+    ListKnownNamesRequest,
+    ListLabelsRequest,
+    ListNextPhotosRequest,
+    ListObjectsRequest,
+    ListOperationsRequest,
+    ListPhotosRequest,
+    ListPhotoVerdictsRequest,
+    ListScenesRequest,
+    ListThingsRequest,
+    ListVersionsRequest,
+    LookAgainRequest,
+    RedoEditRequest,
+    RestoreVersionRequest,
+    RetryOperationRequest,
+    RevokeKeyRequest,
+    TrainMoreRequest,
+    UndoEditRequest,
+    UpdateSceneRequest,
+    WaitOperationRequest,
+    WatchOperationRequest,
+)
+from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
+from fastsplat_contract.server_status import ServerStatus
+from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
+
+READ = Rule("reader")
+SHOW = Rule("reader", shared=True)
+FETCH = Rule("reader", long_lived=True, shared=True)
+EDIT = Rule("editor")
+ADMIN = Rule("admin")
+UPLOAD = Rule("editor", long_lived=True, upload=True, one_upload=True)
+FOLLOW = Rule("reader", one_upload=True)
+FOLLOW_LONG = Rule("reader", long_lived=True, one_upload=True)
+
+_SCENE, _JOB = "/v1/scenes/{scene_id}", "/v1/operations/{operation_id}"
+
+# fmt: off
+CREATE_SCENE = Call(
+    "CreateScene", "scenes", CreateSceneHeader, Operation, UPLOAD, "POST /v1/scenes",
+    "Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. "
+    "The answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.",
+    pieces_in="CreateSceneRequest")
+GET_SCENE = Call(
+    "GetScene", "scenes", GetSceneRequest, Scene, SHOW, f"GET {_SCENE}",
+    "One scene with its dictionary, cameras and quality.")
+LIST_SCENES = Call(
+    "ListScenes", "scenes", ListScenesRequest, SceneList, SHOW, "GET /v1/scenes", "Scenes in pages, newest first.")
+UPDATE_SCENE = Call(
+    "UpdateScene", "scenes", UpdateSceneRequest, Scene, EDIT, f"PATCH {_SCENE}", "Rename a scene.")
+DELETE_SCENE = Call(
+    "DeleteScene", "scenes", DeleteSceneRequest, NoneType, ADMIN, f"DELETE {_SCENE}",
+    "Forget a scene and all its files; its job stops.", status=204, repeatable=False)
+LIST_PHOTO_VERDICTS = Call(
+    "ListPhotoVerdicts", "scenes", ListPhotoVerdictsRequest, PhotoVerdictList, READ, f"GET {_SCENE}/photo-verdicts",
+    "What became of each photo of a scene's capture, in pages, by name; once its capture stage is done.")
+LIST_LABELS = Call(
+    "ListLabels", "scenes", ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
+    "The dictionary in pages, by label id.")
+LIST_OBJECTS = Call(
+    "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
+    "The things of a scene as oriented boxes, in pages.")
+LIST_THINGS = Call(
+    "ListThings", "scenes", ListThingsRequest, ThingList, SHOW, f"GET {_SCENE}/things",
+    "Every thing of a scene, with or without a name, in pages, by id.")
+PICK_THING = Call(
+    "PickThing", "queries", PickRequest, PickedThing, SHOW, f"POST {_SCENE}:pick",
+    "The thing at a pixel or in a box of a view, or at a point of the scene, with its mask.")
+MEASURE_SCENE = Call(
+    "MeasureScene", "queries", MeasureRequest, Measurement, SHOW, f"POST {_SCENE}:measure",
+    "How far two places are from each other, how large a thing is, or where a place is.")
+
+EDIT_SCENE = Call(
+    "EditScene", "scenes", EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
+    "Make a new version of a scene: the edits in order, all or none; it is current on return.")
+ALIGN_SCENE = Call(
+    "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
+    "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.")
+UNDO_EDIT = Call(
+    "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
+    "Go back to the version before the current one.",
+    body_optional=True, repeatable=False)
+REDO_EDIT = Call(
+    "RedoEdit", "scenes", RedoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:redo",
+    "Go forward to the version that was undone: of several made of the current one, the one current last.",
+    body_optional=True, repeatable=False)
+RESTORE_VERSION = Call(
+    "RestoreVersion", "scenes", RestoreVersionRequest, SceneVersion, EDIT, f"POST {_SCENE}:restore",
+    "Make any version of a scene the current one; all others stay.")
+LIST_VERSIONS = Call(
+    "ListVersions", "scenes", ListVersionsRequest, VersionList, SHOW, f"GET {_SCENE}/versions",
+    "Every version of a scene, oldest first.")
+LOOK_AGAIN = Call(
+    "LookAgain", "scenes", LookAgainRequest, Operation, EDIT, f"POST {_SCENE}:lookAgain",
+    "Search a scene for more names with the server's open-set detector: an operation that makes a version.",
+    status=202)
+TRAIN_MORE = Call(
+    "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
+    "Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.",
+    status=202)
+
+GET_OPERATION = Call(
+    "GetOperation", "operations", GetOperationRequest, Operation, FOLLOW, f"GET {_JOB}",
+    "Where a job stands, stage by stage.")
+LIST_OPERATIONS = Call(
+    "ListOperations", "operations", ListOperationsRequest, OperationList, READ, "GET /v1/operations",
+    "Operations in pages, newest first.")
+CANCEL_OPERATION = Call(
+    "CancelOperation", "operations", CancelOperationRequest, Operation, EDIT, f"POST {_JOB}:cancel",
+    "Ask a job to stop; one that is over stays as it is.")
+RETRY_OPERATION = Call(
+    "RetryOperation", "operations", RetryOperationRequest, Operation, EDIT, f"POST {_JOB}:retry",
+    "Queue a failed or cancelled job again, with the upload that it had, or with less of it; one in another state\n"
+    "stays as it is.",
+    body_optional=True)
+FINISH_OPERATION = Call(
+    "FinishOperation", "operations", FinishOperationRequest, Operation, EDIT, f"POST {_JOB}:finish",
+    "Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.")
+GET_PREVIEW = Call(
+    "GetPreview", "operations", GetPreviewRequest, Preview, READ, f"GET {_JOB}/preview",
+    "The newest picture of a scene that is being trained, with its step and figures.",
+    also=(f"GET {_JOB}/preview.jpg",))
+GET_PLACED_CAMERAS = Call(
+    "GetPlacedCameras", "operations", GetPlacedCamerasRequest, PlacedCameras, READ, f"GET {_JOB}/cameras",
+    "The cameras that a job has placed so far, and some of its points.")
+WAIT_OPERATION = Call(
+    "WaitOperation", "operations", WaitOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}:wait",
+    "The operation as soon as it is done, or as it stands when the time is up.")
+WATCH_OPERATION = Call(
+    "WatchOperation", "operations", WatchOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}/events",
+    "The operation now and on every change, until it is done.", pieces_out="Operation")
+
+QUERY = Call(
+    "Query", "queries", QueryRequest, QueryOut, SHOW, f"POST {_SCENE}:query",
+    "Ranked labels, and masks and objects if asked for. Each text is answered by one or several messages that follow "
+    "each other; see QueryResponse.",
+    also=("GET /query", f"GET {_SCENE}/mask3d.bin"), pieces_out="QueryResponse")
+STREAM_QUERY = Call(
+    "StreamQuery", "queries", QueryRequest, QueryOut, FETCH, "",
+    "A standing question and pose after pose; see StreamQueryRequest.",
+    pieces_in="StreamQueryRequest", pieces_out="StreamQueryResponse")
+RENDER_VIEW = Call(
+    "RenderView", "queries", PictureRequest, bytes, SHOW, f"POST {_SCENE}:render", "One picture, in chunks.",
+    also=(f"GET {_SCENE}/{{kind}}.png", f"GET {_SCENE}/{{kind}}.npy"), pieces_out="Chunk")
+DOWNLOAD_CAMERAS = Call(
+    "DownloadCameras", "scenes", CameraFileRequest, bytes, SHOW, f"GET {_SCENE}/cameras",
+    "The scene's own cameras as a file, in chunks.", pieces_out="Chunk")
+DOWNLOAD_SCENE_PLY = Call(
+    "DownloadScenePly", "queries", DownloadScenePlyRequest, bytes, FETCH, f"GET {_SCENE}/scene.ply",
+    "The whole scene as a standard 3DGS PLY, in chunks.", pieces_out="Chunk")
+DOWNLOAD_MASK_PLY = Call(
+    "DownloadMaskPly", "queries", DownloadMaskPlyRequest, bytes, SHOW, f"GET {_SCENE}/mask.ply",
+    "Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.", pieces_out="Chunk")
+EXPORT_SCENE = Call(
+    "ExportScene", "queries", ExportRequest, bytes, FETCH, f"GET {_SCENE}/scene.{{format}}",
+    "The scene as a file for other programs, in chunks; see ExportFormat.", pieces_out="Chunk")
+DOWNLOAD_THING_IDS = Call(
+    "DownloadThingIds", "queries", DownloadThingIdsRequest, bytes, SHOW, f"GET {_SCENE}/things.bin",
+    "Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks.", pieces_out="Chunk")
+
+LIST_PHOTOS = Call(
+    "ListPhotos", "queries", ListPhotosRequest, PhotoList, SHOW, f"GET {_SCENE}/photos",
+    "The photos that are stored with a scene, in pages, in the order of its cameras.")
+DOWNLOAD_PHOTO = Call(
+    "DownloadPhoto", "queries", DownloadPhotoRequest, bytes, SHOW, f"GET {_SCENE}/photo.jpg",
+    "A photo as JPEG, in chunks: undistorted, so that it fits its camera with the intrinsics scaled to its size.",
+    pieces_out="Chunk")
+LIST_NEXT_PHOTOS = Call(
+    "ListNextPhotos", "queries", ListNextPhotosRequest, NextPhotoList, SHOW, f"GET {_SCENE}/next-photos",
+    "Where to stand for the next photos of a scene: at most three places, the most useful first.")
+GET_GOAL = Call(
+    "GetGoal", "queries", GetGoalRequest, Goal, SHOW, f"GET {_SCENE}/goal",
+    "The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.")
+LIST_DETECTIONS = Call(
+    "ListDetections", "queries", ListDetectionsRequest, DetectionList, SHOW, f"GET {_SCENE}/detections",
+    "The things of a scene in pages, by id: poses with covariances, names with probabilities, what carries them,\n"
+    "and by which views they are known.")
+LOCALIZE = Call(
+    "Localize", "queries", LocalizeRequest, Localization, SHOW, f"POST {_SCENE}:localize",
+    "Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in "
+    "one message; REST takes larger ones.")
+LIST_BEST_VIEWS = Call(
+    "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
+    "Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.")
+
+CREATE_KEY = Call(
+    "CreateKey", "keys", KeyIn, NewKey, ADMIN, "POST /v1/keys",
+    "Make a key of the project, of the caller's role at most; its secret is told this once.",
+    status=201, repeatable=False)
+CREATE_UPLOAD_KEY = Call(
+    "CreateUploadKey", "keys", UploadKeyIn, NewKey, EDIT, "POST /v1/upload-keys",
+    "Make a key with which somebody else, e.g. one's phone, may post one scene; its secret is told this once.",
+    status=201, repeatable=False)
+LIST_KEYS = Call(
+    "ListKeys", "keys", ListKeysRequest, KeyList, ADMIN, "GET /v1/keys",
+    "Keys of the project in pages, newest first, of the caller's role at most; never their secrets.")
+REVOKE_KEY = Call(
+    "RevokeKey", "keys", RevokeKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:revoke",
+    "Take a key back for ever; what it has under way ends within two seconds.")
+EXPIRE_KEY = Call(
+    "ExpireKey", "keys", ExpireKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:expire",
+    "Let a valid key expire at another time, sooner or later.")
+
+GET_SERVER_STATUS = Call(
+    "GetServerStatus", "server", NoneType, ServerStatus, FOLLOW, "GET /v1/server/status",
+    "What the server can do, and how much room the project has left, as the caller may know it.")
+
+LIST_KNOWN_NAMES = Call(
+    "ListKnownNames", "known names", ListKnownNamesRequest, KnownNameList, READ, "GET /v1/known-names",
+    "What people named in the scenes of the project and is suggested in others, in pages, newest first.")
+DELETE_KNOWN_NAME = Call(
+    "DeleteKnownName", "known names", DeleteKnownNameRequest, NoneType, ADMIN, "DELETE /v1/known-names/{name_id}",
+    "Suggest a name no more, and remove what it looks like; its scene keeps the name.", status=204, repeatable=False)
+DELETE_KNOWN_NAMES = Call(
+    "DeleteKnownNames", "known names", DeleteKnownNamesRequest, NoneType, ADMIN, "DELETE /v1/known-names",
+    "Suggest no name of the project any more, and remove what they look like; its scenes keep the names.", status=204)
+# fmt: on
+
+CALLS: tuple[Call[Any, Any], ...] = tuple(value for value in list(globals().values()) if isinstance(value, Call))
+"""All calls, in the order of this file."""
