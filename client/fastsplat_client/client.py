@@ -25,17 +25,20 @@ from fastsplat_client.photo_calls import PhotoCalls
 from fastsplat_client.resumable import PIECE_BYTES, send_resumable
 from fastsplat_client.stream import Grpc, grpc_address
 from fastsplat_client.stream_calls import StreamCalls
-from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
+from fastsplat_client.table_calls import in_path, scene_path
+from fastsplat_client.thing_calls import ThingCalls
 from fastsplat_client.transport import Retry, Transport
+from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import DeadlineExceededError, FastSplatError, Kind
 from fastsplat_contract.exports import ExportFormat
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
-from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
-from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
+from fastsplat_contract.operations import Operation, OperationState, SceneOptions
+from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.queries import (
     Answer,
+    CameraFileRequest,
     CameraFormat,
     Output,
     PictureKind,
@@ -46,13 +49,9 @@ from fastsplat_contract.queries import (
 )
 from fastsplat_contract.scenes import (
     DictionaryEntry,
-    LabelList,
-    ObjectList,
     Scene,
-    SceneList,
     SceneObject,
     SceneSummary,
-    SceneUpdate,
 )
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.server_status import ServerStatus
@@ -122,11 +121,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def server(self) -> ServerInfo:
         """The server's release, and where its gRPC interface is."""
-        return self._get(ServerInfo, "/v1/server")
+        return read(ServerInfo, self._transport.call("GET", "/v1/server"))
 
     def server_status(self) -> ServerStatus:
         """What the server can do, and how much room the project has left, as the caller may know it."""
-        return self._get(ServerStatus, "/v1/server/status")
+        return self.call(calls.GET_SERVER_STATUS, None)
 
     def create_scene(
         self,
@@ -162,8 +161,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def operations(self, state: OperationState | None = None) -> Iterator[Operation]:
         """All jobs, newest first, page by page."""
-        params = {} if state is None else {"state": state}
-        return self._pages(OperationList, "/v1/operations", params)
+        pages = self._pages(calls.LIST_OPERATIONS, requests.ListOperationsRequest(state=state))
+        return (operation for page in pages for operation in page.operations)
 
     def watch(self, operation_id: str) -> Iterator[Operation]:
         """The job now and on every change, until it is done; a connection that breaks is taken up where it was."""
@@ -197,9 +196,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         deadline = time.monotonic() + timeout_s
         while True:
             left = max(0.0, deadline - time.monotonic())
-            params = {"timeout_s": min(left, _LONG_POLL_S)}
-            path = f"/v1/operations/{in_path(operation_id)}:wait"
-            operation = self._get(Operation, path, params, _LONG_POLL_S + 60.0)
+            request = requests.WaitOperationRequest(operation_id, min(left, _LONG_POLL_S))
+            operation = self.call(calls.WAIT_OPERATION, request, timeout_s=_LONG_POLL_S + 60.0)
             if operation.done:
                 return operation
             if left <= 0:
@@ -207,34 +205,35 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def scene(self, scene_id: str) -> Scene:
         """One scene with its dictionary, cameras and quality."""
-        return self._get(Scene, scene_path(scene_id))
+        return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
     def scenes(self) -> Iterator[SceneSummary]:
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
-        return self._pages(SceneList, "/v1/scenes")
+        return (scene for page in self._pages(calls.LIST_SCENES, requests.ListScenesRequest()) for scene in page.scenes)
 
     def rename_scene(self, scene_id: str, name: str, *, expected_name: str | None = None) -> Scene:
         """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name."""
-        body = to_plain(SceneUpdate(name, expected_name))
-        return read(Scene, self._transport.call("PATCH", scene_path(scene_id), json=body))
+        return self.call(calls.UPDATE_SCENE, requests.UpdateSceneRequest(scene_id, name, expected_name))
 
     def delete_scene(self, scene_id: str) -> None:
         """Forget a scene and all its files."""
-        self._transport.call("DELETE", scene_path(scene_id), repeatable=False)
+        self.call(calls.DELETE_SCENE, requests.DeleteSceneRequest(scene_id))
 
     def labels(self, scene_id: str) -> Iterator[DictionaryEntry]:
         """A scene's whole dictionary, by label id."""
-        return self._pages(LabelList, f"{scene_path(scene_id)}/labels")
+        pages = self._pages(calls.LIST_LABELS, requests.ListLabelsRequest(scene_id))
+        return (label for page in pages for label in page.labels)
 
     def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
         """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
         of earlier releases."""
-        return self._pages(PhotoVerdictList, f"{scene_path(scene_id)}/photo-verdicts")
+        pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
+        return (photo for page in pages for photo in page.photos)
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
         """The things of a scene as oriented boxes."""
-        params = {"label": label, "version": version}
-        return self._pages(ObjectList, f"{scene_path(scene_id)}/objects", params)
+        pages = self._pages(calls.LIST_OBJECTS, requests.ListObjectsRequest(scene_id, version, label=label))
+        return (thing for page in pages for thing in page.objects)
 
     def query(
         self,
@@ -329,7 +328,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self._transport.call("GET", f"{scene_path(scene_id)}/cameras", params={"format": file_format}).content
+        return self.call(calls.DOWNLOAD_CAMERAS, CameraFileRequest(scene_id, file_format))
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
@@ -357,8 +356,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
         """Just the Gaussians that answer, as a 3DGS PLY."""
-        params = {"text": text, "version": version}
-        return self._transport.call("GET", f"{scene_path(scene_id)}/mask.ply", params=params).content
+        return self.call(calls.DOWNLOAD_MASK_PLY, requests.DownloadMaskPlyRequest(scene_id, version, text))
 
     def export(
         self,
@@ -375,8 +373,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def _render(self, viewpoint: str | PosedCamera, request: PictureRequest) -> bytes:
         where = {"view": viewpoint} if isinstance(viewpoint, str) else {"camera": viewpoint}
-        body = _without_scene(replace(request, **where))
-        return self._transport.call("POST", f"{scene_path(request.scene_id)}:render", json=body).content
+        return self.call(calls.RENDER_VIEW, replace(request, **where))
 
     def _array(self, scene_id: str, kind: PictureKind, viewpoint: str | PosedCamera, version: str) -> NDArray[Any]:
         content = self._render(viewpoint, PictureRequest(scene_id, kind, version=version, format="npy"))

@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat_client.errors import read
-from fastsplat_client.thing_calls import in_path
-from fastsplat_client.transport import Transport
+from fastsplat_client.table_calls import TableCalls
+from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.operations import Operation, RetryIn
+from fastsplat_contract.job_watching import PlacedInfo, Preview
+from fastsplat_contract.operations import Operation
 
 
 class Placed(NamedTuple):
@@ -33,18 +31,16 @@ class Placed(NamedTuple):
     colors: NDArray[np.uint8]
 
 
-class JobCalls:
+class JobCalls(TableCalls):
     """The part of `Client` that speaks of one job."""
-
-    _transport: Transport
 
     def operation(self, operation_id: str) -> Operation:
         """Where a job stands."""
-        return read(Operation, self._transport.call("GET", _job_path(operation_id)))
+        return self.call(calls.GET_OPERATION, requests.GetOperationRequest(operation_id))
 
     def cancel(self, operation_id: str) -> Operation:
         """Ask a job to stop; one that is over stays as it is."""
-        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:cancel"))
+        return self.call(calls.CANCEL_OPERATION, requests.CancelOperationRequest(operation_id))
 
     def retry(self, operation_id: str, exclude: Sequence[str] = ()) -> Operation:
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
@@ -57,8 +53,7 @@ class JobCalls:
             InvalidInputError: the upload has no photo of such a name, or too few are left.
             NotReadyError: photos are to be left out of a job that neither failed nor was cancelled.
         """
-        body = to_plain(RetryIn(tuple(exclude)))
-        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:retry", json=body))
+        return self.call(calls.RETRY_OPERATION, requests.RetryOperationRequest(operation_id, tuple(exclude)))
 
     def finish(self, operation_id: str) -> Operation:
         """Ask a job to end its training early, and to make the scene of what is there; asked again nothing changes.
@@ -66,7 +61,7 @@ class JobCalls:
         Raises:
             NotReadyError: it does not train right now.
         """
-        return read(Operation, self._transport.call("POST", f"{_job_path(operation_id)}:finish"))
+        return self.call(calls.FINISH_OPERATION, requests.FinishOperationRequest(operation_id))
 
     def preview(self, operation_id: str) -> Preview:
         """The newest picture (JPEG) of a scene that is being trained.
@@ -74,7 +69,7 @@ class JobCalls:
         Raises:
             NotFoundError: there is none (any more).
         """
-        return read(Preview, self._transport.call("GET", f"{_job_path(operation_id)}/preview"))
+        return self.call(calls.GET_PREVIEW, requests.GetPreviewRequest(operation_id))
 
     def placed_cameras(self, operation_id: str) -> Placed:
         """The cameras that a job has placed so far, and some of its points.
@@ -82,11 +77,7 @@ class JobCalls:
         Raises:
             NotFoundError: there are none (any more).
         """
-        placed = read(PlacedCameras, self._transport.call("GET", f"{_job_path(operation_id)}/cameras"))
+        placed = self.call(calls.GET_PLACED_CAMERAS, requests.GetPlacedCamerasRequest(operation_id))
         points = np.frombuffer(placed.points, dtype="<f4").astype(np.float32).reshape(-1, 3)
         colors = np.frombuffer(placed.colors, dtype=np.uint8).reshape(-1, 3)
         return Placed(placed.info, placed.cameras, points, colors)
-
-
-def _job_path(operation_id: str) -> str:
-    return f"/v1/operations/{in_path(operation_id)}"

@@ -7,29 +7,22 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from fastsplat_client.errors import read
-from fastsplat_client.thing_calls import scene_path
-from fastsplat_client.transport import Transport
+from fastsplat_client.table_calls import TableCalls, scene_path
+from fastsplat_contract import calls, requests
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.localize_messages import Localization
-from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
-from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.next_photo_messages import NextPhoto
+from fastsplat_contract.photo_messages import BestView, ScenePhoto
 from fastsplat_contract.poses import Pose
 
 
-class PhotoCalls:
+class PhotoCalls(TableCalls):
     """The part of `Client` that speaks of photos."""
-
-    _transport: Transport
 
     def photos(self, scene_id: str, *, version: str = "") -> Iterator[ScenePhoto]:
         """The photos that are stored with a scene, in the order of its cameras, page by page."""
-        token = ""
-        while True:
-            params = {"version": version, "page_token": token}
-            page = read(PhotoList, self._transport.call("GET", f"{scene_path(scene_id)}/photos", params=params))
-            yield from page.photos
-            if not (token := page.next_page_token):
-                return
+        pages = self._pages(calls.LIST_PHOTOS, requests.ListPhotosRequest(scene_id, version))
+        return (photo for page in pages for photo in page.photos)
 
     def photo(self, scene_id: str, view: str, *, version: str = "") -> bytes:
         """The photo of one of the scene's cameras (its name) as a JPEG file.
@@ -37,8 +30,7 @@ class PhotoCalls:
         It is undistorted, so that it fits the camera with the intrinsics scaled to its size
         (`PosedCamera.camera.scaled_to`).
         """
-        params = {"view": view, "version": version}
-        return self._transport.call("GET", f"{scene_path(scene_id)}/photo.jpg", params=params).content
+        return self.call(calls.DOWNLOAD_PHOTO, requests.DownloadPhotoRequest(scene_id, version, view))
 
     def localize(
         self,
@@ -75,9 +67,7 @@ class PhotoCalls:
 
     def next_photos(self, scene_id: str, version: str = "") -> tuple[NextPhoto, ...]:
         """Where to stand for the next photos of a scene: at most three places, the most useful first."""
-        params = {"version": version}
-        path = f"{scene_path(scene_id)}/next-photos"
-        return read(NextPhotoList, self._transport.call("GET", path, params=params)).photos
+        return self.call(calls.LIST_NEXT_PHOTOS, requests.ListNextPhotosRequest(scene_id, version)).photos
 
     def best_views(
         self, scene_id: str, things: int | Sequence[int] = (), *, text: str = "", max_views: int = 0, version: str = ""
@@ -92,5 +82,5 @@ class PhotoCalls:
             version: of the scene; "" is the current one.
         """
         ids = (things,) if isinstance(things, int) else tuple(things)
-        params = {"things": ids, "text": text, "max_views": max_views, "version": version}
-        return read(BestViewList, self._transport.call("GET", f"{scene_path(scene_id)}/views", params=params)).views
+        request = requests.ListBestViewsRequest(scene_id, version, ids, text, max_views)
+        return self.call(calls.LIST_BEST_VIEWS, request).views

@@ -4,48 +4,36 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Iterator, Sequence
-from typing import Any, TypeVar
-from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat_client.errors import read
-from fastsplat_client.transport import Transport
+from fastsplat_client.table_calls import TableCalls
+from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.measure_messages import MeasureIn, Measurement
+from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn, SceneVersion, UndoIn, VersionList
-from fastsplat_contract.thing_messages import PickedThing, PickIn, Pixel, PixelBox, SceneThing, ThingList
+from fastsplat_contract.scenes import Edit, SceneVersion
+from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
-from fastsplat_contract.train_more_messages import PresetName, TrainMoreIn
-
-T = TypeVar("T")
-_PAGE = 500
-"""Entries that are asked for at a time; a server gives as many as it allows."""
+from fastsplat_contract.train_more_messages import PresetName
 
 
-class ThingCalls:
+class ThingCalls(TableCalls):
     """The part of `Client` that speaks of things and versions."""
-
-    def __init__(self, transport: Transport) -> None:
-        self._transport = transport
 
     def things(self, scene_id: str, *, version: str = "", parts: bool = False) -> Iterator[SceneThing]:
         """Every thing of a scene, with or without a name, by id; with `parts` each followed by its parts."""
-        query = {"version": version} | ({"parts": "true"} if parts else {})
-        return self._pages(ThingList, f"{scene_path(scene_id)}/things", query)
+        pages = self._pages(calls.LIST_THINGS, requests.ListThingsRequest(scene_id, version, parts=parts))
+        return (thing for page in pages for thing in page.things)
 
     def thing_ids(self, scene_id: str, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [G]: which thing each Gaussian belongs to, by row; 0 for none."""
-        path = f"{scene_path(scene_id)}/things.bin"
-        content = self._transport.call("GET", path, params={"version": version}).content
+        content = self.call(calls.DOWNLOAD_THING_IDS, requests.DownloadThingIdsRequest(scene_id, version))
         return np.frombuffer(content, dtype="<u2").astype(np.uint16)
 
     def pick(
@@ -68,7 +56,8 @@ class ThingCalls:
             point: x, y, z in the world frame, instead of `pixel`.
             version: of the scene; "" is the current one.
         """
-        request = PickIn(
+        request = PickRequest(
+            scene_id,
             camera=None if isinstance(viewpoint, str) else viewpoint,
             view=viewpoint if isinstance(viewpoint, str) else None,
             pixel=None if pixel is None else Pixel(*pixel),
@@ -76,8 +65,7 @@ class ThingCalls:
             point=None if point is None else Vector3(*point),
             version=version,
         )
-        path = f"{scene_path(scene_id)}:pick"
-        return read(PickedThing, self._transport.call("POST", path, json=to_plain(request)))
+        return self.call(calls.PICK_THING, request)
 
     def measure(self, scene_id: str, *places: Place | int, version: str = "") -> Measurement:
         """Where one place is, how large one thing is, or how far two places are from each other.
@@ -87,9 +75,8 @@ class ThingCalls:
             places: one or two; a number is the id of a thing.
             version: of the scene; "" is the current one.
         """
-        request = MeasureIn(tuple(Place(thing=one) if isinstance(one, int) else one for one in places), version)
-        path = f"{scene_path(scene_id)}:measure"
-        return read(Measurement, self._transport.call("POST", path, json=to_plain(request)))
+        of = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
+        return self.call(calls.MEASURE_SCENE, MeasureRequest(scene_id, of, version))
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, *, version: str = "") -> Goal:
         """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.
@@ -100,18 +87,19 @@ class ThingCalls:
             robot_radius: meters; 0: 0.2.
             version: of the scene; "" is the current one.
         """
-        params = {"thing_id": thing_id, "robot_radius": robot_radius, "version": version}
-        return read(Goal, self._transport.call("GET", f"{scene_path(scene_id)}/goal", params=params))
+        return self.call(calls.GET_GOAL, requests.GetGoalRequest(scene_id, version, thing_id, robot_radius))
 
     def detections(self, scene_id: str, *, version: str = "") -> Iterator[Detection]:
         """Every thing of a scene as a robot needs it, by id: pose and covariance, names, what carries it, who saw it.
         Frame and unit say the pages of `detection_page`."""
-        return self._pages(DetectionList, f"{scene_path(scene_id)}/detections", {"version": version})
+        pages = self._pages(calls.LIST_DETECTIONS, requests.ListDetectionsRequest(scene_id, version))
+        return (detection for page in pages for detection in page.detections)
 
     def detection_page(self, scene_id: str, *, version: str = "", page_token: str = "") -> DetectionList:
         """One page of `detections`, with their frame, their unit and what is up."""
-        params = {"version": version, "page_token": page_token}
-        return self._get(DetectionList, f"{scene_path(scene_id)}/detections", params)
+        return self.call(
+            calls.LIST_DETECTIONS, requests.ListDetectionsRequest(scene_id, version, page_token=page_token)
+        )
 
     def scale_scene(self, scene_id: str, *known: KnownLength | KnownSize) -> SceneVersion:
         """Make a new version whose units are meters by these lengths, these sizes of things, and those of before, see
@@ -192,11 +180,8 @@ class ThingCalls:
             looked_at: the version that was looked at: only names that stood in it are replaced.
             timeout_s: when to give up.
         """
-        body = to_plain(EditIn(tuple(edits), request_id or uuid.uuid4().hex, looked_at))
-        return read(
-            SceneVersion,
-            self._transport.call("POST", f"{scene_path(scene_id)}:edit", json=body, timeout_s=timeout_s),
-        )
+        request = requests.EditSceneRequest(scene_id, tuple(edits), request_id or uuid.uuid4().hex, looked_at)
+        return self.call(calls.EDIT_SCENE, request, timeout_s=timeout_s)
 
     def look_again(self, scene_id: str, texts: str | Sequence[str], *, request_id: str = "") -> Operation:
         """Search a scene for more names with the server's open-set detector; the job is queued, durably, on return.
@@ -209,10 +194,8 @@ class ThingCalls:
             texts: what to look for, in plain words.
             request_id: the same id returns the same operation; by default a new one.
         """
-        body = to_plain(
-            LookAgainIn((texts,) if isinstance(texts, str) else tuple(texts), request_id or uuid.uuid4().hex)
-        )
-        return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:lookAgain", json=body))
+        sought = (texts,) if isinstance(texts, str) else tuple(texts)
+        return self.call(calls.LOOK_AGAIN, requests.LookAgainRequest(scene_id, sought, request_id or uuid.uuid4().hex))
 
     def train_more(
         self,
@@ -236,47 +219,30 @@ class ThingCalls:
             preset: size of the pictures and number of Gaussians; by default the server's.
             request_id: the same id returns the same operation; by default a new one.
         """
-        body = to_plain(TrainMoreIn(seconds, steps, preset, request_id or uuid.uuid4().hex))
-        return read(Operation, self._transport.call("POST", f"{scene_path(scene_id)}:trainMore", json=body))
+        request = requests.TrainMoreRequest(scene_id, seconds, steps, preset, request_id or uuid.uuid4().hex)
+        return self.call(calls.TRAIN_MORE, request)
 
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
-        body = to_plain(AlignIn(alignment, request_id or uuid.uuid4().hex))
-        return read(SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:align", json=body))
+        return self.call(
+            calls.ALIGN_SCENE, requests.AlignSceneRequest(scene_id, alignment, request_id or uuid.uuid4().hex)
+        )
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""
-        body = to_plain(UndoIn(version))
-        return read(
-            SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:undo", json=body, repeatable=False)
-        )
+        return self.call(calls.UNDO_EDIT, requests.UndoEditRequest(scene_id, version))
 
     def redo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go forward to the version that was undone; with `version`, only if that is the current one."""
-        body = to_plain(RedoIn(version))
-        return read(
-            SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:redo", json=body, repeatable=False)
-        )
+        return self.call(calls.REDO_EDIT, requests.RedoEditRequest(scene_id, version))
 
     def restore_version(self, scene_id: str, version: str, *, expected: str = "") -> SceneVersion:
         """Make any version current; with `expected`, only if that is the current one. All others stay."""
-        body = to_plain(RestoreIn(version, expected))
-        return read(SceneVersion, self._transport.call("POST", f"{scene_path(scene_id)}:restore", json=body))
+        return self.call(calls.RESTORE_VERSION, requests.RestoreVersionRequest(scene_id, version, expected))
 
     def versions(self, scene_id: str) -> tuple[SceneVersion, ...]:
         """Every version, oldest first."""
-        return self._get(VersionList, f"{scene_path(scene_id)}/versions").versions
-
-    def _get(self, kind: type[T], path: str, params: dict[str, Any] | None = None, timeout_s: float | None = None) -> T:
-        return read(kind, self._transport.call("GET", path, params=params, timeout_s=timeout_s))
-
-    def _pages(self, kind: type[Any], path: str, params: dict[str, Any] | None = None) -> Iterator[Any]:
-        token = ""
-        while True:
-            page = self._get(kind, path, {"page_size": _PAGE, **(params or {}), "page_token": token})
-            yield from page[0]
-            if not (token := page.next_page_token):
-                return
+        return self.call(calls.LIST_VERSIONS, requests.ListVersionsRequest(scene_id)).versions
 
 
 def _prompt(
@@ -292,13 +258,3 @@ def _prompt(
         background=tuple(Pixel(*pixel) for pixel in background),
         box=None if box is None else PixelBox(*box),
     )
-
-
-def scene_path(scene_id: str) -> str:
-    """The path of a scene."""
-    return f"/v1/scenes/{in_path(scene_id)}"
-
-
-def in_path(name: str) -> str:
-    """A name as one segment of a path."""
-    return quote(name, safe="")

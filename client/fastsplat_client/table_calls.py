@@ -1,0 +1,75 @@
+"""Calls of the contract's table over REST: path, query and body follow from the table and the request's type."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import replace
+from types import NoneType
+from typing import Any, Protocol, TypeVar, cast
+from urllib.parse import quote
+
+from fastsplat_client.errors import read
+from fastsplat_client.transport import Transport
+from fastsplat_contract.call import Answered, Asked, Call
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.requests import InPages
+
+_PAGE = 500
+"""Entries that are asked for at a time; a server gives as many as it allows."""
+
+
+class _Page(Protocol):
+    @property
+    def next_page_token(self) -> str:
+        """Empty on the last page."""
+
+
+Listed = TypeVar("Listed", bound=InPages)
+Page = TypeVar("Page", bound=_Page)
+
+
+class TableCalls:
+    """What the parts of `Client` make their calls by."""
+
+    def __init__(self, transport: Transport) -> None:
+        self._transport = transport
+
+    def call(self, call: Call[Asked, Answered], asked: Asked, *, timeout_s: float | None = None) -> Answered:
+        """What the server answers to a call of `fastsplat_contract.calls` whose request is no form and no stream.
+
+        Args:
+            call: which, as `calls.MEASURE_SCENE`.
+            asked: its request, as `MeasureRequest`; None where the call has none.
+            timeout_s: when to give up.
+        """
+        method, template = call.route.split(" ")
+        plain: dict[str, Any] = {} if asked is None else to_plain(asked)
+        path = re.sub(r"{(\w+)}", lambda name: in_path(plain.pop(name[1])), template)
+        if method in ("GET", "DELETE"):
+            sent: dict[str, Any] = {"params": {name: value for name, value in plain.items() if value is not None}}
+        else:
+            sent = {"json": plain or None}
+        response = self._transport.call(method, path, **sent, repeatable=call.repeatable, timeout_s=timeout_s)
+        if call.response is NoneType:
+            return cast(Answered, None)
+        return cast(Answered, response.content) if call.response is bytes else read(call.response, response)
+
+    def _pages(self, call: Call[Listed, Page], asked: Listed) -> Iterator[Page]:
+        """All pages of a list."""
+        token = ""
+        while True:
+            page = self.call(call, replace(asked, page_size=_PAGE, page_token=token))
+            yield page
+            if not (token := page.next_page_token):
+                return
+
+
+def in_path(name: str) -> str:
+    """A name as one segment of a path."""
+    return quote(name, safe="")
+
+
+def scene_path(scene_id: str) -> str:
+    """The path of a scene."""
+    return f"/v1/scenes/{in_path(scene_id)}"
