@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import grpc
@@ -19,11 +20,16 @@ import httpx
 from fastapi.routing import iter_route_contexts
 from google.protobuf import message_factory
 
+from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.access import route_name
 from fastsplat.api.rest.app import create_app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.members import members
+from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.calls import CALLS
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_training_job
@@ -38,26 +44,14 @@ ROUTES = {
 RPCS = {method.name: method for method in pb.DESCRIPTOR.services_by_name["SceneService"].methods}
 
 _TUS = {"Tus-Resumable": "1.0.0"}
-_MOTION = {"position": {"x": 1, "y": 2, "z": 3}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
 _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
-    "POST /v1/scenes/{scene_id}:pick": {"json": {"view": "front.png", "pixel": {"x": 24.0, "y": 18.0}}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
-    "POST /v1/scenes/{scene_id}:lookAgain": {"json": {"texts": ["mug"]}},
-    "POST /v1/scenes/{scene_id}:trainMore": {"json": {}},
-    "POST /v1/scenes/{scene_id}:align": {"json": {"alignment": {"transform": _MOTION}}},
-    "POST /v1/scenes/{scene_id}:edit": {"json": {"edits": [{"action": "remove", "label": "mug"}]}},
-    "POST /v1/scenes/{scene_id}:measure": {"json": {"places": [{"thing": 1}]}},
     "POST /v1/scenes/{scene_id}:localize": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
-    "POST /v1/scenes/{scene_id}:restore": {"json": {"version": "1"}},
-    "PATCH /v1/scenes/{scene_id}": {"json": {"name": "new"}},
     "POST /mcp": {
         "json": {"jsonrpc": "2.0", "id": 1, "method": "tools/list"},
         "headers": {"Accept": "application/json"},
     },
-    "POST /v1/upload-keys": {"json": {}},
-    "POST /v1/keys": {"json": {"name": "new"}},
-    "POST /v1/keys/{key_id}:expire": {"json": {"lifetime_s": 3600}},
     "POST /v1/uploads": {"headers": {**_TUS, "Upload-Length": "3", "Upload-Metadata": "filename YS56aXA="}},
     "HEAD /v1/uploads/{upload_id}": {"headers": _TUS},
     "DELETE /v1/uploads/{upload_id}": {"headers": _TUS},
@@ -66,7 +60,13 @@ _REQUESTS: dict[str, dict[str, Any]] = {
         "content": b"abc",
     },
 }
-"""What a route needs beside its path to be more than bad input."""
+"""What a route needs beside its path to be more than bad input; other calls that have a body: see `_BODIES`."""
+_BODIES = {
+    handler.call.route: next(iter(handler.bodies.values()))[1]
+    for handler in HANDLERS.values()
+    if handler.bodies and not handler.call.body_optional
+}
+"""What is sent by a call that needs a body: the first of its examples."""
 
 _OF_TRAINING = {
     "FinishOperation",
@@ -127,7 +127,7 @@ class Guarded:
         path = {"/web": "/web/icon.svg", "/docs-files": "/docs-files/swagger-ui.css"}.get(template, template)
         kind = "label_map" if path.endswith(".npy") else "rgb"
         path = path.format(**ids, kind=kind, format="spz")
-        request = _REQUESTS.get(route, {})
+        request = _REQUESTS.get(route) or ({"json": to_plain(_BODIES[route])} if route in _BODIES else {})
         headers = {**request.get("headers", {}), **self.header(caller)}
         params = {"text": "mug", "view": "front.png"}
         return self.faces.rest.request(method, path, params=params, **{**request, "headers": headers})
@@ -183,25 +183,29 @@ def about_one(rpc: str) -> bool:
 
 
 def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
-    query = pb.QueryRequest(scene_id=ids["scene_id"], texts=["mug"])
     if name == "StreamQuery":
+        query = pb.QueryRequest(scene_id=ids["scene_id"], texts=["mug"])
         return pb.StreamQueryRequest(question=pb.StandingQuestion(query=query))
     if name == "CreateScene":
         return pb.CreateSceneRequest(header=pb.CreateSceneHeader())
-    motion = pb.Pose(position=pb.Vector3(x=1.0), orientation=pb.Quaternion(w=1.0))
-    values: dict[str, Any] = {
-        **ids,
-        "name": "new",
-        "lifetime_s": 3600.0,
+    call = CALLS[name]
+    if call.request is NoneType:
+        return kind()
+    body = vars(_BODIES[call.route]) if call.route in _BODIES else {}
+    values = {
         "text": "mug",
-        "texts": ["mug"],
+        "texts": ("mug",),
         "view": "front.png",
-        "kind": pb.PICTURE_KIND_RGB,
-        "role": pb.ROLE_READER,  # of a new key: one that shows a scene alone may do no more
-        "photos": [PLAIN_PNG],
-        "places": [pb.Place(thing=1)],
-        "pixel": pb.Pixel(x=24.0, y=18.0),
-        "alignment": pb.Alignment(transform=motion),
-        "edits": [pb.Edit(action=pb.EDIT_ACTION_REMOVE, label="mug")],
+        "kind": "rgb",
+        "photos": (PLAIN_PNG,),
+        **body,
+        **ids,
+        "request_id": "",  # that of an example would stand for the same call about another scene
     }
-    return kind(**{field: value for field, value in values.items() if field in kind.DESCRIPTOR.fields_by_name})
+    if name == "CreateKey":
+        values["role"] = "reader"  # one that shows a scene alone may do no more
+    return to_proto(call.request(**{field: value for field, value in values.items() if field in _fields(call.request)}))
+
+
+def _fields(kind: Any) -> set[str]:
+    return {member.name for member in members(kind)}
