@@ -80,6 +80,14 @@ def test_nobody_makes_a_key_of_a_higher_role(place: _Place, caller: Role, role: 
         assert new.server_status().role == role
 
 
+@pytest.mark.parametrize(("path", "body"), [("/v1/keys", {"name": "robot"}), ("/v1/upload-keys", {})])
+def test_an_answer_with_a_secret_is_kept_by_no_cache(place: _Place, path: str, body: dict[str, str]) -> None:
+    header = {"Authorization": f"Bearer {place.operator}"}
+    response = place.faces.rest.post(path, json=body, headers=header)
+    assert response.status_code == 201 and response.headers["cache-control"] == "no-store"
+    assert place.faces.rest.post(path, headers=header).status_code == 400  # no key is made by accident
+
+
 def test_a_secret_is_told_once_and_in_no_list(place: _Place) -> None:
     with place.client(place.new("admin")[1]) as client:
         made = client.keys.create("robot")
