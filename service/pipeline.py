@@ -292,7 +292,6 @@ def assemble_scene(
         quality={**quality, **_searched(labelling), **_photo_times(capture, settings)},
         label_templates=templates,
         evidence=trained.evidence,
-        label_mode=trained.label_mode if things is None or labelling.exact else "things",
         things=things,
     )
 

@@ -204,6 +204,5 @@ def _trained(
         text_encoder=("drawn", "0" * 64),
         cameras=tuple(posed if cameras else ()),
         scale="METRIC",
-        label_mode="things",
         things=Things(known, membership),
     )

@@ -139,7 +139,6 @@ def _read_scene(folder: Path) -> Scene:
         training=manifest.training,
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
-        label_mode=manifest.label_mode,
         things=_read_things(folder, manifest),
         scaling=manifest.scaling,
         alignment=manifest.alignment,

@@ -41,7 +41,7 @@ class Manifest:
         dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
-        label_mode: as in `Scene`.
+        label_mode: as in `Scene`; older releases chose by it, and it is written for them.
         evidence_entries: M of the evidence; None for a scene without.
         evidence_sha256: digest of the evidence, "" without.
         things: the table of things; None for a scene without.

@@ -250,7 +250,6 @@ class Scene:
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
         evidence: sparse label counts of the same Gaussians, or None.
-        label_mode: which of codes, evidence and things answers.
         things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
             `fastsplat.service.query.things.labeled_things`.
         scaling: by which known lengths it was scaled since it was trained; None if it was not.
@@ -268,7 +267,6 @@ class Scene:
     quality: Mapping[str, Any] = field(default_factory=dict)
     label_templates: tuple[str, ...] = ("{}",)
     evidence: Evidence | None = None
-    label_mode: LabelMode = "codes"
     things: Things | None = None
     scaling: Scaling | None = None
     alignment: Alignment | None = None
@@ -278,9 +276,13 @@ class Scene:
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
-        assert self.evidence is not None or self.label_mode != "evidence"
-        assert self.things is not None or self.label_mode != "things"
         assert self.things is None or len(self.things.membership) == len(self.gaussians)
+
+    @property
+    def label_mode(self) -> LabelMode:
+        """What says which label a Gaussian has: its thing where the scene stores things, else evidence where it has
+        some, else its code."""
+        return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
 
     def vertical(self) -> SceneVertical | None:
         """Which way is up in this version's frame, by what, and how sure that is; see `vertical_of`."""
@@ -293,13 +295,13 @@ class Scene:
 
 
 def semantics_of(scene: Scene) -> Semantics:
-    """What says which label each Gaussian has, as `Scene.label_mode` chooses: its code, the evidence of the label maps,
-    or the name of its thing."""
-    if scene.label_mode == "evidence" and scene.evidence is not None:
-        return scene.evidence
-    if scene.label_mode == "things" and scene.things is not None:
+    """What says which label each Gaussian has, see `Scene.label_mode`: the name of its thing, the evidence of the label
+    maps, or its code."""
+    if scene.things is not None:
         label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
         for thing in scene.things.table:
             label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
         return ThingSemantics(scene.things.membership, label_ids)
+    if scene.evidence is not None:
+        return scene.evidence
     return CodeSemantics(scene.gaussians.codes, scene.head)

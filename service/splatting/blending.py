@@ -38,7 +38,7 @@ class LabelBlend(Protocol):
 
 
 def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
-    """By the scene's codes, its evidence or its things, as its `label_mode` says."""
+    """By the scene's things, its evidence or its codes, see `semantics_of`."""
     semantics = semantics_of(scene)
     if isinstance(semantics, ThingSemantics):
         return ThingBlend(semantics, device)

@@ -56,7 +56,7 @@ def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
 
 @pytest.mark.parametrize("mode", ["codes", "evidence"])
 def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any) -> None:
-    index = opened(replace(scene, label_mode=mode))
+    index = opened(scene if mode == "evidence" else replace(scene, evidence=None))
     removal = Edit("remove", label="Mugs")
     kept = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
     assert not (index.gaussian_classes[kept] == 1).any()
@@ -125,7 +125,7 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
 
 
 def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
-    index = opened(replace(scene, label_mode="evidence"))
+    index = opened(scene)
     pose, count = rigid(5), len(scene.gaussians)
     rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose))
     after = apply_edit(index, Edit("duplicate", label="mug", transform=pose))

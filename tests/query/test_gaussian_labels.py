@@ -22,7 +22,7 @@ MakeScene = Callable[..., Scene]
 
 
 def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
-    return replace(scene, evidence=evidence, label_mode="evidence")
+    return replace(scene, evidence=evidence)
 
 
 def sure(labels: np.ndarray, count: int) -> Evidence:

@@ -84,7 +84,6 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
             if scene.things.parts is None
             else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
         ),
-        label_mode="things",
     )
 
 
