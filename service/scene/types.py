@@ -77,6 +77,11 @@ class SemanticHead:
     weight: F32
     bias: F32
 
+    @staticmethod
+    def unlearnt(labels: int, code: int = 0) -> SemanticHead:
+        """Of a scene in which no code says a label: N labels, and codes of so many numbers."""
+        return SemanticHead(np.zeros((labels + 1, code), np.float32), np.zeros(labels + 1, np.float32))
+
 
 @dataclass(frozen=True)
 class Evidence:

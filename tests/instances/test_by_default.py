@@ -46,12 +46,11 @@ def test_photos_that_models_label_give_things_with_and_without_names(
     used = settings.model_copy(update={"discovery": DiscoverySettings(things=things)})
     capture = capture_folder(_photos(tmp_path / "photos"), tmp_path / "capture", used.capture)
     scene = build_scene(capture, used).scene
-    if things == "off":
-        assert scene.things is None and scene.label_mode == "codes"
-        return
     assert scene.things is not None and scene.label_mode == "things"
-    assert len(scene.things.table) >= 3
-    assert any(not thing.name for thing in scene.things.table)
+    assert scene.gaussians.codes.shape[1] == 0, "no code is trained that nobody asks"
+    assert len(scene.things.table) >= (1 if things == "off" else 3)
+    unknown = [thing for thing in scene.things.table if not thing.name and not thing.suggestions]
+    assert bool(unknown) == (things == "auto"), "off: what the detector finds and no more"
     assert {thing.source for thing in scene.things.table} <= {None, "detected"}
 
 
