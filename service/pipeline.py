@@ -35,7 +35,7 @@ from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.embeddings import embed_labels
-from fastsplat.service.scene.types import TAKEN_AT, Scene, SemanticHead, Things
+from fastsplat.service.scene.types import TAKEN_AT, Gaussians, Scene, SemanticHead, Things
 from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
@@ -278,13 +278,15 @@ def assemble_scene(
     Raises:
         ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
     """
-    things = _things(trained, labelling, capture, settings, progress)
+    things, gaussians = _things(trained, labelling, capture, settings, progress)
+    learnt = labelling.learnt() is labelling and (things is None or things.head is None)
+    count, code = len(labelling.dictionary), gaussians.codes.shape[1]
     progress(ProgressEvent("export", _THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
-        gaussians=trained.gaussians,
-        head=trained.head if labelling.learnt() is labelling else SemanticHead.unlearnt(len(labelling.dictionary)),
+        gaussians=gaussians,
+        head=trained.head if learnt else SemanticHead.unlearnt(count, code),
         dictionary=labelling.dictionary,
         label_embeddings=embed_labels(labelling.dictionary, encoder, templates),
         text_encoder=(encoder.name, encoder.sha256),
@@ -315,10 +317,12 @@ def _searched(labelling: Labelling) -> dict[str, Any]:
 
 def _things(
     trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
-) -> Things | None:
+) -> tuple[Things | None, Gaussians]:
+    """The things that were discovered, and the Gaussians with their codes; None, and the Gaussians as they were
+    trained, where the objects of the capture's label maps are its things."""
     looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
     if not detected and settings.discovery.things != "on":
-        return None  # then the objects of its label maps are its things
+        return None, trained.gaussians
 
     def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
         def on_view(done: int, total: int) -> None:
@@ -331,22 +335,22 @@ def _things(
     if not masks:
         looking = tell("looking for things", 0, _LOOKING_SHARE)
         masks = propose_capture_masks(capture.views, settings.perception, settings.models, looking)
-    things = find_scene_things(
+    things, gaussians = find_scene_things(
         trained.gaussians,
         capture,
         labelling,
         masks,
         settings.discovery,
         tell("discovering things", 0.0 if looked_for or detected else _LOOKING_SHARE, 1.0),
-        backend=settings.training.backend,
+        training=settings.training,
     )
     if not things.table and not detected:
-        return None
+        return None, trained.gaussians
     encoder = open_appearance_encoder(settings.perception, settings.models)
     if encoder is None:
-        return things
+        return things, gaussians
     side, backend = settings.discovery.max_side, settings.training.backend
-    return with_appearances(things, trained.gaussians, capture.views, encoder, side, backend=backend)
+    return with_appearances(things, gaussians, capture.views, encoder, side, backend=backend), gaussians
 
 
 def scene_quality(

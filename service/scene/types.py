@@ -179,12 +179,15 @@ class Things:
         next_id: no thing of this version of the scene, or of those it was made of, and no part has this id or a larger
             one; 0 stands for the one after the last.
         parts: of the things; None for none.
+        head: maps the Gaussians' codes to logits over things, and decides whose pixel it is; see `codes_of_things`.
+            None where no codes were trained on the things: then the blended membership decides.
     """
 
     table: tuple[Thing, ...]
     membership: Evidence
     next_id: int = 0
     parts: Parts | None = None
+    head: SemanticHead | None = None
 
     def __post_init__(self) -> None:
         ids = [thing.id for thing in self.table]
@@ -218,12 +221,14 @@ class ThingSemantics:
     """Labels of G Gaussians as the names of the things that they belong to.
 
     Attributes:
-        membership: see `Things`.
+        things: their membership says which.
+        codes: float32 [G, D], see `Things.head`.
         label_ids: int32 [I + 1], by id of a thing up to the largest id I: the dictionary id of the thing's name, 0 for
             a thing without one, and for 0, no thing.
     """
 
-    membership: Evidence
+    things: Things
+    codes: F32
     label_ids: NDArray[np.int32]
 
 
@@ -281,7 +286,10 @@ class Scene:
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
-        assert self.things is None or len(self.things.membership) == len(self.gaussians)
+        if self.things is not None:
+            assert len(self.things.membership) == len(self.gaussians)
+            head = self.things.head
+            assert head is None or head.weight.shape == (len(head.bias), self.gaussians.codes.shape[1] or -1)
 
     @property
     def label_mode(self) -> LabelMode:
@@ -306,7 +314,7 @@ def semantics_of(scene: Scene) -> Semantics:
         label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
         for thing in scene.things.table:
             label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
-        return ThingSemantics(scene.things.membership, label_ids)
+        return ThingSemantics(scene.things, scene.gaussians.codes, label_ids)
     if scene.evidence is not None:
         return scene.evidence
     return CodeSemantics(scene.gaussians.codes, scene.head)
