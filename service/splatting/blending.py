@@ -218,7 +218,9 @@ class ThingBlend:
         self._label_ids = semantics.label_ids
         self.members = semantics.things.membership
         same = before is not None and before.members is self.members
-        self.things = before.things if same and before else things_blend(semantics.things, semantics.codes, device)
+        self.things: LabelBlend = (
+            before.things if same and before else things_blend(semantics.things, semantics.codes, device)
+        )
 
     def render(
         self,

@@ -65,15 +65,6 @@ def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> No
     assert found.classes.dtype == np.int32 and found.confidence.dtype == np.float32
 
 
-def test_evidence_that_nobody_asks_changes_nothing(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
-    scene = make_scene()
-    silent = replace(scene, evidence=sure(np.full(4, 3), 4))
-    np.testing.assert_array_equal(ask(scene).label_map(front), ask(silent).label_map(front))
-    np.testing.assert_array_equal(label_gaussians(scene).classes, label_gaussians(silent).classes)
-
-
 def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
     make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
 ) -> None:
