@@ -137,7 +137,7 @@ class SceneIndex:
     @cached_property
     def _part_labels(self) -> Mapping[int, tuple[int, ...]]:
         """The ids of the parts that bear each label, of labels that a part bears."""
-        if self.scene.label_mode != "things" or self.scene.things is None or self.scene.things.parts is None:
+        if self.scene.things is None or self.scene.things.parts is None:
             return {}
         parts = {part.id for part in self.things.present_parts}
         named = {label_id: tuple(i for i in ids if i in parts) for label_id, ids in self.things.by_label.items()}
@@ -186,17 +186,16 @@ class SceneIndex:
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """The objects of this scene with their Gaussians; made by the first question for them. Where the names of
-        things are the labels, these are the named things, see `objects_of_things`; else the objects of the labels, see
-        `find_objects`, each with the id of the thing that most of it is."""
-        from fastsplat.service.query.things.objects import find_objects, numbered_as_things, objects_of_things
+        """The objects of this scene with their Gaussians; made by the first question for them: the named things of a
+        scene that stores things, see `objects_of_things`; else the objects of its labels, see `find_objects`."""
+        from fastsplat.service.query.things.objects import find_objects, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
-                if self.scene.label_mode == "things":
+                if self.scene.things is not None:
                     self._instances = objects_of_things(self.scene, self._labels, self.things.described)
                 else:
-                    self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
+                    self._instances = find_objects(self.scene, self._labels)
             return self._instances
 
     @property
@@ -293,7 +292,7 @@ class SceneIndex:
         if (meant := answer.meant_things) is not None:
             self.check_view(posed)
             return self.things.mask(posed, meant)
-        if self.scene.label_mode == "things":
+        if self.scene.things is not None:
             self.check_view(posed)
             ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]
             return self.things.mask(posed, ids)

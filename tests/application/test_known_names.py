@@ -73,7 +73,6 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
             encoder=open_text_encoder(ENCODER, tmp_path / "models"),
             templates=QuerySettings().templates,
             cameras=[camera],
-            label_mode="things",
             things=Things(table, membership),
         )
         job = replace(queued_job(), project=project)

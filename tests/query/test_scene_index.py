@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.gaussian_labels import classify_codes
+from fastsplat.service.scene.thing_codes import classes_of_codes
 from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
@@ -169,8 +169,8 @@ def test_classes_of_many_gaussians_do_not_depend_on_the_pieces() -> None:
     rng = np.random.default_rng(0)
     head = SemanticHead(rng.standard_normal((2001, 3)).astype(np.float32), rng.standard_normal(2001).astype(np.float32))
     codes = rng.standard_normal((5000, 3)).astype(np.float32)
-    whole = classify_codes(codes, head).classes
-    parts = np.concatenate([classify_codes(codes[i : i + 997], head).classes for i in range(0, 5000, 997)])
+    whole = classes_of_codes(codes, head)[0]
+    parts = np.concatenate([classes_of_codes(codes[i : i + 997], head)[0] for i in range(0, 5000, 997)])
     assert (whole == parts).mean() > 0.999  # BLAS may round a tie differently for another number of rows
 
 

@@ -63,7 +63,6 @@ def discovered() -> Scene:
         dictionary=type(scene.dictionary)(()),
         label_embeddings=np.zeros((0, 16), np.float32),
         things=things,
-        label_mode="things",
     )
 
 
@@ -322,7 +321,7 @@ def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
     owner = np.repeat(np.arange(1, count + 1), 4)
     membership = evidence_of(np.arange(4 * count), owner, np.full(4 * count, UNIT), 4 * count)
     things = Things(tuple(Thing(i) for i in range(1, count + 1)), membership)
-    index = opened(replace(scene, things=things, label_mode="things"))
+    index = opened(replace(scene, things=things))
     assert len(index.things.listed) == count
     named = edited(index, name(list(range(1, count)), "post"))
     (answer,) = named.ask(["post"])
