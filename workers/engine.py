@@ -15,7 +15,7 @@ import sqlite3
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -34,8 +34,10 @@ from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import DONE, JobOutcome, failed
 from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.heartbeat import Heartbeat, Observer, kill_suspended_workers, prune_stalled_workers
+from fastsplat.workers.job_kinds import JobKind
 from fastsplat.workers.periodic import RepeatFilter, repeat
 from fastsplat.workers.supervisor import StoppingError, Supervisor
+from fastsplat_contract.operations import OperationKind
 
 _CLEANUP_INTERVAL_S = 60.0
 """How often a worker removes folders, uploads, logs and rows that are not needed any more."""
@@ -61,7 +63,7 @@ class Worker:
 
     store: Store
     settings: Settings
-    stages: str
+    kinds: Mapping[OperationKind, JobKind]
     executor_id: str = field(default_factory=lambda: f"{socket.gethostname()}-{os.getpid()}-{uuid.uuid4().hex[:8]}")
     stopping: threading.Event = field(default_factory=threading.Event)
     running: dict[str, Supervisor] = field(default_factory=dict)
@@ -143,7 +145,8 @@ def make_scene(operation_id: str, retries: int = 0) -> str:
         claim = worker.store.jobs.claim(operation_id, retries)
         if claim is None:
             return "over"
-        supervisor = Supervisor(worker.store, worker.settings, claim, worker.stages, worker.stopping)
+        kind = worker.kinds[claim.operation.kind]
+        supervisor = Supervisor(worker.store, worker.settings, claim, kind, worker.stopping)
         worker.running[operation_id] = supervisor
         error = supervisor.start_limit_error()
         outcome = DONE if error is None else failed(error)

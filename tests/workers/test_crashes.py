@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from fastsplat.cli.devices import worker_roles
-from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import NotFoundError
 from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment, kill, on_both_databases
+from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
 
 @on_both_databases()
