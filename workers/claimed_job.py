@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
@@ -36,15 +36,6 @@ class JobOutcome:
 
     state: Literal["done", "cancelled", "failed"]
     error: Mapping[str, Any] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """As the job engine records it, where another release of the worker may read it."""
-        return {"outcome": self.state, **({} if self.error is None else {"error": dict(self.error)})}
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Back from `to_json`."""
-        return cls(values["outcome"], values.get("error"))
 
 
 DONE = JobOutcome("done")
@@ -217,9 +208,9 @@ class ClaimedJob:
         self._jobs.release(self.claim)
 
     @_patient
-    def is_exported(self, stage: str) -> bool:
-        """Whether the result of `stage`, the last one, is on this machine, or published."""
-        return (self.folder / stage).is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.run_id))
+    def is_published(self) -> bool:
+        """Whether the last stage's result is published."""
+        return bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
     @_patient
     def publish(self, stage: str, *files: str) -> Path:

@@ -51,7 +51,6 @@ class Supervisor:
     def __init__(
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
     ) -> None:
-        self._jobs = store.jobs
         self._settings = settings
         self._job = ClaimedJob(store, claim, settings.calls.max_versions)
         self._kind = kind
@@ -60,13 +59,30 @@ class Supervisor:
         self._progress = _StageRows(claim.operation.stages, kind.stages)
         self._written_at = 0.0
         self._checked_at = 0.0
-        self._finishing = False
-        self._fenced_claim: Claim | None = None
 
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Names of the job's stages, in order."""
-        return self._kind.stages
+    def run(self) -> JobOutcome:
+        """Have the stages done that are not, make the end durable, and clean up. Returns how the job ended.
+
+        Raises:
+            FencedError: another worker has claimed the job.
+            StoppingError: this worker is stopping, and the job was given back.
+        """
+        error = self.start_limit_error()
+        outcome = DONE if error is None else failed(error)
+        if self._job.claim.attempt == 1 or not self._job.is_published():
+            for stage in self._kind.stages:
+                if outcome == DONE:
+                    outcome = self.run_stage(stage)
+        self.kill()
+        if outcome == DONE:
+            outcome = self._succeed()
+        if outcome == CANCELLED:
+            self._job.cancel()
+        elif outcome.error is not None:
+            self._job.fail(outcome.error)
+        logger.info("job %s %s", self._job.id, outcome.state)
+        self._job.clean_up(outcome)
+        return outcome
 
     def start_limit_error(self) -> Mapping[str, Any] | None:
         """The error of a job that was started too often without progress, as JSON; None if it may run."""
@@ -79,7 +95,7 @@ class Supervisor:
             limit=_start_limit(limit),
             hint="Look into the worker's log for the reason, then retry the operation.",
         )
-        stages = self.stages
+        stages = self._kind.stages
         last_stage = next((stage for stage in stages if not (self._job.folder / stage).is_dir()), stages[-1])
         return error_to_json(error, last_stage, log=self._log_name())
 
@@ -124,40 +140,6 @@ class Supervisor:
             self._job.drop_originals()
         return DONE
 
-    def finish(self, outcome: JobOutcome) -> None:
-        """Make the end durable, then clean up.
-
-        Raises:
-            FencedError: another worker has claimed the job.
-        """
-        self._finishing = True
-        if outcome == DONE and not self._job.is_exported(self.stages[-1]):
-            # The stages were recorded, but on a machine whose folder this one does not see.
-            outcome = self.run_stage(self.stages[-1])
-        self.kill()
-        if outcome == DONE:
-            outcome = self._succeed()
-        if outcome == CANCELLED:
-            self._job.cancel()
-        elif outcome.error is not None:
-            self._job.fail(outcome.error)
-        logger.info("job %s %s", self._job.id, outcome.state)
-        self._job.clean_up(outcome)
-
-    def is_lost(self) -> bool:
-        """Whether another worker has the job for sure: seen by two calls in a row. For a thread beside the job's own.
-
-        The job engine notices that too, and then waits for the job's new owner, where this can not end the trainer.
-        """
-        claim, before = self._job.claim, self._fenced_claim
-        try:
-            self._jobs.check(claim)
-            self._fenced_claim = None
-        except FencedError:
-            self._fenced_claim = claim
-        # A new attempt of this worker, or the job's end, changes the rows before it changes this object.
-        return self._fenced_claim is not None and before is claim is self._job.claim and not self._finishing
-
     def kill(self) -> None:
         """End the trainer and all processes that it started."""
         if self._trainer is not None:
@@ -175,7 +157,7 @@ class Supervisor:
             job.folder,
             job.options,
             chosen_settings(self._settings, job.options),
-            self.stages,
+            self._kind.stages,
             job.claim.operation.order,
             version,
             base,
@@ -210,7 +192,7 @@ class Supervisor:
 
         If there are any, so many starts count from then on.
         """
-        complete = [stage for stage in self.stages if (self._job.folder / stage).is_dir()]
+        complete = [stage for stage in self._kind.stages if (self._job.folder / stage).is_dir()]
         unwritten = [stage for stage in complete if not self._progress.is_complete(stage)]
         if unwritten:
             for stage in unwritten:
@@ -237,7 +219,7 @@ class Supervisor:
 
         Where a finished scene was edited meanwhile, the job's result is put into what it was edited to.
         """
-        last = self.stages[-1]
+        last = self._kind.stages[-1]
         for remaining in reversed(range(_TRIES)):
             try:
                 self._kind.publish(self._job, last)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
-from fastsplat.workers.engine import Worker, start, stop
 from fastsplat.workers.job_kinds import KINDS, JobKind
+from fastsplat.workers.worker import Worker, start, stop
 from fastsplat_contract.operations import OperationKind
 
 logger = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     logger.info("worker %s is stopping", worker.executor_id)
     stop(worker)
     logging.shutdown()
-    os._exit(0)  # the engine's threads hold unfinished jobs, which must stay pending
+    os._exit(0)  # the engine's threads hold an unfinished job, which must stay pending
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:
