@@ -147,22 +147,18 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
     assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")
 
 
-@pytest.mark.parametrize(
-    ("name", "module", "package", "extra"),
-    [("mcap", "foxglove", "foxglove-sdk", "foxglove"), ("rerun", "rerun", "rerun-sdk", "rerun")],
-)
-def test_files_without_their_package_are_refused_alike(
-    faces: Faces, scene_id: str, name: str, module: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
+def test_a_recording_for_rerun_without_its_package_is_refused_alike(
+    faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = importlib.import_module(f"fastsplat.service.application.exporting.{module}_file")
+    writer = importlib.import_module("fastsplat.service.application.exporting.rerun_file")
     monkeypatch.delitem(sys.modules, writer.__name__)
     monkeypatch.delattr(writer.__name__)
-    monkeypatch.setitem(sys.modules, module, None)
-    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}"))
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.rerun"))
     with pytest.raises(grpc.RpcError) as caught:
-        _rpc(faces, scene_id, name)
+        _rpc(faces, scene_id, "rerun")
     assert rest.details == rpc_refusal(caught.value).details and rest.details["field"] == "format"
-    assert package in rest.detail and f"fastsplat[{extra}]" in rest.details["hint"]
+    assert "rerun-sdk" in rest.detail and "fastsplat[rerun]" in rest.details["hint"]
 
 
 @pytest.mark.parametrize("things", [(), (1,)])

@@ -15,7 +15,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
-from fastsplat.service.application.base.optional_packages import FOXGLOVE, RERUN, needed
+from fastsplat.service.application.base.optional_packages import RERUN, needed
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.application.exporting.geometry_files import (
     ViewsOf,
@@ -81,7 +81,7 @@ class Exports:
                 format without cells, surfaces of a scene without cameras, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
-            MissingPackageError: mcap or rerun, where the package that it needs is not installed.
+            MissingPackageError: rerun, where the package that it needs is not installed.
             SceneFileError: a stored photo is damaged.
         """
         check_texts(replace(request, scene_id=""))
@@ -172,8 +172,8 @@ class Exports:
             return splats_file(index, self._name(request), request.things)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with needed(FOXGLOVE, 'the format "mcap"'):
-            from fastsplat.service.application.exporting.foxglove_file import foxglove_file
+        from fastsplat.service.application.exporting.foxglove_file import foxglove_file  # loads with the first call
+
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
         floor, floor_missing = self._floor(index, version, request)
         with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
