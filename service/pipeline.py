@@ -3,8 +3,8 @@
 A splat of another tool takes the same way: pictures are rendered around one that came without posed photos, and labels
 are lifted onto its Gaussians in place of training.
 
-A worker calls the stages one by one and keeps the result of each (`workers.stages`); the evaluation, the benchmarks and
-library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
+benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
 
 from __future__ import annotations

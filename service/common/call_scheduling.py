@@ -30,10 +30,9 @@ class CallRunner(Protocol):
     """What runs calls."""
 
     def charge(self, cost: float) -> None:
-        """Account for work that is about to be done.
+        """Say what the work that is about to be done will cost.
 
         Raises:
-            RateLimitedError: the caller has spent what it may.
             CallAgainError: the call is too costly for the thread that it runs on.
         """
 
@@ -57,13 +56,13 @@ def current_runner() -> CallRunner | None:
 
 
 def charge(cost: float) -> None:
-    """Account for work that is about to be done; nothing where nobody accounts for it.
+    """Say what the work that is about to be done will cost; nothing where nobody asks.
 
     Args:
         cost: in rendered pixels.
 
     Raises:
-        RateLimitedError, CallAgainError: as `CallRunner.charge`.
+        CallAgainError: as `CallRunner.charge`.
     """
     runner = _runner.get()
     if runner is not None:

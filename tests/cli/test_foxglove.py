@@ -254,7 +254,7 @@ def test_what_cannot_be_shown_is_said_at_once(service: SceneService, monkeypatch
         result = CliRunner().invoke(app, ["foxglove", scene_id, "--port", str(port)])
     assert isinstance(result.exception, ResourceError) and str(port) in result.exception.message
     monkeypatch.delitem(sys.modules, "fastsplat.service.application.exporting.foxglove_live", raising=False)
-    monkeypatch.setitem(sys.modules, "foxglove", None)
+    monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
     result = CliRunner().invoke(app, ["foxglove", scene_id])
     assert isinstance(result.exception, MissingPackageError)
-    assert "fastsplat[foxglove]" in result.exception.hint and "foxglove-sdk" in result.exception.message
+    assert "fastsplat[foxglove]" in result.exception.hint and "mcap-protobuf-support" in result.exception.message

@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from fastsplat.cli.devices import worker_roles
-from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import NotFoundError
 from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment, kill, on_both_databases
+from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
 
 @on_both_databases()
@@ -221,10 +220,9 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
     with postgres.database() as url, closing(Deployment(tmp_path, url)) as deployment:
         flag = deployment.settings.data_dir / "suspended.txt"
         operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-        # At the end of a stage: what the job engine records on waking is not its own any more.
+        # At the end of a stage, where the next one begins on waking.
         inside = _SUSPEND_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "from fastsplat.service.store import database\nfrom fastsplat.workers import engine\n"
-        short += "database.IDLE_TRANSACTION_TIMEOUT_S = engine.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
+        short = "from fastsplat.service.store import database\ndatabase.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
         suspended = deployment.start_worker(elsewhere=True, code=short + inside)
         trainer = deployment.wait_in("training", operation)
         deployment.wait_for(flag.exists)

@@ -56,7 +56,7 @@ class PromptedEdits:
 
         Raises:
             InvalidInputError, LimitExceededError: with the field inside `edits`.
-            RateLimitedError, CallAgainError: as `charge`.
+            CallAgainError: as `charge`.
         """
         count = 0
         for number, edit in enumerate(edits):
