@@ -1,12 +1,11 @@
 import { useState } from "preact/hooks";
 
+import { isShared } from "../address/share";
 import type { ExportFormat } from "../api/calls";
 import { exportPath } from "../api/calls";
 import type { Scene } from "../api/types";
-import { isShared } from "../app/share";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { titleOf } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
@@ -98,12 +97,12 @@ export function TakeAway({ state, scene, view }: Properties) {
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
-          <h3>{titleOf(thing)}</h3>
+          <h3>{texts.things.titleOf(thing)}</h3>
           <ul class="chips">
             {(["ply", "spz", "sog", "points", "mesh", "glb"] as const).map((format) =>
               item(
-                texts.take.alone(titleOf(thing), texts.take.kinds[format]),
-                named(ENDINGS[format], titleOf(thing), "thing"),
+                texts.take.alone(texts.things.titleOf(thing), texts.take.kinds[format]),
+                named(ENDINGS[format], texts.things.titleOf(thing), "thing"),
                 exportPath(scene.id, format, version, [thing.id]),
               ),
             )}
