@@ -16,7 +16,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, star
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from fastsplat.service.application.admin.figures import Figures
+from fastsplat.service.application.admin.service_metrics import ServiceMetrics
 from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _R = TypeVar("_R")
@@ -125,9 +125,9 @@ class Metrics:
         self._computing.dec()
         self._of(call.route).computed.observe(time.perf_counter() - call.at)
 
-    def watch_jobs(self, figures: Figures) -> None:
+    def watch_jobs(self, metrics: ServiceMetrics) -> None:
         """Tell of jobs and scenes too, as the database has them at each look."""
-        self.registry.register(_Jobs(figures, self._stages))
+        self.registry.register(_Jobs(metrics, self._stages))
 
 
 class Call:
@@ -154,15 +154,15 @@ class Call:
 
 
 class _Jobs(Collector):
-    def __init__(self, figures: Figures, stages: Histogram) -> None:
-        self._figures = figures
+    def __init__(self, metrics: ServiceMetrics, stages: Histogram) -> None:
+        self._metrics = metrics
         self._stages = stages
 
     def collect(self) -> Iterable[Metric]:
         try:
-            jobs, ended = self._figures.jobs(), self._figures.newly_ended_stages()
+            jobs, ended = self._metrics.jobs(), self._metrics.newly_ended_stages()
         except FastSplatError as error:
-            _log.warning("no figures of the jobs: %s", error.message)
+            _log.warning("no metrics of the jobs: %s", error.message)
             return
         for stage, seconds in ended:
             self._stages.labels(stage).observe(seconds)
@@ -171,7 +171,7 @@ class _Jobs(Collector):
             by_state.add_metric([state], count)
         yield by_state
         yield GaugeMetricFamily(
-            "fastsplat_open_scenes", "Scenes kept open for queries", value=self._figures.open_scenes()
+            "fastsplat_open_scenes", "Scenes kept open for queries", value=self._metrics.open_scenes()
         )
 
     def describe(self) -> Iterable[Metric]:

@@ -91,7 +91,7 @@ async def serve(
     admin = service.admin if isinstance(service, SceneService) else None
     metrics = Metrics()
     if admin is not None:
-        metrics.watch_jobs(admin.figures)
+        metrics.watch_jobs(admin.metrics)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
     threads = Threads(settings.limits, metrics, settings.uploads, CONCURRENT_VALIDATIONS)

@@ -16,7 +16,7 @@ from fastsplat.service.application.admin.admin import Admin
 from fastsplat.service.application.admin.project_keys import ProjectKeys, check_unused
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.admin.quotas import Quotas
-from fastsplat.service.application.admin.server_abilities import server_status
+from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing

@@ -44,7 +44,7 @@ class Connection:
     whole: bool = False
 
 
-class Unanswered:
+class PendingQueries:
     """The newest question and the newest pose, and where the next ones come from. Safe from any thread.
 
     The parts are read one at a time, each when the connection can take it, by the thread that sends them. A thread

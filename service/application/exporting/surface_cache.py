@@ -10,7 +10,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_views
 
 
-class KeptSurfaces:
+class SurfaceCache:
     """The views of the version whose surfaces were last asked for, until others need the memory. Threads may share it.
 
     Args:

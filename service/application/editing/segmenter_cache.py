@@ -63,7 +63,7 @@ class OpenSegmenter:
         return made
 
 
-class WarmSegmenter:
+class SegmenterCache:
     """The segmenter that `settings.perception` names, opened by the first prompt. Threads may share it.
 
     Args:

@@ -18,7 +18,7 @@ class _Call(Protocol):
     def cancel(self) -> object: ...
 
 
-class Heard(Iterator[pb.StreamQueryResponse]):
+class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
     """The replies of a call. Where the reader waits too long for one, the call is cancelled.
 
     Time that the reader spends elsewhere does not count.
@@ -32,7 +32,7 @@ class Heard(Iterator[pb.StreamQueryResponse]):
         self._call = call
         self._replies = iter(call)
         self._limit_s = limit_s
-        self.silent = False
+        self.timed_out = False
         """Whether the call was cancelled for its silence."""
         self._waiting_since: float | None = None
         self._over = threading.Event()
@@ -54,6 +54,6 @@ class Heard(Iterator[pb.StreamQueryResponse]):
         while not self._over.wait(self._limit_s() / 8):
             since = self._waiting_since
             if since is not None and time.monotonic() - since > self._limit_s():
-                self.silent = True
+                self.timed_out = True
                 self._call.cancel()
                 return

@@ -35,7 +35,7 @@ _KEPT = 2
 """Versions."""
 
 
-class KeptLandmarks:
+class LandmarkCache:
     """The landmarks of the versions that photos were last localized in, until others need the memory. Threads may share
     it.
 
