@@ -1,4 +1,4 @@
-"""Prometheus metrics on a port of their own: what waits, what computes, what is refused, what the jobs do."""
+"""Prometheus metrics on a port of their own: calls that wait, compute or are refused, and jobs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _STAGE_SECONDS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.
 
 @dataclass(frozen=True)
 class _Meters:
-    """The figures of one route: to look them up by label at every step would cost more than to count."""
+    """Metrics of one route: to look them up by label at every step would cost more than to count."""
 
     waited: Histogram
     computed: Histogram
@@ -44,7 +44,7 @@ class _Meters:
 
 
 class Metrics:
-    """The figures of one server process. Safe from any thread."""
+    """Metrics of one server process. Safe from any thread."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -131,7 +131,7 @@ class Metrics:
 
 
 class Call:
-    """One call that waits for a thread, computes, or has been given up."""
+    """Timing of one call, from its queue to its end."""
 
     def __init__(self, route: str, metrics: Metrics) -> None:
         self.route = route

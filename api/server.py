@@ -1,4 +1,4 @@
-"""Both faces in one process, on one event loop."""
+"""The API server: HTTP and gRPC in one process, on one event loop."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_FILES = 65_536
 
 @dataclass(frozen=True)
 class Ports:
-    """Where the faces and the metrics listen."""
+    """Ports of HTTP, gRPC and metrics."""
 
     http: int
     grpc: int

@@ -57,7 +57,7 @@ _MAX_DELETED_AT_ONCE = 1000
 
 @dataclass
 class Worker:
-    """The one worker of this process: its identity, the jobs it runs, whether it is stopping."""
+    """State of this process's worker: its identity, the jobs it runs, whether it is stopping."""
 
     store: Store
     settings: Settings

@@ -18,7 +18,7 @@ from fastsplat_contract.train_more_messages import TrainMoreIn
 
 @dataclass(frozen=True)
 class Job:
-    """What a trainer runs.
+    """A job as a trainer gets it.
 
     Attributes:
         operation_id: whose job this is.
@@ -106,7 +106,7 @@ Stage = Callable[[Job, Path, Progress], None]
 
 @dataclass(frozen=True)
 class Stages:
-    """What a trainer runs: in the order of `STAGES`, or of those of a job on a finished scene."""
+    """Implementations of a job's stages: in the order of `STAGES`, or of those of a job on a finished scene."""
 
     capture: Stage
     perception: Stage

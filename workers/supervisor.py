@@ -1,4 +1,4 @@
-"""One job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
+"""Supervisor of one job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class StoppingError(Exception):
 
 
 class Supervisor:
-    """Runs one claimed job. Once `stopping` is set, it gives the job back."""
+    """Runner of one claimed job. Once `stopping` is set, it gives the job back."""
 
     def __init__(self, store: Store, settings: Settings, claim: Claim, stages: str, stopping: threading.Event) -> None:
         self._jobs = store.jobs

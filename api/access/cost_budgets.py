@@ -1,4 +1,4 @@
-"""What a key may spend on rendering and encoding over time: a token bucket in units of one rendered pixel."""
+"""Cost budgets of keys for rendering and encoding: token buckets in units of one rendered pixel."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class _Bucket:
 
 
 class CostBudgets:
-    """The buckets of all keys of one process. Safe from any thread."""
+    """Token buckets of all keys of one process. Safe from any thread."""
 
     def __init__(self, limits: LimitSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._limits = limits

@@ -1,4 +1,4 @@
-"""A call on which nothing comes any more is ended: a network that is gone does not say so."""
+"""Keepalive of gRPC streams: a call without replies is cancelled, as a network that is gone does not say so."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
 class _Call(Protocol):
-    """What is used of a gRPC call that streams."""
+    """The part of a streaming gRPC call that is used here."""
 
     def __iter__(self) -> Iterator[pb.StreamQueryResponse]: ...
 
@@ -19,7 +19,7 @@ class _Call(Protocol):
 
 
 class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
-    """The replies of a call. Where the reader waits too long for one, the call is cancelled.
+    """Replies of a call with a timeout: where the reader waits too long for one, the call is cancelled.
 
     Time that the reader spends elsewhere does not count.
 

@@ -1,4 +1,4 @@
-"""What goes over gRPC: standing questions, where poses go in and masks and objects come out."""
+"""gRPC transport of subscriptions: poses go in, masks and objects come out."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from fastsplat_contract.v1 import status_pb2
 
 @dataclass(frozen=True)
 class Reconnect(Retry):
-    """How a stream of answers goes on after its connection broke.
+    """Policy of reconnection: how a stream of answers goes on after its connection broke.
 
     Attributes:
         tries: connections in a row that may fail before the stream ends with the last one's error; 0: the stream ends
@@ -44,7 +44,7 @@ class Reconnect(Retry):
 
 @dataclass(frozen=True)
 class PoseAnswer:
-    """What one pose brought.
+    """Answers for one pose.
 
     Attributes:
         sequence: which of the poses, counted from 1; it grows from answer to answer.
@@ -66,7 +66,7 @@ class PoseAnswer:
 
 @dataclass(frozen=True)
 class Grpc:
-    """Where the gRPC interface is, and how to get in.
+    """Address and credentials of the gRPC interface.
 
     Attributes:
         target: "host:port".

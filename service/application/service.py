@@ -1,4 +1,4 @@
-"""Everything that can be asked of this product, in one place. Both faces call this and nothing else."""
+"""The service layer: all calls in one place. Both transports call this and nothing else."""
 
 from __future__ import annotations
 

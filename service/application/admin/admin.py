@@ -1,4 +1,4 @@
-"""What those who run the service ask of it, beside what its users ask: keys, figures, readiness."""
+"""Administration of a service: keys, metrics, readiness."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fastsplat_contract.errors import ModelUnavailableError, ResourceError
 
 
 class Admin:
-    """The operator's side of one service.
+    """Administration of one service, for its operators.
 
     Attributes:
         keys: who may call.

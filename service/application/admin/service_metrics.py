@@ -1,4 +1,4 @@
-"""ServiceMetrics of jobs and scenes for the metrics of one server process."""
+"""Metrics of jobs and open scenes, for one server process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photos of a request and their places in a finished scene: what is checked, what it costs, and the answer."""
+"""Localization requests: checks, cost, and answer."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _WORK_BYTES = 192 << 20
 
 
 class Localizing:
-    """Photos localized in finished scenes. Every method is safe from any thread.
+    """Localization of photos in finished scenes. Every method is safe from any thread.
 
     Args:
         store, scenes: of a project.

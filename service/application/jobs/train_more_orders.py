@@ -1,4 +1,4 @@
-"""Orders to train a finished scene further: checked here, done by a worker."""
+"""Job requests to train a finished scene further: checked here, done by a worker."""
 
 from __future__ import annotations
 
