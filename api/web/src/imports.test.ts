@@ -13,7 +13,11 @@ const LAYERS: readonly (readonly string[])[] = [
   ["."],
 ];
 
-const files = import.meta.glob<string>(["./**/*.{ts,tsx,css}", "!./api/schema.d.ts"], { query: "?raw", import: "default", eager: true });
+const files = import.meta.glob<string>(["./**/*.{ts,tsx,css}", "!./api/schema.d.ts"], {
+  query: "?raw",
+  import: "default",
+  eager: true,
+});
 
 /** For each source file those that it imports, as `./folder/file.ts`. */
 const imports = new Map(

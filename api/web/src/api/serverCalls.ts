@@ -8,8 +8,8 @@ import type {
   Operation,
   OperationList,
   Role,
+  ServerStatus,
 } from "./types";
-import type { ServerStatus } from "./types";
 
 const PAGE_SIZE = 100;
 
