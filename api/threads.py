@@ -1,4 +1,4 @@
-"""Where blocking work runs: never on the event loop, and never on more threads than this.
+"""Thread pools of the server: bounded, and the only place where blocking work runs.
 
 Both faces share one event loop and these pools, so that the number of calls at work is one number, and an idle
 stream (a robot that watches an operation for an hour) costs no thread.

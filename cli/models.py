@@ -14,7 +14,7 @@ from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
-    from fastsplat.service.perception.models.pull import Step
+    from fastsplat.service.perception.model_pull.pull import Step
 
 models_app = typer.Typer(
     name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True
@@ -34,8 +34,8 @@ _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another mani
 @models_app.command("list")
 def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
     """Show every model of the manifest and what the model directory holds of it."""
+    from fastsplat.service.perception.model_pull.pull import model_state
     from fastsplat.service.perception.models.model_manifest import load_manifest
-    from fastsplat.service.perception.models.pull import model_state
 
     directory = models or load_settings().models
     console = Console()
@@ -64,7 +64,7 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
-    from fastsplat.service.perception.models.pull import pull as pull_models
+    from fastsplat.service.perception.model_pull.pull import pull as pull_models
 
     directory = models or load_settings().models
     console = Console()

@@ -1,4 +1,4 @@
-"""The training plan of a job and its machine's speed, on disk: each is found once, by the attempt that comes first.
+"""Training plan of a job and speed of its machine, on disk: each is found once, by the attempt that comes first.
 
 Checkpoints continue a plan, and to measure a speed takes a second.
 """

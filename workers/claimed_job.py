@@ -1,4 +1,4 @@
-"""One claimed job's durable state, in rows and files. Its calls wait while the database or the object store is away."""
+"""Durable state of a claimed job, in rows and files. Its calls wait while database or object store are away."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _RETRY_S = 1.0
 
 @dataclass(frozen=True)
 class JobOutcome:
-    """How a job or one of its stages ended; `error` is the `OperationError` of a failed one as JSON, else None."""
+    """Outcome of a job or one of its stages; `error` is the `OperationError` of a failed one as JSON, else None."""
 
     state: Literal["done", "cancelled", "failed"]
     error: Mapping[str, Any] | None = None

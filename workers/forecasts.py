@@ -1,4 +1,4 @@
-"""What is known of a job's length when one of its stages begins."""
+"""Forecast of a job's length at the start of each stage."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ class Heartbeat:
 
 
 class Observer:
-    """How long this process has seen each worker's heartbeat unchanged. One thread looks; any may ask."""
+    """Ages of all workers' heartbeats, by how long this process has seen each unchanged. One thread looks; any asks."""
 
     def __init__(self) -> None:
         self._seen: Mapping[str, tuple[float, float]] = {}

@@ -1,4 +1,4 @@
-"""One job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
+"""Supervisor of one job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class StoppingError(Exception):
 
 
 class Supervisor:
-    """Runs one claimed job. Once `stopping` is set, it gives the job back."""
+    """Runner of one claimed job. Once `stopping` is set, it gives the job back."""
 
     def __init__(
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event

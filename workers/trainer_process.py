@@ -1,4 +1,4 @@
-"""A trainer process, as its supervisor starts, reads and ends it."""
+"""Trainer process: started, read and ended by its supervisor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each call needs, for both protocols: decided on the route that was matched, never on the text of a path.
+"""The access policy: role and cost of each call, looked up by the matched route, never by the text of a path.
 
 A row is a call of the contract: its RPC, and the REST routes that do the same. What no row names needs an operator, so
 that nothing is open by mistake.
@@ -15,7 +15,7 @@ from fastsplat_contract.v1 import fastsplat_pb2
 
 
 class Rule(NamedTuple):
-    """What a call needs.
+    """A row of the policy: what one call needs.
 
     Attributes:
         role: the least one that will do; None: no key is needed.

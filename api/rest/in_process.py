@@ -1,4 +1,4 @@
-"""Requests of this process to its own application, for those who know the service by its client alone."""
+"""In-process HTTP transport: requests of this process to its own application."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _JOIN_S = 30.0
 
 
 class InProcess(httpx.BaseTransport):
-    """Carries the requests of any thread but the loop's own into an application on its event loop.
+    """Transport from any thread but the loop's own into an application on its event loop.
 
     Args:
         app: the application.

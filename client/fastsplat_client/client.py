@@ -64,7 +64,7 @@ _LONG_POLL_S = 20.0
 
 
 class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
-    """One server. A context manager; threads may share it.
+    """Client of one server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
 

@@ -1,4 +1,4 @@
-"""One large file by the tus protocol 1.0.0: a connection that breaks costs one piece."""
+"""Resumable upload of one large file by the tus protocol 1.0.0: a connection that breaks costs one piece."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a call may tell whoever runs it: what its work will cost, and that it cannot go on yet.
+"""Scheduling hints of calls: what their work will cost, and that they cannot go on yet.
 
 Costs are in units of one rendered pixel, known from a request's arguments before the work is done.
 """
@@ -18,7 +18,7 @@ SENTENCE_COST = 2**14
 
 
 class CallAgainError(Exception):
-    """The call is to be made again from its beginning, later or on another thread; it has changed nothing so far."""
+    """A request to repeat the call from its beginning, later or on another thread; it has changed nothing so far."""
 
     def __init__(self, after_s: float = 0.0, *, costly: bool = False) -> None:
         super().__init__("the call is to be made again")
@@ -27,7 +27,7 @@ class CallAgainError(Exception):
 
 
 class CallRunner(Protocol):
-    """What runs calls."""
+    """Interface of whatever runs calls."""
 
     def charge(self, cost: float) -> None:
         """Say what the work that is about to be done will cost.

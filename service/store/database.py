@@ -1,4 +1,4 @@
-"""How databases are opened and used: SQLite set up for several processes, anything else by its URL."""
+"""Database connections: SQLite set up for several processes, anything else by its URL."""
 
 from __future__ import annotations
 

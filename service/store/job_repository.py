@@ -1,4 +1,4 @@
-"""What workers do to operations. Every write carries the attempt that claimed the job: a late copy changes nothing."""
+"""Job queue of the workers. Every write carries the attempt that claimed the job: a late copy changes nothing."""
 
 from __future__ import annotations
 

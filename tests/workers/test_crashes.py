@@ -166,14 +166,34 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployme
     assert len(deployment.visits("capture")) == 1
 
 
-@on_both_databases()
-def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
+_WAIT_AT_THE_END = """
+import os, time
+import fastsplat.service.store.job_repository as jobs
+report = jobs.JobRepository.report
+def wait(self, claim, stages, **more):
+    asked = report(self, claim, stages, **more)
+    finished = any(stage["stage"] == "perception" and stage["message"] == "done" for stage in stages)
+    while finished and not os.path.exists({flag!r}):
+        time.sleep(0.05)
+    return asked
+jobs.JobRepository.report = wait
+"""
+"""Between the last report of a stage and the job engine's own record of it. There, on waking, the job's thread finds
+the record of the new owner and waits for it, so that another thread must notice."""
+
+
+@pytest.mark.parametrize(
+    ("deployment", "code"), [("sqlite", _WAIT_AT_THE_END), ("postgresql", "")], indirect=["deployment"]
+)
+def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment, code: str) -> None:
+    resumed = deployment.settings.data_dir / "resumed.txt"
     operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-    suspended = deployment.start_worker(elsewhere=True)
+    suspended = deployment.start_worker(elsewhere=True, code=code.format(flag=str(resumed)))
     trainer = deployment.wait_in("training", operation)
     deployment.suspend(suspended)
     deployment.start_worker()
     deployment.wait_in("export", operation)
+    resumed.touch()
     deployment.resume(suspended)
 
     assert suspended.wait(timeout=60) == 75

@@ -1,4 +1,4 @@
-"""What the tools of an assistant return: small, with its units, and readable without knowing the service.
+"""Results of an assistant's tools: small, with their units, and readable without knowing the service.
 
 Lengths are in meters where `unit` is "m"; where it is "scene units", nothing is known of their size and no length may
 be said in meters.

@@ -1,4 +1,4 @@
-"""What an assistant may do, as functions over a `Client`; a scene is named by its id or its name, or left out where the
+"""Tools of an assistant as functions over a `Client`; a scene is named by its id or its name, or left out where the
 project has one."""
 
 from __future__ import annotations

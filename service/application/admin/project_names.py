@@ -1,4 +1,4 @@
-"""The names that people gave in the scenes of one project: listed, forgotten, suggested for things that look alike."""
+"""Known names of one project: listed, forgotten, suggested for things that look alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A question to all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
+"""Search over all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
 
 
 class AllScenes:
-    """What can be asked of all scenes at once.
+    """Queries to all scenes at once.
 
     Args:
         store: of one project.

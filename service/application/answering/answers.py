@@ -1,4 +1,4 @@
-"""Questions to finished scenes: which artefact, asked what, in which form."""
+"""Queries to finished scenes: which artefact, asked what, in which form."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _Camera = tuple[str, int, PosedCamera]
 
 
 class Answers:
-    """What can be asked of finished scenes. Every method is safe from any thread."""
+    """Queries to finished scenes. Every method is safe from any thread."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
         self._store = store

@@ -1,4 +1,4 @@
-"""Packages that only some formats and commands need, and that not every installation has."""
+"""Optional dependencies of some formats and commands."""
 
 from __future__ import annotations
 

@@ -25,10 +25,10 @@ from fastsplat.service.application.exporting.geometry_files import (
     splats_file,
     surface_bytes,
 )
-from fastsplat.service.application.exporting.kept_surfaces import KeptSurfaces
 from fastsplat.service.application.exporting.map_files import map_bytes, map_file, map_of
 from fastsplat.service.application.exporting.scene_page import scene_page
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
+from fastsplat.service.application.exporting.surface_cache import SurfaceCache
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
@@ -58,7 +58,7 @@ class Exports:
         self._scenes = scenes
         self._memory = memory
         self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
-        self._surfaces = KeptSurfaces(memory)
+        self._surfaces = SurfaceCache(memory)
 
     def over(self, store: Store, scenes: OpenScenes) -> Exports:
         """The same memory, with the scenes of another view of the store."""

@@ -1,4 +1,4 @@
-"""Finished scenes trained further: orders are checked and queued here, and done by a worker."""
+"""Job requests to train finished scenes further: checked and queued here, and done by a worker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders to look again at a finished scene: checked here, done by a worker."""
+"""Job requests to look again at a finished scene: checked here, done by a worker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Failed and cancelled jobs tried again, with their whole upload or without some of its photos."""
+"""Retries of failed and cancelled jobs, with their whole upload or without some of its photos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stored rows to what callers see."""
+"""Conversion of database rows to what callers see."""
 
 from __future__ import annotations
 

@@ -2,13 +2,13 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { Match, SceneObject } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
-import { knownLabels } from "./knownLabels";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "./askParts";
+import { knownLabels } from "./knownLabels";
 
 const TYPING_MS = 350;
 const SHOWN_MATCHES = 6;

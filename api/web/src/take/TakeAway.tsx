@@ -1,11 +1,10 @@
 import { useState } from "preact/hooks";
 
+import { isShared } from "../address/share";
 import { exportPath } from "../api/calls";
 import type { Scene } from "../api/types";
-import { isShared } from "../app/share";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { titleOf } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
@@ -84,12 +83,12 @@ export function TakeAway({ state, scene, view }: Properties) {
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
-          <h3>{titleOf(thing)}</h3>
+          <h3>{texts.things.titleOf(thing)}</h3>
           <ul class="chips">
             {names(KINDS).map((format) =>
               item(
-                texts.take.alone(titleOf(thing), KINDS[format]),
-                (ending) => named(ending, titleOf(thing), "thing"),
+                texts.take.alone(texts.things.titleOf(thing), KINDS[format]),
+                (ending) => named(ending, texts.things.titleOf(thing), "thing"),
                 exportPath(scene.id, format, version, [thing.id]),
               ),
             )}

@@ -1,5 +1,7 @@
 import { plural } from "./plural";
 
+const unnamed = (id: number) => `Thing ${id}, no name`;
+
 /** Questions and things. */
 export const thingsTexts = {
   ask: {
@@ -31,7 +33,9 @@ export const thingsTexts = {
   things: {
     title: "Things",
     none: "No things were found in this scene.",
-    unnamed: (id: number) => `Thing ${id}, no name`,
+    unnamed,
+    /** The name of a thing, or what stands for it. */
+    titleOf: ({ name, id }: { name: string; id: number }) => name || unnamed(id),
     unnamedCount: (count: number) =>
       count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
     nameNext: "Name the next one",

@@ -1,5 +1,5 @@
-import { getJson, send } from "../api/http";
-import type { components } from "../api/schema";
+import { getJson, send } from "./http";
+import type { components } from "./schema";
 
 export type BestView = components["schemas"]["BestView"];
 type BestViewList = components["schemas"]["BestViewList"];

@@ -1,4 +1,4 @@
-import type { Role } from "../api/types";
+import type { Role } from "./types";
 
 /** The roles whose holders may do what those before them may; a key for one upload is apart. */
 export const ORDERED_ROLES: readonly Role[] = ["reader", "editor", "admin", "operator"];

@@ -1,4 +1,4 @@
-"""The segmenter between edits: open once, with what it knows of the last pictures, until others need its memory."""
+"""Cache of the segmenter and its image embeddings between edits, until others need its memory."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _Key = tuple[int, Camera, bytes]
 
 @dataclass
 class OpenSegmenter:
-    """A segmenter, and its answers to pictures of views. Threads may share it.
+    """A segmenter with a cache of its embeddings of rendered views. Threads may share it.
 
     Attributes:
         segmenter: answers prompts.
@@ -63,8 +63,8 @@ class OpenSegmenter:
         return made
 
 
-class WarmSegmenter:
-    """The segmenter that `settings.perception` names, opened by the first prompt. Threads may share it.
+class SegmenterCache:
+    """Cache of the segmenter that `settings.perception` names, opened by the first prompt. Threads may share it.
 
     Args:
         settings: which one, where its files are, and how many pictures it remembers.

@@ -2,31 +2,31 @@ import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
+import { isShared } from "../address/share";
 import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
-import { isShared } from "../app/share";
 import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
-import { LoadedSplats } from "../change/loadedSplats";
 import { ToolNote } from "../change/ToolNote";
 import { HollowCameras } from "../improve/NextPhotos";
 import { Frusta } from "../look/Frusta";
 import { Legend, LookMenu } from "../look/LookMenu";
 import { PhotoCompare } from "../look/PhotoCompare";
 import { useColors } from "../look/useColors";
-import type { SceneState } from "../scene/sceneState";
 import { ServerView } from "../serverView/ServerView";
 import { hasWebGL, useServerView } from "../serverView/useServerView";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
-import { CameraMotion } from "./cameraMotion";
-import { Controls } from "./controls";
+import { CameraMotion } from "../viewer/cameraMotion";
+import { Controls } from "../viewer/controls";
+import { LoadedSplats } from "../viewer/loadedSplats";
+import type { LookAt } from "../viewer/poses";
+import { firstView, parseView, rescaled } from "../viewer/poses";
+import { readSplat } from "../viewer/readSplat";
+import type { SplatView } from "../viewer/splatView";
+import { statesOf } from "../viewer/states";
 import { Pointing } from "./pointing";
-import type { LookAt } from "./poses";
-import { firstView, parseView, rescaled } from "./poses";
-import { readSplat } from "./readSplat";
-import type { SplatView } from "./splatView";
-import { statesOf } from "./states";
 
 /** What other parts of the page may ask of the 3D view. */
 export interface ViewerHandle {
@@ -107,7 +107,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     observer.observe(element);
     if (hasWebGL())
       // The engine is large: the page is there before it.
-      import("./splatView")
+      import("../viewer/splatView")
         .then(({ SplatView, NoWebGLError }) =>
           SplatView.create(element).catch((problem: unknown) => {
             if (problem instanceof NoWebGLError) return null;

@@ -1,5 +1,5 @@
-import type { Mode } from "./colors";
-import { MODES } from "./colors";
+import type { Mode } from "../viewer/colors";
+import { MODES } from "../viewer/colors";
 
 /** How the scene is looked at, as far as the address says it. */
 export interface Look {

@@ -1,16 +1,32 @@
 import { computed, signal } from "@preact/signals";
 
-import type { PosedCamera } from "../api/types";
+import type { Measurement, Place, PosedCamera } from "../api/types";
+import type { Motion } from "../viewer/motions";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
-import type { Motion } from "./motions";
-import type { PromptTool } from "./prompts";
-import type { RulerTool } from "./ruler";
 
 /** A place in the picture on show, as the service takes it. */
 export interface SeenPlace {
   camera: PosedCamera;
   pixel: { x: number; y: number };
+}
+
+/** A thing that is being split, or one that is missing, by clicks in the view. */
+export interface PromptTool {
+  kind: "split" | "add";
+  /** Of the thing that is split; 0 for a missing one. */
+  thing: number;
+  /** What the clicks so far have made; null before the first. */
+  made: { id: number; count: number; version: string } | null;
+  places: readonly SeenPlace[];
+}
+
+/** Two places that are measured between, as they were picked, and what the server says of them. */
+export interface RulerTool {
+  places: readonly Place[];
+  measured: Measurement | null;
+  error: unknown;
+  waiting: boolean;
 }
 
 /** What is being changed and how the view takes part in it; nothing of it is a version until it is sent. */

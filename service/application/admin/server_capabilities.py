@@ -1,4 +1,4 @@
-"""What this server can do, as one of its callers may know it."""
+"""Capabilities of this server, as one of its callers may know them."""
 
 from __future__ import annotations
 

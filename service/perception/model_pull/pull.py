@@ -1,4 +1,4 @@
-"""Bringing models into the model directory: fetched, verified, converted, tried, and only then put in place."""
+"""The pull of models into the model directory: fetch, checksum, conversion, trial, and one rename at the end."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fastsplat.service.perception.models.convert import convert
-from fastsplat.service.perception.models.model_check import check_model
+from fastsplat.service.perception.model_pull.convert import convert
+from fastsplat.service.perception.model_pull.model_check import check_model
+from fastsplat.service.perception.model_pull.sources import fetch_file
 from fastsplat.service.perception.models.model_files import RECEIPT
-from fastsplat.service.perception.models.model_manifest import ModelEntry, load_manifest
-from fastsplat.service.perception.models.sources import fetch_file
+from fastsplat.service.perception.models.model_manifest import BUILT_IN_MANIFEST, ModelEntry, load_manifest
 from fastsplat.service.perception.onnx_session import file_sha256
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
@@ -64,7 +64,7 @@ def pull(
             been fetched then.
         ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
     """
-    source = manifest or Path(__file__).parent / "manifest.toml"
+    source = manifest or BUILT_IN_MANIFEST
     entries = {entry.name: entry for entry in load_manifest(source)}
     selected = list(names) or [entry.name for entry in entries.values() if entry.default]
     for name in selected:

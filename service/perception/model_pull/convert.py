@@ -7,8 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from fastsplat.service.perception.model_pull.sources import run_pip
 from fastsplat.service.perception.models.model_manifest import Conversion
-from fastsplat.service.perception.models.sources import run_pip
 from fastsplat_contract.errors import ModelUnavailableError
 
 _TIMEOUT_S = 900

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.application.admin.server_abilities import _digest, page_addresses, weighed_with_encoder
+from fastsplat.service.application.admin.server_capabilities import _digest, page_addresses, weighed_with_encoder
 from fastsplat.service.application.service import open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder

@@ -1,4 +1,4 @@
-"""What a stream of standing questions has still to ask, whatever becomes of its connections."""
+"""Pending queries and poses of a subscription, whatever becomes of its connections."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 @dataclass(frozen=True)
 class StandingQuestion:
-    """What is asked of every pose.
+    """A query that is asked of every pose.
 
     Attributes:
         request: one scene, without cameras and views.
@@ -44,8 +44,8 @@ class Connection:
     whole: bool = False
 
 
-class Unanswered:
-    """The newest question and the newest pose, and where the next ones come from. Safe from any thread.
+class PendingQueries:
+    """Queue of a subscription: its newest query and pose, and the source of the next ones. Safe from any thread.
 
     The parts are read one at a time, each when the connection can take it, by the thread that sends them. A thread
     that still waits for a part when its connection breaks leaves that part here, for the next connection.

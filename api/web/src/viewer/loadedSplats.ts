@@ -1,4 +1,4 @@
-import type { SplatColumns } from "../viewer/spz";
+import type { SplatColumns } from "./spz";
 
 const KEPT = 2;
 

@@ -1,4 +1,4 @@
-"""The views of a scene's surfaces between exports: all files of one version that show surfaces are made of the same."""
+"""Cache of a scene's surface views between exports: all files of one version that show surfaces use the same."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_views
 
 
-class KeptSurfaces:
-    """The views of the version whose surfaces were last asked for, until others need the memory. Threads may share it.
+class SurfaceCache:
+    """Cache of the surface views of the version that was last asked for, until others need the memory. Threads may
+    share it.
 
     Args:
         memory: counts what is kept.

@@ -3,10 +3,10 @@ import { batch, computed, signal } from "@preact/signals";
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
 import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
-import { ChangeState } from "../change/changeState";
-import { LookState } from "../look/lookState";
 import { poseOf } from "../viewer/poses";
 import { fromBase64, unpackBits } from "../viewer/states";
+import { ChangeState } from "./changeState";
+import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
 
 /** A scene on show: what the server says of it, what was asked, and which things are selected. */

@@ -1,4 +1,4 @@
-"""Figures of jobs and scenes for the metrics of one server process."""
+"""Metrics of jobs and open scenes, for one server process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastsplat.service.store.job_metrics import JobMetrics
 _OVERLAP_S = 120.0  # rows of other machines may carry clocks that are behind ours
 
 
-class Figures:
+class ServiceMetrics:
     """Jobs by state, and the seconds of every stage of the jobs that ended since this object was made."""
 
     def __init__(self, rows: JobMetrics, open_scenes: Callable[[], int]) -> None:

@@ -1,18 +1,18 @@
+import type { ReadonlySignal, Signal } from "@preact/signals";
 import { batch, computed, signal } from "@preact/signals";
 
-import type { PosedCamera } from "../api/types";
+import { route } from "../address/router";
 import { isAbort } from "../api/http";
-import { route } from "../app/router";
-import type { SceneState } from "../scene/sceneState";
+import { listPhotos } from "../api/photoCalls";
+import type { PosedCamera, Scene } from "../api/types";
+import type { Mode } from "../viewer/colors";
 import type { LookAt } from "../viewer/poses";
 import { centerOfAttention, rayOf } from "../viewer/poses";
+import type { Size } from "../viewer/projection";
+import { viewOfPhoto } from "../viewer/projection";
 import type { Vec } from "../viewer/vectors";
-import { dot, length, subtract } from "../viewer/vectors";
-import type { Mode } from "./colors";
+import { dot, subtract } from "../viewer/vectors";
 import { lookText, parseLook } from "./lookAddress";
-import { listPhotos } from "./photoCalls";
-import type { Size } from "./projection";
-import { viewOfPhoto } from "./projection";
 
 const NEAREST = 0.1;
 
@@ -23,6 +23,13 @@ interface Stage {
   fly: (goal: LookAt) => void;
   jump: (goal: LookAt) => void;
   changed: () => void;
+}
+
+/** The scene that is looked at, as its state has it. */
+interface LookedAt {
+  readonly sceneId: string;
+  readonly scene: ReadonlySignal<Scene | null>;
+  readonly actionError: Signal<unknown>;
 }
 
 /** How a scene is looked at: what its colors say, whether its cameras are drawn, and which photo it is compared with. */
@@ -48,7 +55,7 @@ export class LookState {
   #goal: LookAt | null = null;
   #loads = new AbortController();
 
-  constructor(private readonly state: SceneState) {}
+  constructor(private readonly state: LookedAt) {}
 
   /** Begins with what the address says. */
   attach(stage: Stage): void {
@@ -160,11 +167,4 @@ export class LookState {
     event.preventDefault();
     this.step(step);
   }
-}
-
-/** The length to which cameras are drawn: a share of how far they usually are from what they look at. */
-export function drawnDepth(cameras: readonly PosedCamera[]): number {
-  const center = centerOfAttention(cameras);
-  const distances = cameras.map((camera) => length(subtract(rayOf(camera).position, center))).sort((a, b) => a - b);
-  return 0.1 * (distances[distances.length >> 1] ?? 1);
 }

@@ -1,8 +1,8 @@
 import type { PosedCamera } from "../api/types";
-import type { LookAt } from "../viewer/poses";
-import { axesOf, focalLength, rayOf } from "../viewer/poses";
-import type { Vec } from "../viewer/vectors";
-import { add, cross, dot, scale, subtract } from "../viewer/vectors";
+import type { LookAt } from "./poses";
+import { axesOf, centerOfAttention, focalLength, rayOf } from "./poses";
+import type { Vec } from "./vectors";
+import { add, cross, dot, length, scale, subtract } from "./vectors";
 
 /** The size of the picture that is drawn over, CSS pixels. */
 export interface Size {
@@ -34,6 +34,11 @@ export class Projection {
     this.#focal = focalLength(size.width, size.height, view.fieldOfView);
     const offset = subtract(view.target, view.position);
     this.#near = NEAR * Math.sqrt(dot(offset, offset));
+  }
+
+  /** Where a point of the world is, in pixels; null behind the camera. */
+  point(point: Vec): Point | null {
+    return this.line(point, point)?.[0] ?? null;
   }
 
   /** The part of a line between two points of the world that is in front of the camera, in pixels; null for none. */
@@ -103,4 +108,11 @@ export function photoRect(camera: PosedCamera, view: LookAt, size: Size): Rect {
     width: (focal * width) / fx,
     height: (focal * height) / fy,
   };
+}
+
+/** The length to which cameras are drawn: a share of how far they usually are from what they look at. */
+export function drawnDepth(cameras: readonly PosedCamera[]): number {
+  const center = centerOfAttention(cameras);
+  const distances = cameras.map((camera) => length(subtract(rayOf(camera).position, center))).sort((a, b) => a - b);
+  return 0.1 * (distances[distances.length >> 1] ?? 1);
 }

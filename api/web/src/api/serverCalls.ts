@@ -1,4 +1,4 @@
-import { getJson, post, postJson, send } from "../api/http";
+import { getJson, post, postJson, send } from "./http";
 import type {
   AccessKey,
   KeyList,
@@ -8,8 +8,8 @@ import type {
   Operation,
   OperationList,
   Role,
-} from "../api/types";
-import type { ServerStatus } from "../api/types";
+  ServerStatus,
+} from "./types";
 
 const PAGE_SIZE = 100;
 

@@ -1,9 +1,9 @@
 import { ApiError, isAbort } from "../api/http";
-import type { SeenPlace } from "../change/changeState";
-import type { SceneState } from "../scene/sceneState";
+import type { SeenPlace } from "../state/changeState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import type { LookAt } from "./poses";
-import { cameraOf } from "./poses";
+import type { LookAt } from "../viewer/poses";
+import { cameraOf } from "../viewer/poses";
 
 const REST_MS = 90; // a moving pointer asks nothing
 const CLICK_PIXELS = 4;

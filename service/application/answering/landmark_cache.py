@@ -1,4 +1,4 @@
-"""What versions of scenes are known again by, between requests to localize photos."""
+"""Cache of scenes' landmarks between requests to localize photos."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _KEPT = 2
 """Versions."""
 
 
-class KeptLandmarks:
-    """The landmarks of the versions that photos were last localized in, until others need the memory. Threads may share
-    it.
+class LandmarkCache:
+    """Cache of the landmarks of the versions that photos were last localized in, until others need the memory. Threads
+    may share it.
 
     Args:
         settings: how they are found.

@@ -1,6 +1,6 @@
 import type { Edit } from "../api/types";
-import type { Vec } from "../viewer/vectors";
-import { add, subtract } from "../viewer/vectors";
+import type { Vec } from "./vectors";
+import { add, subtract } from "./vectors";
 
 /** A rigid motion: turned around `pivot` by `angles` (radians, about x, then y, then z of the world), then shifted. */
 export interface Motion {

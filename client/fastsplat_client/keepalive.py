@@ -1,4 +1,4 @@
-"""A call on which nothing comes any more is ended: a network that is gone does not say so."""
+"""Keepalive of gRPC streams: a call without replies is cancelled, as a network that is gone does not say so."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
 class _Call(Protocol):
-    """What is used of a gRPC call that streams."""
+    """The part of a streaming gRPC call that is used here."""
 
     def __iter__(self) -> Iterator[pb.StreamQueryResponse]: ...
 
     def cancel(self) -> object: ...
 
 
-class Heard(Iterator[pb.StreamQueryResponse]):
-    """The replies of a call. Where the reader waits too long for one, the call is cancelled.
+class KeepaliveReplies(Iterator[pb.StreamQueryResponse]):
+    """Replies of a call with a timeout: where the reader waits too long for one, the call is cancelled.
 
     Time that the reader spends elsewhere does not count.
 
@@ -32,7 +32,7 @@ class Heard(Iterator[pb.StreamQueryResponse]):
         self._call = call
         self._replies = iter(call)
         self._limit_s = limit_s
-        self.silent = False
+        self.timed_out = False
         """Whether the call was cancelled for its silence."""
         self._waiting_since: float | None = None
         self._over = threading.Event()
@@ -54,6 +54,6 @@ class Heard(Iterator[pb.StreamQueryResponse]):
         while not self._over.wait(self._limit_s() / 8):
             since = self._waiting_since
             if since is not None and time.monotonic() - since > self._limit_s():
-                self.silent = True
+                self.timed_out = True
                 self._call.cancel()
                 return
