@@ -200,7 +200,6 @@ def test_a_project_has_so_many_keys_and_no_more(place: _Place, monkeypatch: pyte
 
 def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "no-data-here"))
-    monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "key").write_text(f"{place.operator}\n")
     server = [
         "--server",
@@ -220,11 +219,11 @@ def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypat
     record = place.service.admin.keys.valid().find(secret)
     assert record is not None and (record.project, record.role) == (place.elsewhere, "reader")
     listed = call("list")
-    assert record.id in listed and "valid" in listed and "first" not in listed and "fsk_" not in listed
+    assert record.id in listed and "VALID" in listed and "first" not in listed and "fsk_" not in listed
     call("expire", record.id, "--days", "1")
     renewed = place.service.admin.keys.valid().find(secret)
     assert renewed is not None and renewed.expires_at is not None and record.expires_at is not None
     assert renewed.expires_at < record.expires_at
     call("revoke", record.id)
-    assert place.service.admin.keys.valid().find(secret) is None and "revoked" in call("list")
+    assert place.service.admin.keys.valid().find(secret) is None and "REVOKED" in call("list")
     assert not (tmp_path / "no-data-here").exists()
