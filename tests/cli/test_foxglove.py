@@ -1,4 +1,4 @@
-"""`fastsplat scenes foxglove`, as a real WebSocket client sees it: channels, and messages decoded by their own schemas."""
+"""`fastsplat scenes foxglove`, as a real WebSocket client sees it: channels, messages decoded by their own schemas."""
 
 from __future__ import annotations
 
