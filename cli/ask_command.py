@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.export import write_file
-from fastsplat.cli.session import SceneId, Session, Version
+from fastsplat.cli.options import SceneId, Version
+from fastsplat.cli.session import Session
 from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, unit_quaternion

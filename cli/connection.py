@@ -99,16 +99,21 @@ def link_to_share(page: str, made: NewKey) -> str:
 
 
 @contextmanager
-def local_store(*, adopting: bool = False) -> Iterator[Store]:
-    """The store of the configured data folder, for what mends and saves it; `adopting`: see `open_store`."""
+def local_store(data: str = "", *, adopting: bool = False) -> Iterator[Store]:
+    """The store of a data folder, for what no service is asked: what mends and saves it, projects, logs.
+
+    Args:
+        data: as `Place.data`.
+        adopting: see `open_store`.
+    """
     from fastsplat.service.store.store import open_store  # loads the database's library
 
-    settings = load_settings()
-    store = open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
-    try:
-        yield store
-    finally:
-        store.close()
+    with _settings_of(data) as settings:
+        store = open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
+        try:
+            yield store
+        finally:
+            store.close()
 
 
 @contextmanager

@@ -7,8 +7,9 @@ from typing import Annotated, cast
 
 import typer
 
+from fastsplat.cli.options import SceneId, Watch, service_command
 from fastsplat.cli.scene_commands import scenes_app
-from fastsplat.cli.session import SceneId, Session, Watch, service_command
+from fastsplat.cli.session import Session
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.operations import Lens, Movers, Operation, PresetName, Privacy, SceneOptions, UpAxis
 

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.session import SceneId, Session, service_command
+from fastsplat.cli.options import SceneId, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.thing_commands import things_app
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3

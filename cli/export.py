@@ -7,8 +7,9 @@ from typing import Annotated, get_args
 
 import typer
 
+from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scene_commands import scenes_app
-from fastsplat.cli.session import SceneId, Session, Version, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.tables import size
 from fastsplat.service.common.atomic import atomic_file
 from fastsplat_contract.errors import InvalidInputError

@@ -12,8 +12,9 @@ from typing import Annotated
 import typer
 
 from fastsplat.api.access.exposure import is_loopback
+from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.scene_commands import scenes_app
-from fastsplat.cli.session import SceneId, Session, service_command
+from fastsplat.cli.session import Session
 from fastsplat.service.application.base.optional_packages import FOXGLOVE, needed
 
 _POLL_S = 2.0

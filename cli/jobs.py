@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from itertools import islice
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fastsplat.cli.connection import local_store
-from fastsplat.cli.session import JobId, Session, Watch, progress, service_command
+from fastsplat.cli.options import JobId, Watch, service_command
+from fastsplat.cli.session import Session, progress
 from fastsplat.cli.short_ids import SHOWN
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.errors import NotFoundError
@@ -81,21 +81,26 @@ def retry(
     session.tell_job(session.client.retry(session.job(job), exclude), _facts, watch=watch)
 
 
-@jobs_app.command()
-def log(job_id: Annotated[str, typer.Argument(metavar="JOB", help="The whole id of a job.")]) -> None:
-    """Print the error of a job, and the end of what its trainers wrote."""
-    with local_store() as store:
-        record = store.scenes.operation(job_id)
-        path = store.blobs.log(record.id)
-    if record.error is not None:
-        typer.echo(json.dumps(record.error, indent=2), err=True)
+@service_command(jobs_app)
+def log(session: Session, job: JobId) -> None:
+    """Print the end of what the trainers of a job wrote; on stderr, why the job failed."""
+    with session.store() as store:
+        job_id = session.job(job)
+        error = session.client.operation(job_id).error
+        written = _end_of(store.blobs.log(job_id), job_id)
+    if error is not None and not session.as_json:
+        typer.echo(f"{error.stage}: {error.reason}: {error.message}", err=True)
+    session.tell({"error": error, "log": written}, written.rstrip("\n"))
+
+
+def _end_of(log: Path, job_id: str) -> str:
     try:
-        with path.open("rb") as file:
-            file.seek(max(0, path.stat().st_size - _MAX_LOG))
-            typer.echo(file.read().decode(errors="replace"), nl=False)
+        with log.open("rb") as file:
+            file.seek(max(0, log.stat().st_size - _MAX_LOG))
+            return file.read().decode(errors="replace")
     except FileNotFoundError:
         raise NotFoundError(
-            f"job {record.id} has no log on this machine",
+            f"job {job_id} has no log on this machine",
             field="job_id",
             hint="Logs are kept on the machine of the worker, of jobs that run or failed, for a while.",
         ) from None

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import link_to_share
-from fastsplat.cli.session import SceneId, Session, service_command
+from fastsplat.cli.options import SceneId, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import LEAST, SHOWN
 from fastsplat.cli.tables import Column, day, table
 from fastsplat.service.settings import load_settings

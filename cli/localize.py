@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scene_commands import scenes_app
-from fastsplat.cli.session import SceneId, Session, Version, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_plain

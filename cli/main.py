@@ -30,11 +30,11 @@ from fastsplat.cli.local_commands import train, view
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.mcp import mcp
 from fastsplat.cli.models import models_app
+from fastsplat.cli.options import service_command
 from fastsplat.cli.projects import projects_app
 from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.serve_command import Devices, Workers
 from fastsplat.cli.serve_command import serve as serve_command
-from fastsplat.cli.session import service_command
 from fastsplat.cli.status import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app

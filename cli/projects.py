@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.connection import local_store
+from fastsplat.cli.options import service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.tables import Column, minute, table
 
 projects_app = typer.Typer(
@@ -15,26 +16,40 @@ projects_app = typer.Typer(
 )
 
 
-@projects_app.command()
-def create(name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")]) -> None:
+@service_command(projects_app)
+def create(
+    session: Session,
+    name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")],
+) -> None:
     """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
     from fastsplat.service.application.admin.projects import Projects
 
-    with local_store() as store:
+    with session.store() as store:
         Projects(store.projects).create(name)
-    typer.echo(f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}", err=True)
+    session.tell(
+        {"name": name}, f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}"
+    )
 
 
-@projects_app.command("list")
-def list_projects() -> None:
+@service_command(projects_app, "list")
+def list_projects(session: Session) -> None:
     """Show every project."""
     from fastsplat.service.application.admin.projects import Projects
 
-    with local_store() as store:
+    with session.store() as store:
         records = Projects(store.projects).all()
+    projects = [
+        {
+            "name": each.name,
+            "created_at": datetime.fromtimestamp(each.created_at, UTC),
+            "scenes": each.scenes,
+            "keys": each.keys,
+        }
+        for each in records
+    ]
     columns = (Column("project", "cut"), Column("made"), Column("scenes", right=True), Column("keys", right=True))
     rows = [
         (each.name, minute(datetime.fromtimestamp(each.created_at, UTC)), str(each.scenes), str(each.keys))
         for each in records
     ]
-    typer.echo(table(columns, rows))
+    session.tell({"projects": projects}, table(columns, rows))

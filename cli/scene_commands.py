@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.session import SceneId, Session, Version, service_command
+from fastsplat.cli.options import SceneId, Version, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import SHOWN
 from fastsplat.cli.tables import Column, facts, minute, table
 from fastsplat_contract.errors import InvalidInputError

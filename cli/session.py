@@ -1,50 +1,35 @@
-"""What the commands have in common that ask a service: their options, ids in short, and how they print."""
+"""One run of a command that asks a service: its client, ids in short, and how it prints."""
 
 from __future__ import annotations
 
-import inspect
 import json
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Concatenate, ParamSpec
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fastsplat.cli.connection import KEY_VARIABLE, SAMPLE, SERVER_VARIABLE, Place, is_data_folder, open_client
-from fastsplat.cli.short_ids import LEAST, whole_id
+from fastsplat.cli.connection import (
+    Place,
+    is_data_folder,
+    local_store,
+    open_client,
+)
+from fastsplat.cli.short_ids import whole_id
 from fastsplat.cli.tables import duration
-from fastsplat_contract.errors import NotFoundError, NotReadyError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation
 
 if TYPE_CHECKING:
+    from fastsplat.service.store.store import Store
     from fastsplat_client import Client
 
-P = ParamSpec("P")
-
-_PANEL = "Which service"
 _ID_LENGTH = 32
 _POLL_S = 0.5
-
-SceneId = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENE",
-        help=f"A scene's id, or its first letters, {LEAST} at least. Without --server and --data also a folder that "
-        f"fastsplat train has made, or {SAMPLE}: the scene in it.",
-    ),
-]
-JobId = Annotated[str, typer.Argument(metavar="JOB", help=f"A job's id, or its first letters, {LEAST} at least.")]
-Version = Annotated[
-    str, typer.Option(help=f"Of the scene; {LEAST} letters of its name will do. Default: the current one.")
-]
-Watch = Annotated[
-    bool, typer.Option("--watch", help="Follow the job to its end, and print what came of it; status 1 if it fails.")
-]
 
 
 class Session:
@@ -103,6 +88,20 @@ class Session:
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
         return next(each.version for each in self.client.versions(scene_id) if each.current)
+
+    @contextmanager
+    def store(self) -> Iterator[Store]:
+        """Of the data folder, for what servers have no call for.
+
+        Raises:
+            InvalidInputError: a server was named.
+        """
+        if self.place.url:
+            raise InvalidInputError(
+                "servers have no call for this", field="--server", hint="Run it on the server's machine, without."
+            )
+        with local_store(self.place.data) as store:
+            yield store
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
         """Print a value of the contract.
@@ -163,71 +162,3 @@ def progress(operation: Operation) -> str:
     last = operation.stages[-1]
     left = "" if operation.seconds_left is None else f", about {duration(operation.seconds_left)} left in all"
     return f"{last.stage} {last.fraction:.0%} {last.message}{left}"
-
-
-def service_command(
-    group: typer.Typer, name: str | None = None, *, json: bool = True
-) -> Callable[[Callable[Concatenate[Session, P], None]], Callable[Concatenate[Session, P], None]]:
-    """A decorator: adds a command that asks a service to a group, with the options that all of these have; without
-    `json`, a command that goes on until it is stopped, and prints no value."""
-
-    def register(
-        function: Callable[Concatenate[Session, P], None],
-    ) -> Callable[Concatenate[Session, P], None]:
-        common = {option: each for option, each in _COMMON.items() if json or option != _JSON}
-
-        def run(**values: Any) -> None:
-            options = {option: values.pop(option) for option in common}
-            as_json = options.pop(_JSON, False)
-            with Session(Place(**options), as_json=as_json) as session:
-                function(session, **values)  # type: ignore[call-arg]  # all but the session, by name
-
-        own = [*inspect.signature(function, eval_str=True).parameters.values()][1:]
-        run.__name__, run.__doc__ = function.__name__, function.__doc__
-        run.__signature__ = inspect.Signature([*own, *common.values()])  # type: ignore[attr-defined]
-        group.command(name)(run)
-        return function
-
-    return register
-
-
-def _options(
-    server: Annotated[
-        str,
-        typer.Option(
-            metavar="URL",
-            rich_help_panel=_PANEL,
-            help="A running one, e.g. https://robots.example:8000. Default: the variable "
-            f"{SERVER_VARIABLE}, or else the data folder's, in this process.",
-        ),
-    ] = "",
-    key_file: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            rich_help_panel=_PANEL,
-            help=f"Has your key for the server. Default: the variable {KEY_VARIABLE} has the key.",
-        ),
-    ] = None,
-    ca: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", rich_help_panel=_PANEL, help="PEM certificates to trust, not the system's."),
-    ] = None,
-    data: Annotated[
-        str,
-        typer.Option(
-            metavar="DIR",
-            rich_help_panel=_PANEL,
-            help=f"The service of this data folder, in this process; {SAMPLE}: of the sample scene. "
-            "Default: FASTSPLAT_DATA_DIR.",
-        ),
-    ] = "",
-    project: Annotated[
-        str, typer.Option(rich_help_panel=_PANEL, help="Whose scenes. Default: your key's, or the default project.")
-    ] = "",
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON, as REST answers.")] = False,
-) -> None: ...
-
-
-_JSON = "as_json"
-_COMMON = dict(inspect.signature(_options, eval_str=True).parameters)

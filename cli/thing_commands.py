@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.session import SceneId, Session, Version, Watch, service_command
+from fastsplat.cli.options import SceneId, Version, Watch, service_command
+from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import LEAST, whole_id
 from fastsplat.cli.tables import Column, minute, point, table
 from fastsplat_contract.detection_messages import Detection

@@ -31,7 +31,7 @@ from tests.scenes import queued_job
 LONG = "a name that nobody should give, 名前 " * 10
 """More letters than any terminal has columns."""
 _SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
-_GROUPS = ("scenes", "things", "jobs", "keys")
+_GROUPS = ("scenes", "things", "jobs", "keys", "projects")
 _ENDLESS = {("scenes", "foxglove"), ("mcp",)}
 """They go on until they are stopped, and print no value."""
 
@@ -224,6 +224,14 @@ def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
     said = home.run("ask $scene mug elephant").stdout.splitlines()
     assert said[0] == answers[0]["explanation"] and answers[1]["explanation"] in said[1:]
     assert said[1].startswith("  thing 1, mug, at (")
+
+
+def test_what_servers_have_no_call_for_is_refused_of_a_server_and_told_of_a_folder(home: Home) -> None:
+    names = [project["name"] for project in home.json("projects list")["projects"]]
+    assert names == ["default"] and "default" in home.run("projects list").stdout
+    for words in ("projects list", "projects create kitchen", "jobs log $failed"):
+        refused = home.run(words, server=True).exception
+        assert isinstance(refused, InvalidInputError) and refused.field == "--server"
 
 
 def test_what_names_no_service_is_refused(home: Home, tmp_path: Path) -> None:
