@@ -57,22 +57,24 @@ def open_client(place: Place) -> Iterator[Client]:
     """A client of a service. The one in this process asks nobody for a key, and lets do what an operator may.
 
     Raises:
-        InvalidInputError: both a server and a folder are named, or the file of the key cannot be read.
+        InvalidInputError: both a server and a folder are named, or a file that an option names cannot be read.
         NotFoundError: there is no such folder.
     """
-    from fastsplat_client import Client, Retry  # loads gRPC
+    from fastsplat_client import Client  # loads gRPC
 
     if place.server and place.data:
         raise InvalidInputError("both a server and a data folder", field="--data", hint="Name one of them.")
     if place.url:
-        key = os.environ.get(KEY_VARIABLE, "") if place.key_file is None else _text_of(place.key_file)
+        key = os.environ.get(KEY_VARIABLE, "") if place.key_file is None else _text_of(place.key_file, "--key-file")
+        if place.ca is not None:
+            _text_of(place.ca, "--ca")
         with Client(place.url, key=key, ca=place.ca, project=place.project, timeout_s=_CALL_S) as client:
             yield client
         return
     with (
         _settings_of(place.data) as settings,
         _in_process(settings) as carrier,
-        Client(project=place.project, retry=Retry(tries=1), timeout_s=_CALL_S, transport=carrier) as client,
+        Client(project=place.project, timeout_s=_CALL_S, transport=carrier) as client,
     ):
         yield client
 
@@ -142,9 +144,12 @@ def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
     from fastsplat.api.threads import Threads
     from fastsplat.service.application.service import open_service
 
-    own = settings.model_copy(update={"auth": "off", "host": "127.0.0.1", "cors_origins": (), "root_path": ""})
+    # Here each question is the first, which reads the scene and the models.
+    limits = settings.limits.model_copy(update={"answer_s": _CALL_S})
+    access = {"auth": "off", "host": "127.0.0.1", "cors_origins": (), "root_path": ""}
+    own = settings.model_copy(update={**access, "limits": limits})
     with open_service(settings) as service, running_loop() as loop:
-        threads = Threads(settings.limits, uploads=settings.uploads)
+        threads = Threads(limits, uploads=settings.uploads)
         app = create_app(service, own, threads, build_gate(own, service.admin))
         transport = InProcess(app, loop, ("127.0.0.1", 0))
         try:
@@ -154,8 +159,8 @@ def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
             threads.close()
 
 
-def _text_of(key_file: Path) -> str:
+def _text_of(file: Path, option: str) -> str:
     try:
-        return key_file.read_text().strip()
+        return file.read_text().strip()
     except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInputError(f"{key_file} cannot be read: {error}", field="--key-file") from error
+        raise InvalidInputError(f"{file} cannot be read: {error}", field=option) from error

@@ -63,7 +63,8 @@ class Session:
             NotFoundError, InvalidInputError: as `whole_id`.
             NotReadyError: the scene of a folder has not been trained to its end.
         """
-        if not self.place.server and not self.place.data and is_data_folder(text):
+        first = "client" not in vars(self)  # a later argument is of the same folder
+        if first and not self.place.server and not self.place.data and is_data_folder(text):
             self.place = replace(self.place, data=text)
             scene = next(self.client.scenes(), None)
             if scene is None:
