@@ -29,7 +29,7 @@ _CALL_S = 600.0
 
 
 @dataclass(frozen=True)
-class Place:
+class Address:
     """Where a service is.
 
     Attributes:
@@ -53,7 +53,7 @@ class Place:
 
 
 @contextmanager
-def open_client(place: Place) -> Iterator[Client]:
+def open_client(address: Address) -> Iterator[Client]:
     """A client of a service. The one in this process asks nobody for a key, and lets do what an operator may.
 
     Raises:
@@ -62,19 +62,19 @@ def open_client(place: Place) -> Iterator[Client]:
     """
     from fastsplat_client import Client  # loads gRPC
 
-    if place.server and place.data:
+    if address.server and address.data:
         raise InvalidInputError("both a server and a data folder", field="--data", hint="Name one of them.")
-    if place.url:
-        key = os.environ.get(KEY_VARIABLE, "") if place.key_file is None else _text_of(place.key_file, "--key-file")
-        if place.ca is not None:
-            _text_of(place.ca, "--ca")
-        with Client(place.url, key=key, ca=place.ca, project=place.project, timeout_s=_CALL_S) as client:
+    if address.url:
+        key = os.environ.get(KEY_VARIABLE, "") if address.key_file is None else _text_of(address.key_file, "--key-file")
+        if address.ca is not None:
+            _text_of(address.ca, "--ca")
+        with Client(address.url, key=key, ca=address.ca, project=address.project, timeout_s=_CALL_S) as client:
             yield client
         return
     with (
-        _settings_of(place.data) as settings,
+        _settings_of(address.data) as settings,
         _in_process(settings) as carrier,
-        Client(project=place.project, timeout_s=_CALL_S, transport=carrier) as client,
+        Client(project=address.project, timeout_s=_CALL_S, transport=carrier) as client,
     ):
         yield client
 
@@ -105,7 +105,7 @@ def local_store(data: str = "", *, adopting: bool = False) -> Iterator[Store]:
     """The store of a data folder, for what no service is asked: what mends and saves it, projects, logs.
 
     Args:
-        data: as `Place.data`.
+        data: as `Address.data`.
         adopting: see `open_store`.
     """
     from fastsplat.service.store.store import open_store  # loads the database's library

@@ -53,7 +53,7 @@ def share(
     settings = load_settings()
     here = f"{'http' if settings.tls_cert is None else 'https'}://localhost:{settings.http_port}"
     typer.echo(f"key {made.key.id} shows scene {made.key.scene_id} alone, for {days:g} days:", err=True)
-    session.tell(made, link_to_share(page or session.place.url or here, made))
+    session.tell(made, link_to_share(page or session.address.url or here, made))
 
 
 @service_command(keys_app, "list")

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec
 
 import typer
 
-from fastsplat.cli.connection import KEY_VARIABLE, SAMPLE, SERVER_VARIABLE, Place
+from fastsplat.cli.connection import KEY_VARIABLE, SAMPLE, SERVER_VARIABLE, Address
 from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import LEAST
 
@@ -48,7 +48,7 @@ def service_command(
         def run(**values: Any) -> None:
             options = {option: values.pop(option) for option in common}
             as_json = options.pop(_JSON, False)
-            with Session(Place(**options), as_json=as_json) as session:
+            with Session(Address(**options), as_json=as_json) as session:
                 function(session, **values)  # type: ignore[call-arg]  # all but the session, by name
 
         own = [*inspect.signature(function, eval_str=True).parameters.values()][1:]

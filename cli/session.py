@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from fastsplat.cli.connection import (
-    Place,
+    Address,
     is_data_folder,
     local_store,
     open_client,
@@ -36,12 +36,12 @@ class Session:
     """One run of a command.
 
     Args:
-        place: which service it asks, once it asks.
+        address: which service it asks, once it asks.
         as_json: whether it prints JSON.
     """
 
-    def __init__(self, place: Place, *, as_json: bool) -> None:
-        self.place = place
+    def __init__(self, address: Address, *, as_json: bool) -> None:
+        self.address = address
         self.as_json = as_json
         self._opened = ExitStack()
 
@@ -54,7 +54,7 @@ class Session:
     @cached_property
     def client(self) -> Client:
         """Of the service; see `open_client`."""
-        return self._opened.enter_context(open_client(self.place))
+        return self._opened.enter_context(open_client(self.address))
 
     def scene(self, text: str) -> str:
         """The whole id of a scene, of an argument `SceneId`.
@@ -64,8 +64,8 @@ class Session:
             NotReadyError: the scene of a folder has not been trained to its end.
         """
         first = "client" not in vars(self)  # a later argument is of the same folder
-        if first and not self.place.server and not self.place.data and is_data_folder(text):
-            self.place = replace(self.place, data=text)
+        if first and not self.address.server and not self.address.data and is_data_folder(text):
+            self.address = replace(self.address, data=text)
             scene = next(self.client.scenes(), None)
             if scene is None:
                 raise NotFoundError(f"there is no scene in {text}", field="SCENE")
@@ -97,11 +97,11 @@ class Session:
         Raises:
             InvalidInputError: a server was named.
         """
-        if self.place.url:
+        if self.address.url:
             raise InvalidInputError(
                 "servers have no call for this", field="--server", hint="Run it on the server's machine, without."
             )
-        with local_store(self.place.data) as store:
+        with local_store(self.address.data) as store:
             yield store
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:

@@ -14,11 +14,9 @@ from typer.testing import Result
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from tests.api.made_scene import add_scene
 from tests.capture.test_splat_uploads import some_gaussians
 from tests.scenes import queued_job
 
@@ -96,19 +94,6 @@ def test_files_that_make_no_scene_are_refused(fastsplat: Run, service: SceneServ
     (tmp_path / "empty").mkdir()
     assert isinstance(fastsplat("scenes", "create", tmp_path / "empty").exception, InvalidInputError)
     assert _uploads(service) == []
-
-
-def test_a_scene_is_renamed_and_deleted_once_somebody_is_sure(fastsplat: Run, service: SceneService) -> None:
-    scene_id = add_scene(service, load_settings())
-    assert fastsplat("scenes", "rename", scene_id, "my desk").exit_code == 0
-    assert service.get_scene(scene_id).name == "my desk"
-    assert isinstance(fastsplat("scenes", "rename", scene_id, "x" * 10_000).exception, LimitExceededError)
-    assert isinstance(fastsplat("scenes", "rename", "none", "my desk").exception, NotFoundError)
-    assert isinstance(fastsplat("scenes", "rename", scene_id, "x", "--project", "other").exception, NotFoundError)
-    asked = fastsplat("scenes", "delete", scene_id)
-    assert asked.exit_code == 1 and "my desk" in asked.stderr and service.get_scene(scene_id)
-    assert fastsplat("scenes", "delete", scene_id, "--yes").exit_code == 0
-    assert "there is no scene" in fastsplat("scenes", "list").stderr
 
 
 def test_what_became_of_its_photos_is_listed(fastsplat: Run, service: SceneService) -> None:
