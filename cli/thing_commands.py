@@ -139,13 +139,7 @@ def known(
     if forget_all:
         session.client.known_names.forget_all()
     names = tuple(session.client.known_names.all())
-    columns = (
-        Column("id", "cut"),
-        Column("name", "cut"),
-        Column("scene"),
-        Column("thing", right=True),
-        Column("named"),
-    )
+    columns = (Column("id"), Column("name", "cut"), Column("thing", right=True), Column("named"))
     rows = [(each.id, each.name, str(each.thing_id), minute(each.named_at)) for each in names]
     session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
 

@@ -68,8 +68,7 @@ class InProcess(httpx.BaseTransport):
         content = _pieces(request) if has_body else None
         inner = httpx.Request(request.method, request.url, headers=headers, content=content)
         response = await self._inner.handle_async_request(inner)
-        content = await response.aread()
-        return httpx.Response(response.status_code, headers=response.headers, content=content)
+        return httpx.Response(response.status_code, headers=response.headers, content=await response.aread())
 
 
 async def _pieces(request: httpx.Request) -> AsyncIterator[bytes]:

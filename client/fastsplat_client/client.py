@@ -22,7 +22,7 @@ from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.photo_calls import PhotoCalls
-from fastsplat_client.resumable import PIECE_BYTES, send_resumable
+from fastsplat_client.resumable import PIECE_BYTES, dropped_if_refused, send_resumable
 from fastsplat_client.stream import Grpc, grpc_address
 from fastsplat_client.stream_calls import StreamCalls
 from fastsplat_client.thing_calls import ThingCalls, in_path, scene_path
@@ -152,10 +152,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                 fields.append((field, str(value)))
         if options.strict:
             fields.append(("strict", "true"))
+        sent = ""
         if capture.is_file() and photos is None:
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
             fields.append(("uploads", sent))
-        with CaptureFiles(capture, photos) as files:
+        with dropped_if_refused(self._transport, sent), CaptureFiles(capture, photos) as files:
             response = self._transport.call(
                 "POST", "/v1/scenes", content=lambda: {"files": files.form(fields)}, timeout_s=timeout_s
             )

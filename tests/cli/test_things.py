@@ -3,46 +3,29 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
-from fastsplat.service.application.service import open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Thing, Things
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words
-from tests.color_segmenter import ADAPTER, write_color_segmenter
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
 from tests.scenes import store_scene
 
 _PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
 
 
 @pytest.fixture
-def scene_id(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    write_words(tmp_path / "models")
-    write_color_segmenter(tmp_path / "models")
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__SEGMENTER", ADAPTER)
-    load_settings.cache_clear()
-    with open_service(load_settings()) as service:
-        yield add_scene(service, load_settings())
-    load_settings.cache_clear()
-
-
-@pytest.fixture
-def things() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, ["things", *words])
+def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
+    return lambda *words: fastsplat("things", *words)
 
 
 def _listed(things: Callable[..., Result], *words: str) -> list[dict[str, Any]]:
@@ -71,9 +54,10 @@ def test_a_thing_is_picked_named_and_listed(things: Callable[..., Result], scene
     assert json.loads(things("pick", scene_id, "--point", *point, "--json").stdout)["thing"]["name"] == "ball"
 
 
-def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[..., Result], scene_id: str) -> None:
-    with open_service(load_settings()) as service:
-        other = add_scene(service, load_settings())
+def test_a_thing_of_another_scene_is_inserted_where_it_is_put(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    other = add_scene(service, load_settings())
     before = _listed(things, scene_id)
     half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
     inserted = things("insert", scene_id, other, "2", *half_turn)
@@ -92,15 +76,16 @@ def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[.
     assert _listed(things, scene_id) == before
 
 
-def test_parts_are_listed_under_their_things(things: Callable[..., Result], scene_id: str) -> None:
+def test_parts_are_listed_under_their_things(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
     assert things("list", scene_id, "--parts").stdout == things("list", scene_id).stdout
-    with open_service(load_settings()) as service:
-        scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
-        rows = np.arange(len(scene.gaussians))
-        every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
-        some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
-        parts = Parts((Thing(2, parent=1),), some)
-        parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
+    scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
+    rows = np.arange(len(scene.gaussians))
+    every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
+    some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
+    parts = Parts((Thing(2, parent=1),), some)
+    parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
     lines = things("list", parted, "--parts").stdout.splitlines()
     assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
     rows_of_parts = _listed(things, parted, "--parts")
@@ -108,15 +93,15 @@ def test_parts_are_listed_under_their_things(things: Callable[..., Result], scen
     assert len(_listed(things, parted)) == 1
 
 
-def test_what_people_named_is_shown_and_forgotten(things: Callable[..., Result], scene_id: str) -> None:
-    with open_service(load_settings()) as service:
-        name_id = add_known_name(service, scene_id, "violin")
+def test_what_people_named_is_shown_and_forgotten(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    name_id = add_known_name(service, scene_id, "violin")
     shown = things("known")
     assert name_id in shown.stdout and "violin" in shown.stdout
     assert isinstance(things("known", "--forget", "0" * 32).exception, NotFoundError)
     assert name_id not in things("known", "--forget", name_id).stdout
-    with open_service(load_settings()) as service:
-        add_known_name(service, scene_id)
+    add_known_name(service, scene_id)
     assert name_id in things("known").stdout
     assert name_id not in things("known", "--forget-all").stdout
 
@@ -144,9 +129,9 @@ def test_a_thing_is_split_and_a_missing_one_is_added(things: Callable[..., Resul
     assert isinstance(things("split", scene_id, "1", "--pixel", "2,2").exception, InvalidInputError)
 
 
-def test_a_question_is_asked_from_where_one_stands(scene_id: str) -> None:
+def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Result], scene_id: str) -> None:
     def ask(*words: str) -> Result:
-        return CliRunner().invoke(app, ["ask", scene_id, *words])
+        return fastsplat("ask", scene_id, *words)
 
     said = ask("the thing left of the ball", "--from", "front.png")
     assert said.exit_code == 0 and "mug" in said.stdout
