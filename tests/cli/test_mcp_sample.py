@@ -1,4 +1,4 @@
-"""`fastsplat mcp --sample`: the official client starts the real command; the truth is how the sample was made."""
+"""`fastsplat mcp --data sample`: the official client starts the real command; the truth is how the sample was made."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _session(talk: Talk, models: Path, temporary: Path) -> Any:
     for name in ("FASTSPLAT_SERVER", "FASTSPLAT_KEY", "FASTSPLAT_DATA_DIR", "FASTSPLAT_MODELS"):
         environment.pop(name, None)
     command = StdioServerParameters(
-        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--sample"], env=environment, cwd=empty
+        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--data", "sample"], env=environment, cwd=empty
     )
 
     async def session() -> Any:
@@ -147,6 +147,6 @@ def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:
 
 
 def test_the_sample_takes_nothing_of_a_server() -> None:
-    command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--sample", "--project", "kitchen"]
+    command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--data", "sample", "--server", "http://127.0.0.1:9"]
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "in this process" in done.stderr
+    assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "both a server" in done.stderr

@@ -142,7 +142,5 @@ def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path:
     ]
     subprocess.run(command, capture_output=True, check=True)
     assert (tmp_path / "a.png").read_bytes() == scene.show("mug").png
-    from fastsplat.cli.local_commands import ask
-
-    with pytest.raises(InvalidInputError, match="one picture of 2"):
-        ask(folder, ["mug", "ball"], tmp_path / "b.png")
+    refused = CliRunner().invoke(app, ["ask", str(folder), "mug", "ball", "--picture", str(tmp_path / "b.png")])
+    assert isinstance(refused.exception, InvalidInputError) and "one picture of 2" in refused.exception.message
