@@ -40,7 +40,7 @@ def ask(
     )
     with local_service(project) as service:
         (answer,) = service.answers.query(request)
-    typer.echo(json.dumps(to_plain(answer), indent=2, ensure_ascii=False) if as_json else answer.explanation)
+    typer.echo(json.dumps(to_plain(answer), indent=2, ensure_ascii=False) if as_json else answer.sentence)
 
 
 def _pose(text: str) -> Pose:

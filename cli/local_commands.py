@@ -60,7 +60,7 @@ def ask(
     with open_sample() if _is_sample(folder) else open_scene(folder) as scene:
         for text in texts:
             answer = scene.ask(text)
-            typer.echo(answer.explanation)
+            typer.echo(answer.sentence)
             for thing in answer.objects or ():
                 unit = "m" if thing.meters else "scene units"
                 x, y, z = thing.centroid
