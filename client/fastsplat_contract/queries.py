@@ -121,7 +121,6 @@ class QueryRequest(QueryIn, OfScene):
     scene_id: Annotated[str, Field(description="empty: all ready scenes of the project, without cameras and views")]
 
 
-# A tuple: a ranking makes as many as there are labels, and a frozen dataclass takes four times as long.
 @travels(request=False)
 class Match(
     NamedTuple
@@ -210,9 +209,7 @@ class Answer(Response):
     ]
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[int, Field(description="G, the length of the 3D mask")]
-    match_count: Annotated[
-        int, Field(description="names in the whole dictionary, those included that are only suggested")
-    ]
+    match_count: Annotated[int, Field(description="names in the whole dictionary, only suggested ones included")]
     matches: Annotated[Many[Match], Field(description="entries of the dictionary, best first, up to `max_matches`")]
     masks: Annotated[
         Many[ViewMask],

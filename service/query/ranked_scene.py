@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from fastsplat.service.query.language.english import is_foreign, names_nothing
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.ranking import Ranked, Ranker
+from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
-from fastsplat.service.query.sentences import spoken
+from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.query.things.thing_words import ThingWords
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
 

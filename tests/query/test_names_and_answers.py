@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from benchmarks.relations.drawing import Room, box, scene_of, table
 from fastsplat.service.common.dictionary import dictionary_of, label_key
 from fastsplat.service.query.language.query_text import check_query
+from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names_by_looks import NameFromScene
-from fastsplat.service.query.things.thing_words import ThingWords
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Scene, Thing, Things
 from tests.query.conftest import DrawnEncoder, calibrated

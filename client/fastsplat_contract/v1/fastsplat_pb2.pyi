@@ -4446,7 +4446,7 @@ class Answer(_message.Message):
     version: _builtins.str
     """of the scene"""
     match_count: _builtins.int
-    """names in the whole dictionary, those included that are only suggested"""
+    """names in the whole dictionary, only suggested ones included"""
     gaussians: _builtins.int
     """G, the length of the 3D mask"""
     presence: _builtins.float

@@ -28,8 +28,8 @@ from fastsplat.service.query.language.prompt_context import PromptContext, Promp
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
 from fastsplat.service.query.language.scene_labels import SceneLabels
+from fastsplat.service.query.language.sentences import Remarks
 from fastsplat.service.query.language.text_similarity import text_similarity
-from fastsplat.service.query.sentences import Remarks
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER, unnamed_probability
 from fastsplat.service.query.things.thing_names import ThingNames

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
 from fastsplat.service.query.language.ranking import Ranked
+from fastsplat.service.query.language.sentences import Remarks, doubt_of, quoted
 from fastsplat.service.query.phrases.phrase_solving import Named, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
 from fastsplat.service.query.phrases.types import ParsedQuestion, Phrase, Possession
-from fastsplat.service.query.sentences import Remarks, doubt_of
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_measures import ThingMeasures
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.query.things.thing_words import quoted
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
 from fastsplat_contract.queries import Answer
 

@@ -26,7 +26,7 @@ class Name:
         things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
             at least half of `probability`, the likeliest first.
         probability: 0..1, the largest with which it belongs to one of them.
-        suggested: whether nothing bears it.
+        suggested: whether nothing bears it, neither a thing nor, by themselves, Gaussians.
     """
 
     label: str
@@ -69,19 +69,18 @@ class ThingNames:
         """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
         those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
         sureness = {thing.id: thing.probability for thing in self._everything}
+        likely = {self.dictionary.id_of(name): likely for name, likely in self._suggestions.values()}
         names: dict[int, Name] = {}
-        for label_id in {**self.marked, **self.by_label}:
-            ids = self.by_label.get(label_id, ())
-            sure = max((sureness[thing_id] for thing_id in ids), default=0.0)
-            sure = max(sure, self.marked.get(label_id, 0.0))
-            names[label_id] = Name(self.labels.label_of(label_id), ids, sure, suggested=False)
-        for name, likely in self._suggestions.values():
-            label_id = self.dictionary.id_of(name)
-            if label_id is not None and label_id not in names:
-                ranked = sorted(likely.items(), key=lambda each: -each[1])
-                most = ranked[0][1]
-                ids = tuple(thing_id for thing_id, each in ranked if 2 * each >= most)
-                names[label_id] = Name(self.dictionary.label_of(label_id), ids, most, suggested=True)
+        for label_id in filter(None, {**self.marked, **self.by_label, **likely}):
+            own = likely.get(label_id, {})
+            most = max(own.values(), default=0.0)
+            ids = self.by_label.get(label_id) or tuple(
+                thing_id for thing_id in sorted(own, key=lambda each: -own[each]) if 2 * own[thing_id] >= most
+            )
+            borne = label_id in self.marked or label_id in self.by_label
+            sure = max((sureness[thing_id] for thing_id in self.by_label.get(label_id, ())), default=0.0)
+            sure = max(sure, self.marked.get(label_id, 0.0)) if borne else most
+            names[label_id] = Name(self.dictionary.label_of(label_id), ids, sure, suggested=not borne)
         order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
         return {label_id: names[label_id] for label_id in order}
 

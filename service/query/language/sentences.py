@@ -9,10 +9,12 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.english import NoQuestion
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.query.things.thing_words import MOST_NAMED, enumerated, quoted
 from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
 from fastsplat_contract.queries import Answer, Outcome, Relation, RelationSubject
 
+MOST_NAMED = 3
+"""Things and names that a sentence calls; the others are counted."""
+_MAX_QUOTED = 60
 InWords = Callable[[Sequence[int]], str]
 """What some things are called, see `ThingWords.listed`."""
 
@@ -80,6 +82,17 @@ class Remarks:
     head: str = ""
     by_shape: bool = False
     calibrated: bool = True
+
+
+def quoted(text: str) -> str:
+    """A text of somebody in a sentence."""
+    return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
+
+
+def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
+    """'A, B and C'; with `more`, "and 2 more" behind them."""
+    every = [*items, f"{more} more"] if more else list(items)
+    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
 def outcome_of(answer: Answer) -> Outcome:
@@ -158,7 +171,7 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
 
 def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:
     """The things of some names; the names themselves, where labels of Gaussians are no names of things."""
-    if all(names.of_labels((label_id,)) for label_id in label_ids):
+    if all(label_id in names.by_label for label_id in label_ids):
         return in_words(names.of_labels(label_ids))
     shown = [quoted(labels[label_id]) for label_id in label_ids]
     return enumerated(shown[:MOST_NAMED], max(0, len(shown) - MOST_NAMED))

@@ -8,29 +8,16 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from fastsplat.service.query.language.sentences import MOST_NAMED, enumerated, quoted
 from fastsplat.service.query.things.thing_names import ThingNames
 
 if TYPE_CHECKING:  # scipy loads with the first measurement
     from fastsplat.service.query.things.thing_measures import ThingMeasures
 
-MOST_NAMED = 3
-"""More than so many are counted."""
-_MAX_QUOTED = 60
 _NEIGHBORS = 8
 """Named things that an unnamed one may be beside: the nearest by their middles."""
 
 OpenMeasures: TypeAlias = "Callable[[], ThingMeasures]"
-
-
-def quoted(text: str) -> str:
-    """A text of somebody in a sentence."""
-    return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
-
-
-def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
-    """'A, B and C'; with `more`, "and 2 more" behind them."""
-    every = [*items, f"{more} more"] if more else list(items)
-    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
 @dataclass(frozen=True)
