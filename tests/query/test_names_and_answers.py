@@ -48,12 +48,13 @@ def _things(draw: Callable[..., Any]) -> tuple[Thing, ...]:
 
 
 def _scene(things: tuple[Thing, ...], looked_for: list[str]) -> Scene:
-    """One Gaussian a thing; the dictionary has their names, and others that were looked for in vain."""
-    count = len(things)
+    """Four Gaussians a thing; the dictionary has their names, and others that were looked for in vain."""
+    count = 4 * len(things)
     dictionary = dictionary_of([*looked_for, *(thing.name for thing in things if thing.name)])
     rows = np.arange(count)
-    membership = evidence_of(rows, np.array([thing.id for thing in things]), np.full(count, 16 * UNIT), count)
-    means = np.stack([rows, rows * 0, rows * 0], axis=1)
+    owner = np.repeat([thing.id for thing in things], 4)
+    membership = evidence_of(rows, owner, np.full(count, 16 * UNIT), count)
+    means = np.stack([rows // 4, rows % 4 / 10, rows % 2 / 10], axis=1)
     return labelled_scene(
         means, np.zeros(count, int), dictionary, things=Things(things, membership), label_mode="things"
     )

@@ -69,18 +69,17 @@ class ThingNames:
         """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
         those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
         sureness = {thing.id: thing.probability for thing in self._everything}
-        likely = {self.dictionary.id_of(name): likely for name, likely in self._suggestions.values()}
+        suggested = {self.dictionary.id_of(name): own for name, own in self._suggestions.values()}
         names: dict[int, Name] = {}
-        for label_id in filter(None, {**self.marked, **self.by_label, **likely}):
-            own = likely.get(label_id, {})
-            most = max(own.values(), default=0.0)
-            ids = self.by_label.get(label_id) or tuple(
-                thing_id for thing_id in sorted(own, key=lambda each: -own[each]) if 2 * own[thing_id] >= most
-            )
-            borne = label_id in self.marked or label_id in self.by_label
-            sure = max((sureness[thing_id] for thing_id in self.by_label.get(label_id, ())), default=0.0)
-            sure = max(sure, self.marked.get(label_id, 0.0)) if borne else most
-            names[label_id] = Name(self.dictionary.label_of(label_id), ids, sure, suggested=not borne)
+        for label_id in range(1, len(self.dictionary) + 1):
+            bearing, own = self.by_label.get(label_id, ()), suggested.get(label_id, {})
+            borne = bool(bearing) or label_id in self.marked
+            if borne or own:
+                most = max(own.values(), default=0.0)
+                likely = sorted((each for each in own if 2 * own[each] >= most), key=lambda each: -own[each])
+                sure = max((sureness[each] for each in bearing), default=self.marked.get(label_id, 0.0))
+                label = self.dictionary.label_of(label_id)
+                names[label_id] = Name(label, bearing or tuple(likely), sure if borne else most, suggested=not borne)
         order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
         return {label_id: names[label_id] for label_id in order}
 
