@@ -59,7 +59,7 @@ def ask(
 
 
 def _lines(answer: Answer) -> list[str]:
-    lines = [answer.explanation]
+    lines = [answer.sentence]
     for thing in answer.objects or ():
         unit = "m" if thing.meters else "scene units"
         lines.append(f"  thing {thing.thing_id}, {thing.label}, at {point(thing.centroid)} {unit}")
@@ -69,7 +69,7 @@ def _lines(answer: Answer) -> list[str]:
 def _picture(session: Session, answer: Answer) -> bytes:
     """The answer over the view that shows it best; of what is not there, over the middle one of the scene's views."""
     views: list[str] = []
-    if answer.verdict not in ("absent", "undecided"):
+    if answer.shows_something:
         best = session.client.best_views(answer.scene_id, text=answer.text, max_views=1, version=answer.version)
         views = [each.view for each in best]
     if not views:

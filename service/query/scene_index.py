@@ -19,6 +19,7 @@ from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
+from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
@@ -91,9 +92,10 @@ class SceneIndex:
             self._labels = label_by_things(semantics, self.things.belief)
         else:
             self._labels = label_gaussians(scene)
-        names = None if scene.things is None else self.things.names
+        names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
-        ranker = Ranker(labels_of(scene), self.label_counts, encoder, settings, names, known, lexicon, caches)
+        labels = labels_of(scene, names.dictionary)
+        ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
         self.ranked: RankedScene = RankedScene(scene, ranker, names)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
@@ -128,9 +130,7 @@ class SceneIndex:
 
     def labeled(self, label_ids: Sequence[int]) -> NDArray[np.bool_]:
         """bool [G]: Gaussians that have one of these labels, or are of a part that bears one."""
-        relevant = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
-        relevant[list(label_ids)] = True
-        rows = relevant[self._labels.classes]
+        rows = np.isin(self._labels.classes, label_ids)
         parts = [part_id for label_id in label_ids for part_id in self._part_labels.get(label_id, ())]
         return np.asarray(rows | np.isin(self.things.part_owner, parts) if parts else rows)
 
@@ -269,7 +269,8 @@ class SceneIndex:
         relevant = self._relevant_ids(answer)
         relevancy = np.zeros(len(self.scene.dictionary) + 1, dtype=np.float32)
         for match in answer.matches:
-            relevancy[match.label_id] = match.relevancy
+            if match.label_id < len(relevancy):  # what is merely suggested is no class
+                relevancy[match.label_id] = match.relevancy
         drawn = self._renderer_for(posed).mask(posed, relevant, relevancy)
         for label_id in relevant:
             if parts := self._part_labels.get(label_id):
@@ -344,7 +345,8 @@ class SceneIndex:
         return renderer.part_map(posed, things) if isinstance(things, Parts) else renderer.thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
-        if any(not 1 <= match.label_id <= len(self.scene.dictionary) for match in answer.matches):
+        labels = len(self.scene.dictionary)  # other names are suggested, and no Gaussian has them
+        if any(match.label_id < 1 or (match.gaussian_count and match.label_id > labels) for match in answer.matches):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",
                 field="answer",

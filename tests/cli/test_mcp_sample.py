@@ -99,14 +99,14 @@ def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", _MIDDLES)
 def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
     where = answers[f"where_is {name}"]
-    assert where["verdict"] == "exact" and where["unit"] == "m"
+    assert where["outcome"] == "here" and where["unit"] == "m"
     assert np.allclose(
         where["places"][0]["center"][:2], _MIDDLES[name], atol=0.06
     )  # backs that no photo shows are not there
 
 
 def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
-    assert answers["where_is submarine"]["verdict"] == "absent" and answers["where_is submarine"]["places"] == []
+    assert answers["where_is submarine"]["outcome"] == "not_here" and answers["where_is submarine"]["places"] == []
 
 
 def test_things_are_counted_and_related(answers: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def test_a_picture_is_drawn(answers: dict[str, Any]) -> None:
 
 
 def test_a_name_that_is_given_is_found_in_that_session(answers: dict[str, Any]) -> None:
-    assert answers["find renamed"]["verdict"] == "exact"
+    assert answers["find renamed"]["outcome"] == "here"
     assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing"]
 
 

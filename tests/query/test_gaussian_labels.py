@@ -109,7 +109,7 @@ def test_every_pixel_undetected_is_a_scene_of_nothing(
     index = ask(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
     assert not index.gaussian_classes.any() and not index.label_map(front).any()
     (answer,) = index.ask(["mug"])
-    assert answer.verdict == "exact" and answer.matches[0].gaussian_count == 0
+    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
     assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
