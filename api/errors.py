@@ -1,4 +1,4 @@
-"""The one table from errors to HTTP and gRPC statuses, and the two ways of saying the same problem.
+"""Table from errors to HTTP and gRPC statuses, and problem documents for both.
 
 HTTP: RFC 9457 `application/problem+json`. gRPC: `google.rpc.Status` with one `google.rpc.ErrorInfo` in the trailing
 metadata `grpc-status-details-bin` (AIP-193).
@@ -95,7 +95,7 @@ STATUSES: dict[type[FastSplatError], Status] = {
 
 @dataclass(frozen=True)
 class Refusal:
-    """What both protocols say about one error.
+    """An error as both protocols tell it.
 
     Attributes:
         status: HTTP and gRPC codes and the title.

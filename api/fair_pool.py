@@ -1,4 +1,4 @@
-"""Threads that take work in turns over those who ask, so that one caller's queue does not delay another's.
+"""Fair thread pool: callers take turns, so that one caller's queue does not delay another's.
 
 Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin. What costs much runs on threads of a
 lower priority, so that the operating system gives the cores to short calls first.
@@ -62,7 +62,7 @@ class _Use:
 
 
 class FairPool:
-    """Threads for blocking work, shared round robin over callers; one caller never has them all.
+    """Thread pool for blocking work, round robin over callers; one caller never has all threads.
 
     There are two classes of threads: those of the process's own priority, and as many of a lower one, in the
     background. A call goes to the background if it is said to be costly, or if its caller has lately used the threads

@@ -1,4 +1,4 @@
-"""Whether this process lives, and whether it can answer: the same truth for both faces."""
+"""Liveness and readiness, the same for both protocols."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _DEADLINE_S = 5.0
 
 
 class Readiness:
-    """The last finding of a check that runs every `PERIOD_S`, on threads that no request ever waits for.
+    """Readiness: the last result of a check that runs every `PERIOD_S`, on threads that no request ever waits for.
 
     Asking costs nothing, whoever asks how often.
 

@@ -1,4 +1,4 @@
-"""Prometheus metrics on a port of their own: what waits, what computes, what is refused, what the jobs do."""
+"""Prometheus metrics on a port of their own: calls that wait, compute or are refused, and jobs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, star
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from fastsplat.service.application.admin.figures import Figures
+from fastsplat.service.application.admin.service_metrics import ServiceMetrics
 from fastsplat_contract.errors import FastSplatError, ResourceError
 
 _R = TypeVar("_R")
@@ -31,7 +31,7 @@ _STAGE_SECONDS = (1.0, 3.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.
 
 @dataclass(frozen=True)
 class _Meters:
-    """The figures of one route: to look them up by label at every step would cost more than to count."""
+    """Metrics of one route: to look them up by label at every step would cost more than to count."""
 
     waited: Histogram
     computed: Histogram
@@ -44,7 +44,7 @@ class _Meters:
 
 
 class Metrics:
-    """The figures of one server process. Safe from any thread."""
+    """Metrics of one server process. Safe from any thread."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
@@ -125,13 +125,13 @@ class Metrics:
         self._computing.dec()
         self._of(call.route).computed.observe(time.perf_counter() - call.at)
 
-    def watch_jobs(self, figures: Figures) -> None:
+    def watch_jobs(self, metrics: ServiceMetrics) -> None:
         """Tell of jobs and scenes too, as the database has them at each look."""
-        self.registry.register(_Jobs(figures, self._stages))
+        self.registry.register(_Jobs(metrics, self._stages))
 
 
 class Call:
-    """One call that waits for a thread, computes, or has been given up."""
+    """Timing of one call, from its queue to its end."""
 
     def __init__(self, route: str, metrics: Metrics) -> None:
         self.route = route
@@ -154,15 +154,15 @@ class Call:
 
 
 class _Jobs(Collector):
-    def __init__(self, figures: Figures, stages: Histogram) -> None:
-        self._figures = figures
+    def __init__(self, metrics: ServiceMetrics, stages: Histogram) -> None:
+        self._metrics = metrics
         self._stages = stages
 
     def collect(self) -> Iterable[Metric]:
         try:
-            jobs, ended = self._figures.jobs(), self._figures.newly_ended_stages()
+            jobs, ended = self._metrics.jobs(), self._metrics.newly_ended_stages()
         except FastSplatError as error:
-            _log.warning("no figures of the jobs: %s", error.message)
+            _log.warning("no metrics of the jobs: %s", error.message)
             return
         for stage, seconds in ended:
             self._stages.labels(stage).observe(seconds)
@@ -171,7 +171,7 @@ class _Jobs(Collector):
             by_state.add_metric([state], count)
         yield by_state
         yield GaugeMetricFamily(
-            "fastsplat_open_scenes", "Scenes kept open for queries", value=self._figures.open_scenes()
+            "fastsplat_open_scenes", "Scenes kept open for queries", value=self._metrics.open_scenes()
         )
 
     def describe(self) -> Iterable[Metric]:

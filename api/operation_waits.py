@@ -1,4 +1,4 @@
-"""Waiting for an operation and watching its changes, once for both protocols."""
+"""Long polling and watching of operations, for both protocols."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Change:
 
 
 class Operations:
-    """Operations as both protocols wait for them: polled on a thread, the waiting itself costs none."""
+    """Watched operations: polled on a thread, so that waiting callers hold none."""
 
     def __init__(self, service: SceneService, threads: Threads) -> None:
         self._service = service

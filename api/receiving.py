@@ -1,4 +1,4 @@
-"""Uploads come in on the event loop: what a sender takes its time for costs a connection, and no thread.
+"""Upload receivers on the event loop: a slow sender holds a connection, and no thread.
 
 Bytes gather in batches; each batch is a short call on a thread that writes it. At most one batch of an upload waits or
 is written, and nothing more is read meanwhile, so that a slow disk slows the sender down through the transport's own
@@ -40,7 +40,7 @@ _CLOSERS = 2
 
 
 class Sink(Protocol[_Item, _Result]):
-    """What takes one upload. Its methods run on threads, one at a time, with the caller's context."""
+    """Sink of one upload. Its methods run on threads, one at a time, with the caller's context."""
 
     @property
     def slow_finish(self) -> bool:
@@ -61,7 +61,7 @@ class Sink(Protocol[_Item, _Result]):
 
 
 class UploadReceiver:
-    """All uploads under way in one process.
+    """Receiver of all uploads under way in one process.
 
     Args:
         limits: how many there may be.
@@ -200,7 +200,7 @@ class _Upload:
 
 
 class _Sender(Generic[_T]):
-    """A stream in batches, and how long its sender may take."""
+    """A sender's stream in batches, with its timeouts."""
 
     def __init__(self, stream: AsyncIterator[_T], size: Callable[[_T], int], settings: UploadSettings) -> None:
         self._stream = stream

@@ -1,4 +1,4 @@
-"""Both faces in one process, on one event loop."""
+"""The API server: HTTP and gRPC in one process, on one event loop."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_FILES = 65_536
 
 @dataclass(frozen=True)
 class Ports:
-    """Where the faces and the metrics listen."""
+    """Ports of HTTP, gRPC and metrics."""
 
     http: int
     grpc: int
@@ -91,7 +91,7 @@ async def serve(
     admin = service.admin if isinstance(service, SceneService) else None
     metrics = Metrics()
     if admin is not None:
-        metrics.watch_jobs(admin.figures)
+        metrics.watch_jobs(admin.metrics)
     gate = build_gate(settings, admin, metrics)
     readiness = Readiness(admin.check_ready if admin is not None else lambda: None)
     threads = Threads(settings.limits, metrics, settings.uploads, CONCURRENT_VALIDATIONS)

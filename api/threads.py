@@ -1,4 +1,4 @@
-"""Where blocking work runs: never on the event loop, and never on more threads than this.
+"""Thread pools of the server: bounded, and the only place where blocking work runs.
 
 Both faces share one event loop and these pools, so that the number of calls at work is one number, and an idle
 stream (a robot that watches an operation for an hour) costs no thread.
@@ -13,7 +13,6 @@ from collections.abc import AsyncIterator, Callable
 from typing import TypeVar
 
 from fastsplat.api.access.caller import caller_id
-from fastsplat.api.access.cost_budgets import CostBudgets
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.metrics import Metrics
 from fastsplat.api.receiving import Sink, UploadReceiver
@@ -43,7 +42,6 @@ class Threads:
         self._limits = limits or LimitSettings()
         threads = self._limits.threads or max(4, 2 * (os.cpu_count() or 1))
         self._calls = FairPool(threads, "call", self._limits.costly_niceness)
-        self._budgets = CostBudgets(self._limits)
         self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
         self._metrics = metrics or Metrics()
 
@@ -66,7 +64,7 @@ class Threads:
 
     async def _run(self, function: Callable[[], _R], timeout_s: float) -> _R:
         cancellation = Cancellation(timeout_s)
-        account = _Account(self._budgets, caller_id(), self._limits.costly)
+        account = _Account(self._limits.costly)
 
         def watched() -> _R:
             account.begin()
@@ -104,20 +102,15 @@ class Threads:
 
 
 class _Account:
-    """What one call costs, however often it is made.
+    """What one call will cost, and so to which threads it belongs.
 
     Args:
-        budgets: of all keys.
-        key_id: who calls.
-        limit: pixels from which on the call belongs to the costly ones.
+        limit: pixels from which on it belongs to the costly ones.
     """
 
-    def __init__(self, budgets: CostBudgets, key_id: str, limit: int) -> None:
-        self._budgets = budgets
-        self._key_id = key_id
+    def __init__(self, limit: int) -> None:
         self._limit = limit
-        self._cost = 0.0  # this time
-        self._paid = 0.0
+        self._cost = 0.0
         self.costly = False
 
     def begin(self) -> None:
@@ -127,8 +120,5 @@ class _Account:
     def charge(self, cost: float) -> None:
         """See `CallRunner.charge`."""
         self._cost += cost
-        if self._cost > self._paid:
-            self._budgets.spend(self._key_id, self._cost - self._paid)
-            self._paid = self._cost
         if self._cost > self._limit and not self.costly:
             raise CallAgainError(costly=True)

@@ -1,4 +1,4 @@
-"""What both faces do alike when a capture comes in."""
+"""Uploads of captures, as far as both protocols handle them alike."""
 
 from __future__ import annotations
 

@@ -1,25 +1,31 @@
-"""`fastsplat things ask`: a question in plain words to one scene, with where the asker stands."""
+"""`fastsplat ask`: questions in plain words to one scene, with where the asker stands."""
 
 from __future__ import annotations
 
-import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fastsplat.cli.local_service import local_service
-from fastsplat.cli.thing_commands import Json, Project, Scene, Version, things_app
-from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.cli.export import write_file
+from fastsplat.cli.options import SceneId, Version
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, unit_quaternion
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.queries import Answer, QueryRequest
 
 
-@things_app.command()
 def ask(
-    scene: Scene,
-    text: Annotated[str, typer.Argument(help='As "the red mug left of the lamp" or "how many cups are on the table".')],
+    session: Session,
+    scene: SceneId,
+    texts: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="TEXT...",
+            help='Each as "something to drink from", "the red mug left of the lamp" or "how many cups are there".',
+        ),
+    ],
     asker_view: Annotated[
         str, typer.Option("--from", help="Where you stand: the name of one of the scene's cameras.")
     ] = "",
@@ -30,17 +36,46 @@ def ask(
             metavar="X,Y,Z,QX,QY,QZ,QW",
         ),
     ] = "",
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
     version: Version = "",
-    project: Project = DEFAULT_PROJECT,
-    as_json: Json = False,
 ) -> None:
-    """Ask a scene in plain words, and print the answer in one sentence, or all of it as JSON."""
+    """Ask a scene in plain words. Prints a sentence an answer, then the things that answer."""
+    if picture is not None and len(texts) != 1:
+        raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
+    asker = _pose(pose) if pose else None
+    scene_id = session.scene(scene)
     request = QueryRequest(
-        scene, (text,), version=version, asker=_pose(pose) if pose else None, asker_view=asker_view or None
+        scene_id,
+        tuple(texts),
+        outputs=frozenset({"objects"}),
+        version=session.version(scene_id, version),
+        asker=asker,
+        asker_view=asker_view or None,
     )
-    with local_service(project) as service:
-        (answer,) = service.answers.query(request)
-    typer.echo(json.dumps(to_plain(answer), indent=2, ensure_ascii=False) if as_json else answer.explanation)
+    told = session.client.ask_everywhere(request)
+    session.tell(told, "\n".join(line for answer in told.answers for line in _lines(answer)))
+    if picture is not None:
+        write_file(picture, _picture(session, told.answers[0]))
+
+
+def _lines(answer: Answer) -> list[str]:
+    lines = [answer.sentence]
+    for thing in answer.objects or ():
+        unit = "m" if thing.meters else "scene units"
+        lines.append(f"  thing {thing.thing_id}, {thing.label}, at {point(thing.centroid)} {unit}")
+    return lines
+
+
+def _picture(session: Session, answer: Answer) -> bytes:
+    """The answer over the view that shows it best; of what is not there, over the middle one of the scene's views."""
+    views: list[str] = []
+    if answer.shows_something:
+        best = session.client.best_views(answer.scene_id, text=answer.text, max_views=1, version=answer.version)
+        views = [each.view for each in best]
+    if not views:
+        cameras = session.client.scene(answer.scene_id).cameras
+        views = [cameras[len(cameras) // 2].name]
+    return session.client.picture(answer.scene_id, "overlay", views[0], text=answer.text, version=answer.version)
 
 
 def _pose(text: str) -> Pose:

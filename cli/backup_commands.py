@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.local_service import local_store
+from fastsplat.cli.connection import local_store
+from fastsplat.cli.tables import size
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ResourceError
 
@@ -21,7 +22,7 @@ def backup(target: Annotated[Path, typer.Argument(help="A new folder, best on an
         report = back_up(store, settings.data_dir, settings.database_url, target)
     typer.echo(
         f"{target}: {report.scenes} scenes in {report.versions} versions, {report.uploads} uploads of unfinished jobs, "
-        f"{report.bytes} bytes"
+        f"{size(report.bytes)}"
     )
     if settings.artefacts.url:
         typer.echo(f"Scenes and uploads are in {settings.artefacts.url}, which is not saved here.", err=True)

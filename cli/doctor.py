@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from fastsplat.cli.local_service import local_store
+from fastsplat.cli.connection import local_store
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 

@@ -1,4 +1,4 @@
-"""`fastsplat export`: a scene, or some of its things, as a file for other programs."""
+"""`fastsplat scenes export`: a scene, or some of its things, as a file for other programs."""
 
 from __future__ import annotations
 
@@ -7,51 +7,60 @@ from typing import Annotated, get_args
 
 import typer
 
-from fastsplat.cli.local_service import local_service
-from fastsplat.cli.remote import Ca, KeyFile, Server, connect
+from fastsplat.cli.options import SceneId, Version, service_command
+from fastsplat.cli.scene_commands import scenes_app
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import size
 from fastsplat.service.common.atomic import atomic_file
-from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
+from fastsplat_contract.exports import FILE_NAMES, ExportFormat
 
 _FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
 
+@service_command(scenes_app)
 def export(
-    scene: Annotated[str, typer.Argument(help="The scene's id.")],
+    session: Session,
+    scene: SceneId,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="What to write; its ending says the format.")],
-    format: Annotated[str, typer.Option(help=f"{', '.join(_FORMATS)}. Default: by FILE's ending.")] = "",
+    format: Annotated[ExportFormat | None, typer.Option(help="Default: by FILE's ending.")] = None,
     thing: Annotated[list[int], typer.Option(help="Only this thing, by id; several are allowed.")] = [],
     cell: Annotated[float, typer.Option(help="Of points, mesh, cameras, mcap or map: how fine, scene units.")] = 0.0,
-    version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
-    project: Annotated[str, typer.Option(help="The project whose scene it is.")] = "",
-    server: Server = "",
-    key_file: KeyFile = None,
-    ca: Ca = None,
+    version: Version = "",
 ) -> None:
     """Write a scene, or some of its things, as a file for other programs."""
     kind = format or _format_of(file.name.lower())
-    if kind not in _FORMATS:
-        raise InvalidInputError(
-            f"no export format {kind[:40]!r}", field="--format", hint=f"There are {', '.join(_FORMATS)}."
-        )
-    request = ExportRequest(scene, kind, version, tuple(thing), cell)
-    if server:
-        with connect(server, key_file, ca, project) as client:
-            content = client.export(scene, request.format, version=version, things=thing, cell=cell)
-    else:
-        with local_service(project or DEFAULT_PROJECT) as service:
-            content = service.exports.file(request)
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version)
+    write_file(file, session.client.export(scene_id, kind, version=version, things=thing, cell=cell))
+
+
+def write_file(file: Path, content: bytes) -> None:
+    """Write a file, whole or not at all, and say how large it is, on stderr.
+
+    Raises:
+        InvalidInputError: it cannot be written.
+    """
     try:
         with atomic_file(file) as beside:
             beside.write_bytes(content)
     except OSError as error:
         raise InvalidInputError(f"{file} cannot be written: {error.strerror}", field="FILE") from error
-    typer.echo(f"{file}: {len(content)} bytes", err=True)
+    typer.echo(f"{file}: {size(len(content))}", err=True)
 
 
-def _format_of(name: str) -> str:
-    """The format of the longest ending that the name has, "" without one: a.points.ply is of points, a.ply of ply."""
+def _format_of(name: str) -> ExportFormat:
+    """The format of the longest ending that the name has: a.points.ply is of points, a.ply of ply.
+
+    Raises:
+        InvalidInputError: of none.
+    """
     endings = {file_name.removeprefix("scene"): kind for kind, file_name in FILE_NAMES.items()}
     fitting = [ending for ending in endings if name.endswith(ending)]
-    return endings[max(fitting, key=len)] if fitting else name.rpartition(".")[2]
+    if not fitting:
+        raise InvalidInputError(
+            f"{name[-40:]!r} has the ending of no format",
+            field="FILE",
+            hint=f"There are {', '.join(endings)}; or name one with --format.",
+        )
+    return endings[max(fitting, key=len)]

@@ -1,4 +1,4 @@
-"""`fastsplat localize`: where photos were taken in a finished scene."""
+"""`fastsplat scenes localize`: where photos were taken in a finished scene."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.local_service import local_service
-from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.cli.options import SceneId, Version, service_command
+from fastsplat.cli.scene_commands import scenes_app
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.localize_messages import LocalizeRequest
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.localize_messages import LocalizedPhoto
 from fastsplat_contract.poses import Pose
 
 
+@service_command(scenes_app)
 def localize(
-    scene: Annotated[str, typer.Argument(help="The scene's id.")],
+    session: Session,
+    scene: SceneId,
     photos: Annotated[list[Path], typer.Argument(help="Image files.", metavar="PHOTO...")],
     focal: Annotated[
         list[float],
@@ -29,23 +33,29 @@ def localize(
         Path | None,
         typer.Option(help="A JSON list, roughly where each photo was taken: they then find their place together."),
     ] = None,
-    version: Annotated[str, typer.Option(help="Of the scene. Default: the current one.")] = "",
-    project: Annotated[str, typer.Option(help="The project whose scene it is.")] = DEFAULT_PROJECT,
+    version: Version = "",
 ) -> None:
-    """Print where photos were taken, what is seen from there and what has changed, as JSON; status 1 if a photo has no
-    sure place."""
-    request = LocalizeRequest(
-        scene_id=scene,
-        photos=tuple(_bytes(path) for path in photos),
-        focals=tuple(focal),
-        poses=() if poses is None else _poses(poses),
-        version=version,
-    )
-    with local_service(project) as service:
-        answer = service.localizing.localize(request)
-    typer.echo(json.dumps(to_plain(answer), indent=2, ensure_ascii=False))
+    """Say where photos were taken, what is seen from there and what has changed; status 1 if a photo has no sure
+    place."""
+    rough = () if poses is None else _poses(poses)
+    contents = [_bytes(path) for path in photos]
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version)
+    answer = session.client.localize(scene_id, contents, focals=focal, poses=rough, version=version)
+    unit = "m" if answer.meters else "scene units"
+    lines = [_line(path.name, photo, unit) for path, photo in zip(photos, answer.photos, strict=True)]
+    session.tell(answer, "\n".join(lines))
     if any(photo.refusal is not None for photo in answer.photos):
         raise typer.Exit(1)
+
+
+def _line(name: str, photo: LocalizedPhoto, unit: str) -> str:
+    if photo.camera is None:
+        return f"{name}: {photo.explanation}"
+    seen = ", ".join(thing.name or f"thing {thing.thing_id}" for thing in photo.things[:5])
+    changed = f"; {len(photo.differences)} places have changed" if photo.differences else ""
+    where = point(photo.camera.world_from_camera[:3, 3].tolist())
+    return f"{name}: at {where} {unit}" + (f"; shows {seen}" if seen else "") + changed
 
 
 def _bytes(path: Path) -> bytes:

@@ -9,26 +9,33 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli import ask_command, measure_commands  # noqa: F401  add commands to things_app
+from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
+    create_commands,
+    edit_commands,
+    export,
+    foxglove,
+    localize,
+    measure_commands,
+    version_commands,
+)
+from fastsplat.cli.ask_command import ask
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.check import check
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
-from fastsplat.cli.export import export
-from fastsplat.cli.foxglove import foxglove
 from fastsplat.cli.health import health
-from fastsplat.cli.import_splat import import_splat
 from fastsplat.cli.jobs import jobs_app
-from fastsplat.cli.keys import keys_app, projects_app
-from fastsplat.cli.local_commands import ask, train, view
-from fastsplat.cli.localize import localize
+from fastsplat.cli.keys import keys_app
+from fastsplat.cli.local_commands import train, view
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.cli.mcp import mcp
 from fastsplat.cli.models import models_app
+from fastsplat.cli.options import service_command
+from fastsplat.cli.projects import projects_app
 from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.serve_command import Devices, Workers
 from fastsplat.cli.serve_command import serve as serve_command
-from fastsplat.cli.server_command import status
+from fastsplat.cli.status import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
@@ -43,29 +50,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,  # its traceback shows the variables of each frame
     help="Photos of a place in, a 3D scene out that can be asked where things are. Settings: FASTSPLAT_* variables.",
 )
-app.add_typer(models_app, name="models")
-app.add_typer(keys_app, name="keys")
-app.add_typer(projects_app, name="projects")
-app.add_typer(jobs_app, name="jobs")
-app.add_typer(scenes_app, name="scenes")
-app.add_typer(things_app, name="things")
-app.command()(backup)
-app.command()(restore)
-app.command()(doctor)
-app.command()(health)
-app.command()(status)
-app.command()(evaluate)
-app.command()(export)
-app.command()(foxglove)
-app.command()(import_splat)
-app.command()(tags)
-app.command()(check)
-app.command()(localize)
-app.command()(mcp)
-app.command()(train)
-app.command()(ask)
-app.command()(view)
-app.command()(serve_command)
+for _name, _group in {
+    "scenes": scenes_app,
+    "things": things_app,
+    "jobs": jobs_app,
+    "keys": keys_app,
+    "projects": projects_app,
+    "models": models_app,
+}.items():
+    app.add_typer(_group, name=_name)
+service_command(app)(ask)
+service_command(app)(status)
+service_command(app, json=False)(mcp)
+for _command in (train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
+    app.command()(_command)
 
 
 @app.callback()

@@ -2,80 +2,93 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated
 
 import typer
 
-from fastsplat.cli.local_service import local_service
-from fastsplat.cli.thing_commands import Project, Scene, Version, things_app
-from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.cli.options import SceneId, Version, service_command
+from fastsplat.cli.session import Session
+from fastsplat.cli.tables import point
+from fastsplat.cli.thing_commands import things_app
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.measure_messages import MeasureRequest
+from fastsplat_contract.measure_messages import Length, Measurement
 from fastsplat_contract.places import KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel
 
 _PLACE = "the id of a thing (3), a point (0.1,0.2,0.3), or a pixel of one of the scene's cameras (front.png:120,80)"
+_PlusMinus = Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")]
 
 
-@things_app.command()
+@service_command(things_app)
 def measure(
-    scene: Scene,
+    session: Session,
+    scene: SceneId,
     places: Annotated[list[str], typer.Argument(help=f"One or two, each {_PLACE}.", metavar="PLACE...")],
     version: Version = "",
-    project: Project = DEFAULT_PROJECT,
 ) -> None:
-    """Print how far two places are from each other, how large a thing is, or where a place is, as JSON."""
-    request = MeasureRequest(scene, tuple(_place(text) for text in places), version)
-    with local_service(project) as service:
-        typer.echo(json.dumps(to_plain(service.answers.measure(request)), indent=2, ensure_ascii=False))
+    """Say how far two places are from each other, how large a thing is, or where a place is."""
+    asked = [_place(text) for text in places]
+    scene_id = session.scene(scene)
+    measured = session.client.measure(scene_id, *asked, version=session.version(scene_id, version))
+    session.tell(measured, _sentences(measured))
 
 
-@things_app.command()
+@service_command(things_app)
 def scale(
-    scene: Scene,
+    session: Session,
+    scene: SceneId,
     first: Annotated[str, typer.Argument(help=f"From here: {_PLACE.partition(', ')[2]}.")],
     second: Annotated[str, typer.Argument(help="To there: a point or a pixel.")],
     meters: Annotated[float, typer.Argument(help="How far that is in the world.")],
-    plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
-    project: Project = DEFAULT_PROJECT,
+    plus_minus: _PlusMinus = 0.0,
 ) -> None:
     """Make the scene's units meters by a length that you have measured; several are combined."""
-    known = KnownLength(_place(first), _place(second), meters, plus_minus)
-    if not meters > 0 or not plus_minus >= 0:
-        raise InvalidInputError(f"a length of {meters:g} m", field="meters", hint="Send a length above 0.")
-    _scale(scene, Edit("scale", known_lengths=(known,)), project)
+    _scale(session, scene, KnownLength(_place(first), _place(second), meters, plus_minus))
 
 
-@things_app.command("scale-by-size")
+@service_command(things_app, "scale-by-size")
 def scale_by_size(
-    scene: Scene,
+    session: Session,
+    scene: SceneId,
     thing: Annotated[int, typer.Argument(help="The id of the thing.")],
     meters: Annotated[float, typer.Argument(help="Its size in the world.")],
     height: Annotated[bool, typer.Option("--height", help="That is its height, not its longest side.")] = False,
-    plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
-    project: Project = DEFAULT_PROJECT,
+    plus_minus: _PlusMinus = 0.0,
 ) -> None:
     """Make the scene's units meters by a thing whose size you know; combined with known lengths and tags."""
-    if not meters > 0 or not plus_minus >= 0:
-        raise InvalidInputError(f"a size of {meters:g} m", field="meters", hint="Send a size above 0.")
-    known = KnownSize(thing, meters, plus_minus, "height" if height else "longest")
-    _scale(scene, Edit("scale", known_sizes=(known,)), project)
+    _scale(session, scene, KnownSize(thing, meters, plus_minus, "height" if height else "longest"))
 
 
-def _scale(scene: str, edit: Edit, project: str) -> None:
-    with local_service(project) as service:
-        made = service.versions.edit(scene, [edit])
-        scaling = service.get_scene(scene).scaling
+def _scale(session: Session, scene: str, known: KnownLength | KnownSize) -> None:
+    scene_id = session.scene(scene)
+    made = session.client.scale_scene(scene_id, known)
+    scaling = session.client.scene(scene_id).scaling
     assert scaling is not None
-    typer.echo(
+    session.tell(
+        made,
         f"a unit of the trained scene is {scaling.meters_per_unit:.6g} m ({scaling.low:.6g} to {scaling.high:.6g}), "
-        f"by {scaling.known_lengths} known lengths"
+        f"by {scaling.known_lengths} known lengths\nversion {made.version} is current",
     )
-    typer.echo(f"version {made.version} is current")
+
+
+def _sentences(measured: Measurement) -> str:
+    unit = "m" if measured.meters else "scene units"
+    lines = []
+    if measured.distance is not None:
+        lines.append(f"{_length(measured.distance)} {unit} apart")
+    if measured.center_distance is not None:
+        lines.append(f"{_length(measured.center_distance)} {unit} from middle to middle")
+    if measured.sides:
+        lines.append(f"its sides are {', '.join(_length(side) for side in measured.sides)} {unit}")
+    for place in measured.places:
+        on = f"thing {place.thing_id} at " if place.thing_id else ""
+        lines.append(f"{on}{point(place.point)} {unit}, give or take {place.plus_minus:.3g}")
+    return "\n".join(lines)
+
+
+def _length(length: Length) -> str:
+    return f"{length.value:.3g} ({length.low:.3g} to {length.high:.3g})"
 
 
 def _place(text: str) -> Place:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
+from fastsplat.cli.tables import Column, table
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
-    from fastsplat.service.perception.models.pull import Step
+    from fastsplat.service.perception.model_pull.pull import Step
 
 models_app = typer.Typer(
     name="models", help="The models that look and read: list them, pull them.", no_args_is_help=True
@@ -32,22 +33,36 @@ _Manifest = Annotated[Path | None, typer.Option("--manifest", help="Another mani
 
 
 @models_app.command("list")
-def list_models(models: _Directory = None, manifest: _Manifest = None) -> None:
+def list_models(
+    models: _Directory = None,
+    manifest: _Manifest = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print a JSON array instead of a table.")] = False,
+) -> None:
     """Show every model of the manifest and what the model directory holds of it."""
+    from fastsplat.service.perception.model_pull.pull import model_state
     from fastsplat.service.perception.models.model_manifest import load_manifest
-    from fastsplat.service.perception.models.pull import model_state
 
     directory = models or load_settings().models
-    console = Console()
-    with _errors(console):
-        entries = load_manifest(manifest)
-        table = Table(title=f"Models in {directory}")
-        for heading in ("name", "state", "license", "role"):
-            table.add_column(heading, no_wrap=True)
-        for entry in entries:
-            name = f"{entry.name} (default)" if entry.default else entry.name
-            table.add_row(name, model_state(entry, directory), entry.license, entry.role.replace("_", " "))
-    console.print(table)
+    with _errors(Console()):
+        listed = [(entry, model_state(entry, directory)) for entry in load_manifest(manifest)]
+    if as_json:
+        rows = [
+            {"name": e.name, "default": e.default, "state": state, "license": e.license, "role": e.role}
+            for e, state in listed
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+        return
+    typer.echo(f"in {directory}", err=True)
+    columns = (Column("name", "cut"), Column("state", "cut"), Column("license", "cut"), Column("role"))
+    typer.echo(
+        table(
+            columns,
+            [
+                (f"{e.name} (default)" if e.default else e.name, state, e.license, e.role.replace("_", " "))
+                for e, state in listed
+            ],
+        )
+    )
 
 
 @models_app.command("pull")
@@ -64,7 +79,7 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
-    from fastsplat.service.perception.models.pull import pull as pull_models
+    from fastsplat.service.perception.model_pull.pull import pull as pull_models
 
     directory = models or load_settings().models
     console = Console()

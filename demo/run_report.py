@@ -59,9 +59,9 @@ def _thing_of(thing: SceneThing) -> dict[str, Any]:
 def _query_of(answer: Answer) -> dict[str, Any]:
     return {
         "text": answer.text,
-        "verdict": answer.verdict,
+        "outcome": answer.outcome,
         "probability": answer.probability,
-        "explanation": answer.explanation,
+        "sentence": answer.sentence,
         "results": [
             {name: getattr(match, name) for name in ("label", "relevancy", "gaussian_count", "relevant")}
             for match in answer.matches
@@ -112,7 +112,7 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     console.print(table)
     table = Table(
         "query",
-        "verdict",
+        "outcome",
         "answer",
         "relevancy",
         "Gaussians",
@@ -120,7 +120,7 @@ def print_report(report: Mapping[str, Any], console: Console) -> None:
     )
     for query in report["queries"]:
         for rank, match in enumerate(query["results"][:_SHOWN]):
-            first = (query["text"], query["verdict"]) if rank == 0 else ("", "")
+            first = (query["text"], query["outcome"]) if rank == 0 else ("", "")
             figures = (match["label"], f"{match['relevancy']:.3f}", str(match["gaussian_count"]))
             table.add_row(*first, *figures, style="" if match["relevant"] else "dim")
         table.add_section()

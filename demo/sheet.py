@@ -40,6 +40,5 @@ def write_sheet(panels: Sequence[tuple[str, Path]], target: Path) -> None:
 
 
 def caption_of(answer: Answer) -> str:
-    """A question and the labels that answer it, in one line."""
-    labels = [match.label for match in answer.matches if match.relevant]
-    return f"“{answer.text}” is {answer.verdict}" + (f": {', '.join(labels[:3])}" if labels else "")
+    """A question and its answer, in one line."""
+    return f"“{answer.text}” {answer.sentence}"

@@ -120,8 +120,8 @@ def _ask(folder: Path, key: str, url: str) -> None:
                 sent, kept = poses[posed.name][row][3], posed.world_from_camera[row, 3]
                 assert abs(sent - kept) < 1e-6, f"{posed.name} was posted with a pose and has another"
         (answer,) = client.query(operation.scene_id, "banana")
-        print(answer.explanation)
-        assert answer.verdict == "exact", answer
+        print(answer.sentence)
+        assert answer.outcome == "here", answer
         assert client.export(operation.scene_id, "mcap").startswith(b"\x89MCAP0"), "no file for Foxglove"
 
 

@@ -1,7 +1,7 @@
 """FAST-Splat scene service: photos of a place in, a 3D scene out that answers, in plain words, where things are.
 
     scene = fastsplat.train("photos/")
-    scene.ask("something to drink from").explanation
+    scene.ask("something to drink from").sentence
     scene.show("mug")
 
 In the repository the packages are the folders beside this one (`service/`, `api/`, `workers/`, `cli/`); the links here

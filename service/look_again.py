@@ -242,8 +242,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     if not (added.named or added.suggested):
         return replace(index.scene, quality=quality), result
     things = replace(added.things, table=tuple(table))
-    mode = "things" if added.named else scene.label_mode
-    return replace(scene, things=things, label_mode=mode, quality=quality), result
+    return replace(scene, things=things, quality=quality), result
 
 
 def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:

@@ -3,8 +3,8 @@
 A splat of another tool takes the same way: pictures are rendered around one that came without posed photos, and labels
 are lifted onto its Gaussians in place of training.
 
-A worker calls the stages one by one and keeps the result of each (`workers.stages`); the evaluation, the benchmarks and
-library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
+benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.embeddings import embed_labels
-from fastsplat.service.scene.types import TAKEN_AT, Scene, Things
+from fastsplat.service.scene.types import TAKEN_AT, Gaussians, Scene, SemanticHead, Things
 from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
@@ -181,7 +181,8 @@ def train_scene(
     checkpoint_dir: Path | None = None,
     watch: TrainingWatch = UNWATCHED,
 ) -> TrainedSplats:
-    """Trained Gaussians with their labels; those of the capture's splat, in its order, where it brought one.
+    """Trained Gaussians, with their labels where label maps came with the capture; those of the capture's splat, in its
+    order, where it brought one.
 
     Args:
         capture: registered images.
@@ -193,9 +194,10 @@ def train_scene(
     Raises:
         FastSplatError: as `train` and `lift_labels`.
     """
+    learnt = labelling.learnt()
     if capture.splat is None:
-        return train(capture, labelling, settings.training, progress, checkpoint_dir, watch=watch)
-    return lift_labels(capture, labelling, settings.training, settings.splat_import, progress)
+        return train(capture, learnt, settings.training, progress, checkpoint_dir, watch=watch)
+    return lift_labels(capture, learnt, settings.training, settings.splat_import, progress)
 
 
 def build_scene(
@@ -276,13 +278,15 @@ def assemble_scene(
     Raises:
         ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
     """
-    things = _things(trained, labelling, capture, settings, progress)
+    things, gaussians = _things(trained, labelling, capture, settings, progress)
+    learnt = labelling.learnt() is labelling and (things is None or things.head is None)
+    count, code = len(labelling.dictionary), gaussians.codes.shape[1]
     progress(ProgressEvent("export", _THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
-        gaussians=trained.gaussians,
-        head=trained.head,
+        gaussians=gaussians,
+        head=trained.head if learnt else SemanticHead.unlearnt(count, code),
         dictionary=labelling.dictionary,
         label_embeddings=embed_labels(labelling.dictionary, encoder, templates),
         text_encoder=(encoder.name, encoder.sha256),
@@ -292,7 +296,6 @@ def assemble_scene(
         quality={**quality, **_searched(labelling), **_photo_times(capture, settings)},
         label_templates=templates,
         evidence=trained.evidence,
-        label_mode=trained.label_mode if things is None or labelling.exact else "things",
         things=things,
     )
 
@@ -314,9 +317,12 @@ def _searched(labelling: Labelling) -> dict[str, Any]:
 
 def _things(
     trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
-) -> Things | None:
-    if settings.discovery.things == "off" or (settings.discovery.things == "auto" and not labelling.masks):
-        return None
+) -> tuple[Things | None, Gaussians]:
+    """The things that were discovered, and the Gaussians with their codes; None, and the Gaussians as they were
+    trained, where the objects of the capture's label maps are its things."""
+    looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
+    if not detected and settings.discovery.things != "on":
+        return None, trained.gaussians
 
     def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
         def on_view(done: int, total: int) -> None:
@@ -325,25 +331,26 @@ def _things(
 
         return on_view
 
-    masks = labelling.masks or propose_capture_masks(
-        capture.views, settings.perception, settings.models, tell("looking for things", 0, _LOOKING_SHARE)
-    )
-    things = find_scene_things(
+    masks = looked_for or detected
+    if not masks:
+        looking = tell("looking for things", 0, _LOOKING_SHARE)
+        masks = propose_capture_masks(capture.views, settings.perception, settings.models, looking)
+    things, gaussians = find_scene_things(
         trained.gaussians,
         capture,
         labelling,
         masks,
         settings.discovery,
-        tell("discovering things", 0.0 if labelling.masks else _LOOKING_SHARE, 1.0),
-        backend=settings.training.backend,
+        tell("discovering things", 0.0 if looked_for or detected else _LOOKING_SHARE, 1.0),
+        training=settings.training,
     )
-    if not things.table:
-        return None  # then the scene's labels are its things, as without discovery
+    if not things.table and not detected:
+        return None, trained.gaussians
     encoder = open_appearance_encoder(settings.perception, settings.models)
     if encoder is None:
-        return things
+        return things, gaussians
     side, backend = settings.discovery.max_side, settings.training.backend
-    return with_appearances(things, trained.gaussians, capture.views, encoder, side, backend=backend)
+    return with_appearances(things, gaussians, capture.views, encoder, side, backend=backend), gaussians
 
 
 def scene_quality(

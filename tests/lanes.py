@@ -51,7 +51,6 @@ FIRST = (
     "web/test_page_sources.py",
     "workers/test_budget.py",
     "workers/test_damaged_results.py",
-    "workers/test_engine_clock.py",
     "workers/test_periodic.py",
 )
 """Files of these folders that `make test` runs all the same: one journey with a real worker, and what needs none."""

@@ -1,4 +1,4 @@
-"""The training plan of a job and its machine's speed, on disk: each is found once, by the attempt that comes first.
+"""Training plan of a job and speed of its machine, on disk: each is found once, by the attempt that comes first.
 
 Checkpoints continue a plan, and to measure a speed takes a second.
 """
@@ -13,23 +13,13 @@ from dataclasses import asdict
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.planning.cost_model import Speed
 from fastsplat.service.planning.machine import machine_speed
-from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.planning.time_budget import StagePlan, plan_training
-from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import intact, stage_seconds
 
 _PLAN = "plan.json"
 _FORMER_KEY = "given_up"  # of plans that version 0.1.0 wrote
-
-
-def job_settings(job: Job) -> Settings:
-    """The operator's settings with the user's preset, lens and limit of Gaussians applied."""
-    settings = apply_preset(job.settings, job.options.preset)
-    lens = {name: value for name in ("lens", "nadir_deg") if (value := getattr(job.options, name)) is not None}
-    settings = settings.model_copy(update={"capture": settings.capture.model_copy(update=lens)})
-    return override_training(settings, max_gaussians=job.options.max_gaussians)
 
 
 def job_speed(job: Job) -> Speed:
@@ -56,9 +46,7 @@ def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StageP
     budget = job.options.time_budget_s
     if budget is not None and not (job.folder / _PLAN).exists():
         spent = stage_seconds(job, "perception") + time.monotonic() - started
-        plan = plan_training(
-            capture, job_settings(job), labels, budget, spent_s=spent, speed_of=lambda _: job_speed(job)
-        )
+        plan = plan_training(capture, job.settings, labels, budget, spent_s=spent, speed_of=lambda _: job_speed(job))
         _store(job, plan)
     return stored_plan(job)
 
@@ -66,7 +54,7 @@ def make_plan(job: Job, capture: Capture, labels: int, started: float) -> StageP
 def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
     """The plan that the training stage follows or followed; without a time budget that is the job's settings."""
     if not (job.folder / _PLAN).exists():
-        return StagePlan(job_settings(job).training)
+        return StagePlan(job.settings.training)
     with intact(job.folder / _PLAN):
         stored = json.loads((job.folder / _PLAN).read_text())
         tradeoffs = stored.get("tradeoffs", stored.get(_FORMER_KEY, ()))

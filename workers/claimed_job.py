@@ -1,4 +1,4 @@
-"""One claimed job's durable state, in rows and files. Its calls wait while the database or the object store is away."""
+"""Durable state of a claimed job, in rows and files. Its calls wait while database or object store are away."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
-from typing import Any, Concatenate, Literal, ParamSpec, Self, TypeVar
+from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
-from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, TRAIN_MORE_STAGES
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
@@ -22,11 +21,7 @@ from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.results import PHOTOS
 from fastsplat_contract.errors import DatabaseError, NotFoundError, ObjectStoreError
-from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.scenes import Edit
-from fastsplat_contract.train_more_messages import TrainMoreIn
 
 logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -37,19 +32,10 @@ _RETRY_S = 1.0
 
 @dataclass(frozen=True)
 class JobOutcome:
-    """How a job or one of its stages ended; `error` is the `OperationError` of a failed one as JSON, else None."""
+    """Outcome of a job or one of its stages; `error` is the `OperationError` of a failed one as JSON, else None."""
 
     state: Literal["done", "cancelled", "failed"]
     error: Mapping[str, Any] | None = None
-
-    def to_json(self) -> dict[str, Any]:
-        """As the job engine records it, where another release of the worker may read it."""
-        return {"outcome": self.state, **({} if self.error is None else {"error": dict(self.error)})}
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> Self:
-        """Back from `to_json`."""
-        return cls(values["outcome"], values.get("error"))
 
 
 DONE = JobOutcome("done")
@@ -87,7 +73,7 @@ class ClaimedJob:
     """
 
     def __init__(self, store: Store, claim: Claim, max_versions: int) -> None:
-        self._max_versions = max_versions
+        self.max_versions = max_versions
         self._jobs = store.jobs
         self._scenes = store.scenes
         self._blobs = store.blobs
@@ -119,63 +105,40 @@ class ClaimedJob:
         """File of the trainers' stderr."""
         return self._blobs.log(self.id)
 
-    @property
-    def look_again(self) -> LookAgainIn | None:
-        """What a job that looks again looks for; None for one that makes a scene."""
-        request = self.claim.operation.look_again
-        return None if request is None else from_plain(LookAgainIn, dict(request))
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Names of the job's stages, in order."""
-        kinds = {"create_scene": STAGES, "look_again": LOOK_AGAIN_STAGES, "train_more": TRAIN_MORE_STAGES}
-        return kinds[self.claim.operation.kind]
-
-    @property
-    def train_more(self) -> TrainMoreIn | None:
-        """How a job trains a finished scene further; None for others."""
-        request = self.claim.operation.train_more
-        if request is None:
-            return None
-        return from_plain(TrainMoreIn, {name: value for name, value in request.items() if name != "version"})
+    @_patient
+    def upload(self) -> Path:
+        """Folder of the validated upload, on this machine."""
+        folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
+        return folder / str(self.claim.operation.options["admitted"])
 
     @_patient
-    def base(self) -> tuple[Path, str] | None:
-        """Folder and name of the version that a job trains further; None for others.
-
-        Raises:
-            NotFoundError: the version is not stored any more.
-        """
-        request = self.claim.operation.train_more
-        if request is None:
-            return None
-        version = str(request["version"])
-        folder = self._blobs.fetch_version(self.scene_id, version)
-        if folder is None:
-            raise NotFoundError(
-                f"version {version!r}, which is to be trained further, is not stored any more",
-                field="version",
-                hint="Order it anew, of the current version.",
-            )
-        return folder, version
-
-    @_patient
-    def sources(self) -> tuple[Path, str]:
-        """Folder of the validated upload, on this machine, and ""; of a job on a finished scene the folder and the name
-        of its current version.
+    def current_version(self) -> tuple[Path, str]:
+        """Folder, on this machine, and name of the scene's current version.
 
         Raises:
             NotFoundError: there is no such scene (any more).
         """
-        operation = self.claim.operation
-        if operation.kind == "create_scene":
-            folder: Path = self._blobs.fetch_upload(operation.upload_id) / operation.options["admitted"]
-            return folder, ""
         _, version, _ = self._scenes.current_version(self.scene_id)
         current = self._blobs.fetch_version(self.scene_id, version)
         if current is None:
             raise no_scene(self.scene_id)
         return current, version
+
+    @_patient
+    def version(self, name: str) -> Path:
+        """Folder, on this machine, of a version of the scene.
+
+        Raises:
+            NotFoundError: it is not stored any more.
+        """
+        folder = self._blobs.fetch_version(self.scene_id, name)
+        if folder is None:
+            raise NotFoundError(
+                f"version {name!r}, which is to be trained further, is not stored any more",
+                field="version",
+                hint="Order it anew, of the current version.",
+            )
+        return folder
 
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
         """Write progress. Returns what was asked of the job, as far as is known: does not wait.
@@ -245,26 +208,23 @@ class ClaimedJob:
         self._jobs.release(self.claim)
 
     @_patient
-    def is_exported(self) -> bool:
-        """Whether the last stage's result is on this machine, or published."""
-        return (self.folder / self.stages[-1]).is_dir() or bool(self._blobs.fetch_version(self.scene_id, self.run_id))
+    def is_published(self) -> bool:
+        """Whether the last stage's result is published."""
+        return bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
     @_patient
-    def publish(self) -> SceneSummary:
-        """Move the last stage's result to the scene's folder, unless an earlier attempt did. Returns its summary.
+    def publish(self, stage: str, *files: str) -> Path:
+        """Move the result of `stage`, the last one, to the scene's folder, unless an earlier attempt did, and check
+        `files` of it. Returns where it is, a version whose name is the run's.
 
         Raises:
             OSError: the disk is full.
         """
-        version = self.run_id
-        target = self._blobs.fetch_version(self.scene_id, version)
-        if target is None:
-            target = self._blobs.publish(self.folder / "export", self.scene_id, version)
-        self._blobs.check_version(target, "summary.json", "stage.json")
-        summary = json.loads((target / "summary.json").read_text())
-        seconds = json.loads((target / "stage.json").read_text())["seconds"]
-        summary["quality"]["stage_seconds"]["export"] = seconds
-        return SceneSummary(version=version, **summary)
+        folder = self._blobs.fetch_version(self.scene_id, self.run_id)
+        if folder is None:
+            folder = self._blobs.publish(self.folder / stage, self.scene_id, self.run_id)
+        self._blobs.check_version(folder, *files)
+        return folder
 
     @_patient
     def succeed(self, summary: SceneSummary) -> None:
@@ -272,48 +232,22 @@ class ClaimedJob:
         self._jobs.succeed(self.claim, summary)
 
     @_patient
-    def succeed_with_version(self) -> None:
-        """Publish the version that a job on a finished scene made, unless an earlier attempt did, and make the
-        operation SUCCEEDED.
+    def succeed_with_version(self, new: NewVersion, result: Mapping[str, Any]) -> None:
+        """Add a published version to the finished scene and make the operation SUCCEEDED.
 
         Raises:
             ConflictError: the scene has another version by now than the one that this was made of.
             NotFoundError: the scene was deleted.
-            OSError: the disk is full.
         """
-        version = self.run_id
-        target = self._blobs.fetch_version(self.scene_id, version)
-        if target is None:
-            target = self._blobs.publish(self.folder / self.stages[-1], self.scene_id, version)
-        self._blobs.check_version(target, "summary.json")
-        summary = json.loads((target / "summary.json").read_text())
-        result = {**summary["result"], "version": version}
-        more = self.claim.operation.kind == "train_more"
-        edit = Edit("train_more") if more else Edit("look_again", texts=tuple(result["texts"]))
-        new = NewVersion(
-            self.scene_id,
-            version,
-            summary["parent"],
-            "",
-            "",
-            summary["gaussians"],
-            summary["dictionary"],
-            [to_plain(edit)],
-            scaling=summary.get("scaling"),
-            alignment=summary.get("alignment"),
-            quality=summary.get("quality"),
-            beside=summary.get("beside", False),
-            max_versions=self._max_versions,
-        )
         removed = self._jobs.succeed_with_version(self.claim, new, result)
         with suppress(ObjectStoreError):  # what stays, the periodic cleanup removes
             for old in removed:
                 self._blobs.drop_version(self.scene_id, old)
 
     @_patient
-    def drop_result(self) -> None:
-        """Remove the last stage's result, here and where it was published, so that it is made again."""
-        remove(self.folder / self.stages[-1])
+    def drop_result(self, stage: str) -> None:
+        """Remove the result of `stage`, the last one, here and where it was published, so that it is made again."""
+        remove(self.folder / stage)
         self._blobs.drop_version(self.scene_id, self.run_id)
 
     @_patient
@@ -341,7 +275,7 @@ class ClaimedJob:
             promised = self.options.privacy is not None  # then no photo as sent outlives the attempt to read it
             if self.claim.operation.upload_id and (deleted or promised or outcome.state == "done"):
                 self._blobs.drop_upload(self.claim.operation.upload_id)
-            if deleted and self.claim.operation.kind == "create_scene":
+            if deleted and self.claim.operation.makes_scene:
                 self._blobs.drop_scene(self.scene_id)
             elif deleted or outcome.state != "done":  # of a finished scene only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)

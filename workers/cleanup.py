@@ -1,4 +1,4 @@
-"""Removes what is not needed any more: what crashes left behind, expired uploads, old logs and rows."""
+"""Garbage collection: leftovers of crashes, expired uploads, old logs and rows."""
 
 from __future__ import annotations
 

@@ -21,10 +21,9 @@ import signal
 import time
 from collections.abc import Mapping
 
-from dbos import DBOS
-
 from fastsplat.service.store.records import WorkerRecord
 from fastsplat.service.store.store import Store
+from fastsplat.workers.engine import JobEngine
 from fastsplat.workers.process_group import machine_id, process_state
 
 logger = logging.getLogger(__name__)
@@ -62,7 +61,7 @@ class Heartbeat:
 
 
 class Observer:
-    """How long this process has seen each worker's heartbeat unchanged. One thread looks; any may ask."""
+    """Ages of all workers' heartbeats, by how long this process has seen each unchanged. One thread looks; any asks."""
 
     def __init__(self) -> None:
         self._seen: Mapping[str, tuple[float, float]] = {}
@@ -99,12 +98,20 @@ def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, t
 
 
 def prune_stalled_workers(
-    store: Store, executor_id: str, heartbeats: Observer, owners: Observer, timeout_s: float, *, trust_timeout: bool
+    store: Store,
+    engine: JobEngine,
+    executor_id: str,
+    heartbeats: Observer,
+    owners: Observer,
+    timeout_s: float,
+    *,
+    trust_timeout: bool,
 ) -> None:
     """Queue the jobs of dead workers again, and unregister dead workers without jobs.
 
     Args:
         store: where the heartbeats are.
+        engine: whose queue it is.
         executor_id: this worker, which is left out.
         heartbeats: what `kill_suspended_workers` has seen.
         owners: what this function has seen of the owners of unfinished jobs.
@@ -113,7 +120,7 @@ def prune_stalled_workers(
             whose process is known to have ended, is dead in any case.
     """
     # Jobs first, heartbeats second: a worker registers before it takes jobs, so one that is new in between is known.
-    busy = _busy_since()
+    busy = engine.owners()
     owners.look(busy)
     host, stalled = machine_id(), heartbeats.stalled(timeout_s)
     others = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
@@ -128,32 +135,11 @@ def prune_stalled_workers(
         dead |= owners.stalled(timeout_s) - known
     for dead_id in sorted(dead & set(busy)):
         logger.warning("worker %s is dead; its jobs are queued again", dead_id)
-        recover_jobs_of(dead_id)
+        engine.requeue(dead_id)
     # One that had jobs is unregistered by the next call, which sees that none is left.
     for worker in others:
         if worker.executor_id in dead and worker.executor_id not in busy:
             store.workers.unregister(worker.executor_id)
-
-
-def recover_jobs_of(executor_id: str) -> None:
-    """Have the job engine queue a dead executor's unfinished jobs again.
-
-    The engine does this by itself only for an executor that starts again under the same id; for executors that do not
-    come back it leaves it to a hosted service. So this calls the internal method that the engine itself calls, which a
-    test pins down for the versions that the dependencies allow.
-    """
-    DBOS._recover_pending_workflows([executor_id])
-
-
-def _busy_since() -> Mapping[str, float]:
-    """When the owners of unfinished jobs last took one, in seconds since 1970."""
-    running = DBOS.list_workflows(status="PENDING", load_input=False, load_output=False)
-    busy: dict[str, float] = {}
-    for workflow in running:
-        if workflow.executor_id:
-            taken = (workflow.updated_at or 0) / 1000
-            busy[workflow.executor_id] = max(taken, busy.get(workflow.executor_id, 0.0))
-    return busy
 
 
 def _kill(worker: WorkerRecord) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,25 +21,25 @@ from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.store.blobs import remove
-from fastsplat.workers.protocol import Job
+from fastsplat.workers.protocol import Job, Stage
 from fastsplat.workers.results import intact
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.look_again_messages import LookAgainIn
 
 _SIGHTINGS = "sightings.json"
 _PICTURES = "pictures"
 
 
-def look(job: Job, folder: Path, progress: Progress) -> None:
+def _look(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "looking": the sightings of the job's texts."""
-    assert job.look_again is not None
-    index = _open(job)
+    order, index = from_plain(LookAgainIn, dict(job.order)), _open(job)
     (folder / _PICTURES).mkdir()
-    sightings = look_for(index, job.look_again.texts, job.settings, folder / _PICTURES, progress)
+    sightings = look_for(index, order.texts, job.settings, folder / _PICTURES, progress)
     remove(folder / _PICTURES)
     (folder / _SIGHTINGS).write_text(json.dumps(asdict(sightings)))
 
 
-def name(job: Job, folder: Path, progress: Progress) -> None:
+def _name(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "naming": the current version with the names of what was sighted, as a folder to be published.
 
     `summary.json` says of which version it was made, and what to tell the caller.
@@ -66,6 +67,9 @@ def name(job: Job, folder: Path, progress: Progress) -> None:
         "result": to_plain(result),
     }
     (folder / "summary.json").write_text(json.dumps(summary))
+
+
+STAGES: Mapping[str, Stage] = {"looking": _look, "naming": _name}
 
 
 def dictionary_rows(scene: Scene) -> list[dict[str, Any]]:

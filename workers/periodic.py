@@ -1,4 +1,4 @@
-"""Tasks that a worker repeats as long as it lives, and a log that they cannot flood."""
+"""Periodic tasks of a worker, and a log that they cannot flood."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PAUSE_AFTER_ERROR_S = 1.0
 
 
 class RepeatFilter(logging.Filter):
-    """Drops a record whose message begins like one that passed a moment ago.
+    """Log filter that drops a record whose message begins like one that passed a moment ago.
 
     Args:
         interval_s: how long a beginning is remembered.

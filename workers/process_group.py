@@ -1,4 +1,4 @@
-"""Processes that end with their parent, and what is known of a process by its id. Imports nothing heavy."""
+"""Process groups that end with their parent, and what is known of a process by its id. Imports nothing heavy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be looked at while a job runs: small files in its work folder, each announced by a progress event.
+"""Progress files of a running job: small files in its work folder, each announced by a progress event.
 
 The supervisor makes them visible to the API, wherever that runs, and names them in the operation's row; they go with
 the work folder. A file's name has the attempt in it, and none is written twice.
@@ -23,7 +23,7 @@ _LOOK_EVERY_S = 0.5
 
 
 class ProgressFiles:
-    """Publishes what a stage of a job shows. What `progress` raises ends the stage."""
+    """Publisher of a stage's progress files. What `progress` raises ends the stage."""
 
     def __init__(self, job: Job, stage: str, progress: Progress) -> None:
         self._job, self._progress = job, progress

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.common.progress import LOOK_AGAIN_STAGES, STAGES, TRAIN_MORE_STAGES, Progress, ProgressEvent
+from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import SceneOptions
-from fastsplat_contract.train_more_messages import TrainMoreIn
 
 
 @dataclass(frozen=True)
@@ -26,11 +24,11 @@ class Job:
         upload: the admitted upload's folder; of a job on a finished scene, the folder of its current version.
         folder: the job's work folder, shared by all attempts.
         options: the user's choices.
-        settings: the operator's.
-        look_again: what a job that looks again looks for; None for others.
+        settings: the operator's, with what the user chose.
+        stages: names of its stages, in order.
+        order: of a job on a finished scene: what was ordered, as JSON.
         version: of a job on a finished scene: whose folder `upload` is.
-        train_more: how a job trains a finished scene further; None for others.
-        base: of such a job: the folder of the version that it begins with, and its name.
+        base: of a job that begins with a certain version: that version's folder and name.
         exclude: paths of photos in the upload that are left out.
     """
 
@@ -40,18 +38,11 @@ class Job:
     folder: Path
     options: SceneOptions
     settings: Settings
-    look_again: LookAgainIn | None = None
+    stages: tuple[str, ...] = ()
+    order: Mapping[str, Any] = field(default_factory=dict)
     version: str = ""
-    train_more: TrainMoreIn | None = None
     base: tuple[Path, str] | None = None
     exclude: tuple[str, ...] = ()
-
-    @property
-    def stages(self) -> tuple[str, ...]:
-        """Names of the job's stages, in order."""
-        if self.look_again is not None:
-            return LOOK_AGAIN_STAGES
-        return STAGES if self.train_more is None else TRAIN_MORE_STAGES
 
     def result(self, stage: str) -> Path:
         """Folder of a stage's finished result; if it exists, it is complete."""
@@ -62,8 +53,12 @@ class Job:
         """File that is there once the job is to end its training early, for all attempts."""
         return self.folder / "finish"
 
-    def to_line(self, stages: str) -> bytes:
-        """The first line that a trainer reads; the database's URL is left out, as it may hold a password."""
+    def to_line(self, run: str) -> bytes:
+        """The first line that a trainer reads; the database's URL is left out, as it may hold a password.
+
+        Args:
+            run: what runs the stages, see `JobKind.run`.
+        """
         spec = {
             "operation_id": self.operation_id,
             "attempt": self.attempt,
@@ -71,18 +66,18 @@ class Job:
             "folder": str(self.folder),
             "options": to_plain(self.options),
             "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password"}),
-            "stages": stages,
-            "look_again": None if self.look_again is None else to_plain(self.look_again),
+            "stages": self.stages,
+            "order": dict(self.order),
             "version": self.version,
-            "train_more": None if self.train_more is None else to_plain(self.train_more),
             "base": None if self.base is None else [str(self.base[0]), self.base[1]],
             "exclude": self.exclude,
+            "run": run,
         }
         return json.dumps(spec).encode() + b"\n"
 
 
 def read_job(line: bytes) -> tuple[Job, str]:
-    """Back from `Job.to_line`, with the name of the stages to run."""
+    """Back from `Job.to_line`, with what runs the stages."""
     spec = json.loads(line)
     job = Job(
         operation_id=spec["operation_id"],
@@ -91,30 +86,17 @@ def read_job(line: bytes) -> tuple[Job, str]:
         folder=Path(spec["folder"]),
         options=from_plain(SceneOptions, spec["options"]),
         settings=Settings(**spec["settings"]),
-        look_again=None if spec["look_again"] is None else from_plain(LookAgainIn, spec["look_again"]),
+        stages=tuple(spec["stages"]),
+        order=spec["order"],
         version=spec["version"],
-        train_more=None if spec["train_more"] is None else from_plain(TrainMoreIn, spec["train_more"]),
         base=None if spec["base"] is None else (Path(spec["base"][0]), spec["base"][1]),
         exclude=tuple(spec["exclude"]),
     )
-    return job, spec["stages"]
+    return job, spec["run"]
 
 
 Stage = Callable[[Job, Path, Progress], None]
 """Reads earlier results through `Job.result`, writes its own into the folder, reports progress."""
-
-
-@dataclass(frozen=True)
-class Stages:
-    """What a trainer runs: in the order of `STAGES`, or of those of a job on a finished scene."""
-
-    capture: Stage
-    perception: Stage
-    training: Stage
-    export: Stage
-    looking: Stage
-    naming: Stage
-    merging: Stage
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
+"""Supervisor of one job from claim to end: watches a trainer process, writes its progress, makes its end durable."""
 
 from __future__ import annotations
 
@@ -10,10 +10,12 @@ from typing import Any
 
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
+from fastsplat.workers.job_kinds import JobKind
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.trainer_process import TrainerProcess
@@ -44,25 +46,43 @@ class StoppingError(Exception):
 
 
 class Supervisor:
-    """Runs one claimed job. Once `stopping` is set, it gives the job back."""
+    """Runner of one claimed job. Once `stopping` is set, it gives the job back."""
 
-    def __init__(self, store: Store, settings: Settings, claim: Claim, stages: str, stopping: threading.Event) -> None:
-        self._jobs = store.jobs
+    def __init__(
+        self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
+    ) -> None:
         self._settings = settings
         self._job = ClaimedJob(store, claim, settings.calls.max_versions)
-        self._stages = stages
+        self._kind = kind
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
-        self._progress = _StageRows(claim.operation.stages, self._job.stages)
+        self._progress = _StageRows(claim.operation.stages, kind.stages)
         self._written_at = 0.0
         self._checked_at = 0.0
-        self._finishing = False
-        self._fenced_claim: Claim | None = None
 
-    @property
-    def stages(self) -> Sequence[str]:
-        """Names of the job's stages, in order."""
-        return self._job.stages
+    def run(self) -> JobOutcome:
+        """Have the stages done that are not, make the end durable, and clean up. Returns how the job ended.
+
+        Raises:
+            FencedError: another worker has claimed the job.
+            StoppingError: this worker is stopping, and the job was given back.
+        """
+        error = self.start_limit_error()
+        outcome = DONE if error is None else failed(error)
+        if self._job.claim.attempt == 1 or not self._job.is_published():
+            for stage in self._kind.stages:
+                if outcome == DONE:
+                    outcome = self.run_stage(stage)
+        self.kill()
+        if outcome == DONE:
+            outcome = self._succeed()
+        if outcome == CANCELLED:
+            self._job.cancel()
+        elif outcome.error is not None:
+            self._job.fail(outcome.error)
+        logger.info("job %s %s", self._job.id, outcome.state)
+        self._job.clean_up(outcome)
+        return outcome
 
     def start_limit_error(self) -> Mapping[str, Any] | None:
         """The error of a job that was started too often without progress, as JSON; None if it may run."""
@@ -75,7 +95,7 @@ class Supervisor:
             limit=_start_limit(limit),
             hint="Look into the worker's log for the reason, then retry the operation.",
         )
-        stages = self._job.stages
+        stages = self._kind.stages
         last_stage = next((stage for stage in stages if not (self._job.folder / stage).is_dir()), stages[-1])
         return error_to_json(error, last_stage, log=self._log_name())
 
@@ -120,42 +140,6 @@ class Supervisor:
             self._job.drop_originals()
         return DONE
 
-    def finish(self, outcome: JobOutcome) -> None:
-        """Make the end durable, then clean up.
-
-        Raises:
-            FencedError: another worker has claimed the job.
-        """
-        self._finishing = True
-        if outcome == DONE and not self._job.is_exported():
-            # The stages were recorded, but on a machine whose folder this one does not see.
-            outcome = self.run_stage(self._job.stages[-1])
-        self.kill()
-        if outcome == DONE:
-            outcome = (
-                self._succeed() if self._job.claim.operation.kind == "create_scene" else self._succeed_with_version()
-            )
-        if outcome == CANCELLED:
-            self._job.cancel()
-        elif outcome.error is not None:
-            self._job.fail(outcome.error)
-        logger.info("job %s %s", self._job.id, outcome.state)
-        self._job.clean_up(outcome)
-
-    def is_lost(self) -> bool:
-        """Whether another worker has the job for sure: seen by two calls in a row. For a thread beside the job's own.
-
-        The job engine notices that too, and then waits for the job's new owner, where this can not end the trainer.
-        """
-        claim, before = self._job.claim, self._fenced_claim
-        try:
-            self._jobs.check(claim)
-            self._fenced_claim = None
-        except FencedError:
-            self._fenced_claim = claim
-        # A new attempt of this worker, or the job's end, changes the rows before it changes this object.
-        return self._fenced_claim is not None and before is claim is self._job.claim and not self._finishing
-
     def kill(self) -> None:
         """End the trainer and all processes that it started."""
         if self._trainer is not None:
@@ -165,21 +149,21 @@ class Supervisor:
     def _start_trainer(self) -> TrainerProcess:
         job, attempt = self._job, self._job.claim.attempt
         job.folder.mkdir(parents=True, exist_ok=True)
-        folder, version = job.sources()
+        folder, version, base = self._kind.sources(job)
         spec = Job(
             job.id,
             attempt,
             folder,
             job.folder,
             job.options,
-            self._settings,
-            job.look_again,
+            chosen_settings(self._settings, job.options),
+            self._kind.stages,
+            job.claim.operation.order,
             version,
-            job.train_more,
-            job.base(),
+            base,
             job.claim.operation.excluded,
         )
-        self._trainer = TrainerProcess(spec, self._stages, job.log)
+        self._trainer = TrainerProcess(spec, self._kind.run, job.log)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
 
@@ -208,7 +192,7 @@ class Supervisor:
 
         If there are any, so many starts count from then on.
         """
-        complete = [stage for stage in self._job.stages if (self._job.folder / stage).is_dir()]
+        complete = [stage for stage in self._kind.stages if (self._job.folder / stage).is_dir()]
         unwritten = [stage for stage in complete if not self._progress.is_complete(stage)]
         if unwritten:
             for stage in unwritten:
@@ -231,28 +215,14 @@ class Supervisor:
         return self._job.poll_requests()
 
     def _succeed(self) -> JobOutcome:
-        """Publish the scene and make it READY; returns how the job ended after all."""
-        try:
-            self._job.succeed(self._job.publish())
-        except FencedError:
-            if not self._job.is_cancelled():
-                raise
-            return CANCELLED
-        except OSError as error:
-            if error.errno not in DISK_FULL:
-                raise
-            return failed(error_to_json(disk_full_error(), "export"))
-        return DONE
+        """Publish what the job made; returns how the job ended after all.
 
-    def _succeed_with_version(self) -> JobOutcome:
-        """Make what a job on a finished scene made its current version; returns how the job ended after all.
-
-        Where the scene was edited meanwhile, the job's result is put into what it was edited to.
+        Where a finished scene was edited meanwhile, the job's result is put into what it was edited to.
         """
-        last = self._job.stages[-1]
+        last = self._kind.stages[-1]
         for remaining in reversed(range(_TRIES)):
             try:
-                self._job.succeed_with_version()
+                self._kind.publish(self._job, last)
                 return DONE
             except (FencedError, NotFoundError):
                 if not self._job.is_cancelled():
@@ -265,7 +235,7 @@ class Supervisor:
                 if error.errno not in DISK_FULL:
                     raise
                 return failed(error_to_json(disk_full_error(), last))
-            self._job.drop_result()
+            self._job.drop_result(last)
             self._progress.done.discard(last)
             outcome = self.run_stage(last)
             self.kill()

@@ -4,6 +4,7 @@ result put into the version of now."""
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,28 +20,28 @@ from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.continuation import Continued
 from fastsplat.service.splatting.previews import TrainingWatch
-from fastsplat.service.train_more import capture_of, merged_scene
-from fastsplat.service.train_more import train_further as train
+from fastsplat.service.train_more import capture_of, merged_scene, train_further
 from fastsplat.workers.look_again_stages import dictionary_rows
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
-from fastsplat.workers.protocol import Job
+from fastsplat.workers.protocol import Job, Stage
 from fastsplat.workers.results import checkpoint_folder, intact
 from fastsplat.workers.trained_files import load_trained, save_trained
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.train_more_messages import TrainMoreResult
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.train_more_messages import TrainMoreIn, TrainMoreResult
 
 _ORIGINS = "origins.npy"
 
 
-def train_further(job: Job, folder: Path, progress: Progress) -> None:
+def _train(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "training" of a job that trains a finished scene further."""
-    assert job.train_more is not None and job.base is not None
-    scene, order = read_scene(job.base[0] / "artefact"), job.train_more
+    assert job.base is not None
+    order = from_plain(TrainMoreIn, {name: value for name, value in job.order.items() if name != "version"})
+    scene = read_scene(job.base[0] / "artefact")
     scratch = job.folder / "masks"
     scratch.mkdir(exist_ok=True)
     capture = capture_of(scene, job.base[0], scratch)
     files = ProgressFiles(job, "training", progress)
-    continued = train(
+    continued = train_further(
         scene,
         capture,
         job.settings,
@@ -55,7 +56,7 @@ def train_further(job: Job, folder: Path, progress: Progress) -> None:
     np.save(folder / _ORIGINS, continued.origins)
 
 
-def merge(job: Job, folder: Path, progress: Progress) -> None:
+def _merge(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "merging": the current version with what was trained, as a folder to be published; where that contradicts
     what was edited meanwhile, the version that was trained, to stand beside the current one.
 
@@ -91,6 +92,9 @@ def merge(job: Job, folder: Path, progress: Progress) -> None:
         "result": to_plain(replace(made, current=not beside)),
     }
     (folder / "summary.json").write_text(json.dumps(summary))
+
+
+STAGES: Mapping[str, Stage] = {"training": _train, "merging": _merge}
 
 
 def _result(base: Scene, continued: Continued, trained_from: str) -> TrainMoreResult:

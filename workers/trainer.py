@@ -16,10 +16,10 @@ from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, y
 from fastsplat.workers.process_group import fork_group_guard
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from fastsplat.service.common.progress import ProgressEvent
-    from fastsplat.workers.protocol import Event, Job, Stages
+    from fastsplat.workers.protocol import Event, Job, Stage
 
 _PROGRESS_S = 0.1
 
@@ -34,18 +34,18 @@ def main() -> int:
 
     from fastsplat.workers.protocol import event_to_line, read_job
 
-    job, name = read_job(spec)
+    job, run = read_job(spec)
     yield_to_others(job.settings.jobs.niceness)  # requests to the API of the same machine go first
-    return _run(job, name, lambda event: _write(events, event_to_line(event)))
+    return _run(job, run, lambda event: _write(events, event_to_line(event)))
 
 
-def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
+def _run(job: Job, run: str, send: Callable[[Event], None]) -> int:
     from fastsplat.service.common.progress import ProgressEvent
     from fastsplat.workers.protocol import Done, Failed
     from fastsplat.workers.results import discard_damaged, finish_stage, operation_error, start_stage
 
     progress = _throttled(send)
-    stages: Stages | None = None
+    stages: Mapping[str, Stage] = {}
     try:
         discard_damaged(job)
     except OSError as error:
@@ -58,9 +58,9 @@ def _run(job: Job, name: str, send: Callable[[Event], None]) -> int:
         try:
             progress(ProgressEvent(stage, 0.0, f"starting {stage}"))
             started = time.monotonic()
-            stages = stages or _load_stages(name)
+            stages = stages or _load_stages(run)
             folder = start_stage(job, stage)
-            getattr(stages, stage)(job, folder, progress)
+            stages[stage](job, folder, progress)
             seconds = time.monotonic() - started
             finish_stage(job, stage, folder, seconds)
             send(Done(stage, seconds))
@@ -88,11 +88,11 @@ def _throttled(send: Callable[[Event], None]) -> Callable[[ProgressEvent], None]
     return progress
 
 
-def _load_stages(name: str) -> Stages:
+def _load_stages(run: str) -> Mapping[str, Stage]:
     import importlib
 
-    module, attribute = name.split(":")
-    stages: Stages = getattr(importlib.import_module(module), attribute)
+    module, attribute = run.split(":")
+    stages: Mapping[str, Stage] = getattr(importlib.import_module(module), attribute)
     return stages
 
 

@@ -1,4 +1,4 @@
-"""A trainer process, as its supervisor starts, reads and ends it."""
+"""Trainer process: started, read and ended by its supervisor."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _GRACE_S = 2.0
 class TrainerProcess:
     """One running trainer, its process group and its events."""
 
-    def __init__(self, job: Job, stages: str, log: Path) -> None:
+    def __init__(self, job: Job, run: str, log: Path) -> None:
         log.parent.mkdir(parents=True, exist_ok=True)
         self._process = _forker.submit(_start, job, log).result()
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
@@ -35,7 +35,7 @@ class TrainerProcess:
         threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # died already: its exit status tells
-            self._process.stdin.write(job.to_line(stages))
+            self._process.stdin.write(job.to_line(run))
             self._process.stdin.flush()
 
     @property

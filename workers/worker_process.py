@@ -7,38 +7,39 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
-from fastsplat.workers.engine import Worker, start, stop
+from fastsplat.workers.job_kinds import KINDS, JobKind
+from fastsplat.workers.worker import Worker, start, stop
+from fastsplat_contract.operations import OperationKind
 
 logger = logging.getLogger(__name__)
 _ROWS_BYTES = 1 << 20
 _FULL_PAUSE_S = 5.0
-_STAGES = "fastsplat.workers.stages:DEFAULT_STAGES"
 
 
-def run(settings: Settings, stages: str = _STAGES) -> None:
+def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> None:
     """Work until SIGTERM or SIGINT, then give the running job back and end the process.
 
     Args:
         settings: where the data is, and how to work.
-        stages: "module:name" of the `Stages` that trainers run.
+        kinds: of job that it does.
     """
     stop_requested = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop_requested.set())
     wait_for_space(settings.data_dir, stop_requested.wait)
-    worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, stages)
+    worker = Worker(open_store(settings.data_dir, settings.database_url, settings.artefacts), settings, kinds)
     start(worker)
     logger.info("worker %s is ready", worker.executor_id)
     stop_requested.wait()
     logger.info("worker %s is stopping", worker.executor_id)
     stop(worker)
     logging.shutdown()
-    os._exit(0)  # the engine's threads hold unfinished jobs, which must stay pending
+    os._exit(0)  # the engine's threads hold an unfinished job, which must stay pending
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:

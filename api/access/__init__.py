@@ -1,4 +1,4 @@
-"""May this caller call this? One answer for both protocols; `api.rest.access` and `api.grpc.access` only adapt it.
+"""Access control: one decision for both protocols; `api.rest.access` and `api.grpc.access` only adapt it.
 
 policy         what each call of the contract needs
 caller         who calls, known to whatever serves the call

@@ -1,4 +1,4 @@
-"""The line that every request leaves in the log."""
+"""The access log: one line a request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys to callers, when a call begins and for as long as it goes on."""
+"""Authentication: keys to callers, at the start of a call and for as long as it goes on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HOW = 'Send it as "Authorization: Bearer KEY"; make one with: fastsplat keys cr
 
 
 class Credentials(NamedTuple):
-    """What a call says about its caller; "" for what it does not say.
+    """Credentials of a call: its key and its project, each "" where it names none.
 
     Attributes:
         key: the access key.
@@ -179,7 +179,7 @@ class Authenticator:
 
 
 class KeyWatch:
-    """One call, which ends with its key."""
+    """A call that is cancelled when its key ends."""
 
     def __init__(self, key_id: str, task: asyncio.Task[object]) -> None:
         self.key_id = key_id

@@ -1,4 +1,4 @@
-"""Who makes the call that the running task, or the thread it started, serves; and the service as they have it."""
+"""The caller of the running task, or of the thread it started; and the service within the caller's project."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from fastsplat_contract.keys import Role
 
 @dataclass(frozen=True)
 class Principal:
-    """Who calls.
+    """The caller: key, project and role.
 
     Attributes:
         key_id: the key's; "" where keys are switched off.

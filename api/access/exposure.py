@@ -1,4 +1,4 @@
-"""Where a server without keys may be reached from: this machine alone, and no page of another site that it shows."""
+"""Network exposure of a server without keys: loopback alone, and no pages of other sites."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What decides on every call of both protocols, and counts it."""
+"""The gate of both protocols: authentication, policy and rate limits of every call, and its count in the metrics."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fastsplat_contract.errors import FastSplatError
 
 @dataclass(frozen=True)
 class Gate:
-    """The same for both protocols, so that a key's limits are one.
+    """Authentication and limits of a call; one for both protocols, so that a key's limits are one.
 
     Attributes:
         authenticator: knows the keys.

@@ -1,4 +1,4 @@
-"""What each call needs, for both protocols: decided on the route that was matched, never on the text of a path.
+"""The access policy: role and cost of each call, looked up by the matched route, never by the text of a path.
 
 The table of calls says it of each call. What is in no table needs an operator, so that nothing is open by mistake.
 """

@@ -1,4 +1,4 @@
-"""How much at a time, and over time: refused at once rather than answered late.
+"""Rate limits and limits of concurrent calls: refused at once rather than answered late.
 
 Every call of a key takes a token from its bucket and counts among its calls under way; those that compute also count
 among the admitted of all keys, which bounds the queue in front of the threads. All of it on the event loop alone.
@@ -28,7 +28,7 @@ class _Account:
 
 
 class RateLimiter:
-    """Accounts of all keys of one process."""
+    """Rate limits of all keys of one process."""
 
     def __init__(self, settings: LimitSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._settings = settings
@@ -91,7 +91,7 @@ class RateLimiter:
 
 
 class Permit:
-    """One call that has come in; it must `leave`, once."""
+    """The admission of one call; it must `leave`, once."""
 
     def __init__(self, limiter: RateLimiter, account: _Account, rule: Rule) -> None:
         self._limiter, self._account, self._rule = limiter, account, rule

@@ -141,7 +141,7 @@ _ANSWER = Answer(
     scene_id=IDS["scene_id"],
     text="cup left of the ball",
     verdict="exact",
-    explanation='"cup", left of the ball: thing 1 (direction to thing 2: 12.5°).',
+    explanation='Here (97 %): "mug" for "cup", left of the ball.',
     probability=0.97,
     label_set=(1,),
     coverage=0.9,
@@ -166,6 +166,8 @@ _ANSWER = Answer(
         undecided=(),
         witnesses=(Witness("left of the ball", 1, (2,), "direction", 12.5, "deg", 5.2),),
     ),
+    outcome="here",
+    sentence='Here (97 %): "mug" for "cup", left of the ball.',
 )
 OPERATIONS = OperationList((OPERATION,), PAGE_TOKEN)
 SCENE = Scene(

@@ -1,4 +1,4 @@
-"""Who may come in over gRPC: every RPC passes here before its handler, streams included."""
+"""Access control of gRPC: an interceptor before every handler, streams included."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _CODES = {code.value[0]: code.name for code in grpc.StatusCode}
 
 
 class AccessInterceptor(aio.ServerInterceptor):
-    """Asks the gate, then runs the handler."""
+    """Interceptor that asks the gate before the handler runs."""
 
     def __init__(self, gate: Gate) -> None:
         self._gate = gate

@@ -1,4 +1,4 @@
-"""Bytes that are no message are refused by name. gRPC itself answers UNKNOWN or INTERNAL and logs a traceback."""
+"""Decoding errors of gRPC as INVALID_INPUT. gRPC itself answers UNKNOWN or INTERNAL and logs a traceback."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class _Unreadable:
 
 
 class DecodingInterceptor(aio.ServerInterceptor):
-    """Refuses what cannot be decoded, the messages of a stream included, with INVALID_INPUT."""
+    """Interceptor that refuses messages which cannot be decoded, those of a stream included, with INVALID_INPUT."""
 
     async def intercept_service(
         self,

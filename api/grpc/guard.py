@@ -1,4 +1,4 @@
-"""What surrounds every RPC: its request id, its errors as google.rpc.Status, its line in the log."""
+"""Wrapper of every RPC: its request id, its errors as google.rpc.Status, its line in the log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`StreamQuery`: one standing question, pose after pose, the newest first and no queue."""
+"""`StreamQuery`: a subscription that answers pose after pose, the newest first and without a queue."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _heartbeat(question: int) -> pb.StreamQueryResponse:
 
 
 class _Inbox:
-    """What has come and is not answered yet."""
+    """Messages that came in and are not answered yet."""
 
     def __init__(self, heartbeat_s: float) -> None:
         self._default_heartbeat_s = heartbeat_s

@@ -1,4 +1,4 @@
-"""Who may come in over HTTP: every request passes here, with the route it will reach already known."""
+"""Access control of HTTP: a middleware before the router, which knows the route that will match."""
 
 from __future__ import annotations
 

@@ -11,7 +11,6 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
 
-from mcp.server.transport_security import TransportSecuritySettings
 from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -20,7 +19,6 @@ from fastsplat.api.access.authenticator import Credentials
 from fastsplat.api.rest.in_process import InProcess
 from fastsplat.api.rest.problem_answers import BodyTooLargeError
 from fastsplat_client import Client, Retry
-from fastsplat_client.assistant import assistant_server
 
 _MAX_REQUEST_BYTES = 2**18  # a tool's arguments are a few lines
 _CALL_S = 60.0
@@ -30,6 +28,16 @@ class Assistant:
     """The MCP server of a process; `lifespan` must be entered before it answers, and can be once."""
 
     def __init__(self) -> None:
+        self._handle: ASGIApp | None = None
+
+    @asynccontextmanager
+    async def lifespan(self, app: object) -> AsyncIterator[None]:
+        """Hold what answers open, as FastAPI's `lifespan`. What it needs is imported here: a third of a second, which
+        a command is not to wait for that asks the application in its own process."""
+        from mcp.server.transport_security import TransportSecuritySettings
+
+        from fastsplat_client.assistant import assistant_server
+
         server = assistant_server(_client_of, version("fastsplat"))
         server.streamable_http_app(
             stateless_http=True,  # so that any server behind a balancer may answer any call
@@ -38,17 +46,17 @@ class Assistant:
             # Who asks from where is looked at before, see `check_local`.
             transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
         )
-        self._sessions = server.session_manager
-
-    @asynccontextmanager
-    async def lifespan(self, app: object) -> AsyncIterator[None]:
-        """Hold what answers open, as FastAPI's `lifespan`."""
-        async with self._sessions.run():
+        async with server.session_manager.run():
+            self._handle = server.session_manager.handle_request
             yield
 
     def route(self) -> Route:
         """POST alone: there are no sessions to stream to or to end."""
-        return Route("/mcp", endpoint=_Endpoint(self._sessions.handle_request), methods=["POST"], name="mcp")
+        return Route("/mcp", endpoint=_Endpoint(self._answer), methods=["POST"], name="mcp")
+
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        assert self._handle is not None, "the lifespan was not entered"
+        await self._handle(scope, receive, send)
 
 
 class _Endpoint:

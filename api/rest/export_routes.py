@@ -14,13 +14,13 @@ from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellabl
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.exporting.scene_exports import MEDIA_TYPES, UNREPEATABLE
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
+from fastsplat_contract.exports import FILE_NAMES, FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.members import description_of
 
 _Things = Annotated[list[int], Query(description=description_of(ExportRequest, "things"))]
 _Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
+_MEDIA_TYPES = tuple(dict.fromkeys(facts.media_type for facts in FORMATS.values()))
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 
@@ -33,7 +33,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
         )
-        weak = "W/" if export.format in UNREPEATABLE else ""
+        weak = "" if FORMATS[export.format].repeatable else "W/"
         headers = {"ETag": weak + etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
@@ -41,13 +41,13 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         headers["Content-Disposition"] = f'attachment; filename="{FILE_NAMES[export.format]}"'
         if export.format == "html":  # a page of its own, not one of this server
             headers["Content-Security-Policy"] = "sandbox"
-        return Response(content, media_type=MEDIA_TYPES[export.format], headers=headers)
+        return Response(content, media_type=FORMATS[export.format].media_type, headers=headers)
 
     @router.get(
         "/scenes/{scene_id}/scene.ply",
         response_class=Response,
         responses={
-            **file_response(MEDIA_TYPES["ply"], description="3DGS PLY"),
+            **file_response(FORMATS["ply"].media_type, description="3DGS PLY"),
             206: {"description": "the range asked for"},
             **_UNCHANGED,
         },
@@ -59,12 +59,12 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         path, current = await run_cancellable(
             request, threads.answer, lambda: service.answers.scene_ply(scene_id, version)
         )
-        return immutable_file(request, path, MEDIA_TYPES["ply"], FILE_NAMES["ply"], f"{scene_id}-{current}")
+        return immutable_file(request, path, FORMATS["ply"].media_type, FILE_NAMES["ply"], f"{scene_id}-{current}")
 
     @router.get(
         "/scenes/{scene_id}/scene.{format}",
         response_class=Response,
-        responses={**file_response(*dict.fromkeys(MEDIA_TYPES.values()), description="the file"), **_UNCHANGED},
+        responses={**file_response(*_MEDIA_TYPES, description="the file"), **_UNCHANGED},
     )
     async def export_scene(
         request: Request,

@@ -1,4 +1,4 @@
-"""A file that never changes, with what HTTP has for large downloads (RFC 9110, sections 13 and 14)."""
+"""Immutable files over HTTP: ranges, ETags and conditional requests (RFC 9110, sections 13 and 14)."""
 
 from __future__ import annotations
 

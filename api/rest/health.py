@@ -1,4 +1,4 @@
-"""Health over HTTP. Neither route waits for a thread, a key or a limit."""
+"""Health checks over HTTP. Neither route waits for a thread, a key or a limit."""
 
 from __future__ import annotations
 

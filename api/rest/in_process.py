@@ -1,10 +1,10 @@
-"""Requests of this process to its own application, for those who know the service by its client alone."""
+"""In-process HTTP transport: requests of this process to its own application."""
 
 from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
 from typing import Any
@@ -16,7 +16,7 @@ _JOIN_S = 30.0
 
 
 class InProcess(httpx.BaseTransport):
-    """Carries the requests of any thread but the loop's own into an application on its event loop.
+    """Transport from any thread but the loop's own into an application on its event loop.
 
     Args:
         app: the application.
@@ -64,10 +64,18 @@ class InProcess(httpx.BaseTransport):
 
     async def _answer(self, request: httpx.Request) -> httpx.Response:
         headers: dict[str, Any] = {**request.headers, "accept-encoding": "identity"}
-        inner = httpx.Request(request.method, request.url, headers=headers, content=request.read())
+        has_body = not {"content-length", "transfer-encoding"}.isdisjoint(headers)
+        content = _pieces(request) if has_body else None
+        inner = httpx.Request(request.method, request.url, headers=headers, content=content)
         response = await self._inner.handle_async_request(inner)
-        content = await response.aread()
-        return httpx.Response(response.status_code, headers=response.headers, content=content)
+        return httpx.Response(response.status_code, headers=response.headers, content=await response.aread())
+
+
+async def _pieces(request: httpx.Request) -> AsyncIterator[bytes]:
+    """The body as it is read from its files: an upload is larger than memory."""
+    assert isinstance(request.stream, httpx.SyncByteStream)
+    for piece in request.stream:
+        yield piece
 
 
 @contextmanager

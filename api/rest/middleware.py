@@ -1,4 +1,4 @@
-"""The outermost layer: request ids, a limit on small bodies, and the last resort for errors."""
+"""Outermost middleware: request ids, a limit on small bodies, and the last resort for errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""multipart/form-data (RFC 7578), parsed as it arrives: bytes go in, parts come out, and nothing is kept."""
+"""Streaming parser of multipart/form-data (RFC 7578): bytes go in, parts come out, and nothing is kept."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MAX_EPILOGUE_BYTES = 2**20
 
 
 class PartReceiver(Protocol):
-    """What takes the parts of a form, one after the other."""
+    """Receiver of a form's parts, one after the other."""
 
     def begin_part(self, field: str, filename: str | None) -> None:
         """A part begins: the form field's name, and the file's name as the client says it; None for a plain field."""
@@ -26,7 +26,7 @@ class PartReceiver(Protocol):
 
 
 class FormParser:
-    """Takes a form in pieces of any size and passes its parts on.
+    """Parser that is fed a form in pieces of any size.
 
     Args:
         content_type: the request's header, with the boundary.

@@ -1,4 +1,4 @@
-"""Every answer that is not a success is a problem (RFC 9457)."""
+"""Problem documents (RFC 9457) for every answer that is not a success."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Heads of HTTP requests that proxies and servers read differently are refused (RFC 9112, sections 3.2 and 6.1)."""
+"""Protection from request smuggling: ambiguous heads are refused (RFC 9112, sections 3.2 and 6.1)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every route does: one service call on a thread, cancelled when the client disconnects."""
+"""Responses of routes: one service call on a thread, cancelled when the client disconnects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTTP as people expect it: HEAD wherever there is GET, ETags of what is computed, gzip for those who read it."""
+"""Standard HTTP: HEAD wherever there is GET, ETags of what is computed, gzip for those who read it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of this release over HTTP: compressed, and a browser's copy holds as long as it is right."""
+"""Static files of this release over HTTP: compressed, and cached by browsers as long as they are right."""
 
 from __future__ import annotations
 

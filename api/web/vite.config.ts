@@ -44,5 +44,6 @@ export default defineConfig({
     chunkSizeWarningLimit: 4_000,
   },
   server: { proxy: { "/v1": "http://127.0.0.1:8000", "/query": "http://127.0.0.1:8000" } },
-  test: { include: ["src/**/*.test.ts"] },
+  // One process and one set of modules for all tests: they are pure, and what one of them stubs is put back after it.
+  test: { include: ["src/**/*.test.ts"], pool: "threads", isolate: false, fileParallelism: false, unstubGlobals: true },
 });

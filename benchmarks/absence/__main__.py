@@ -5,7 +5,7 @@ on answers, so they validate it and test nothing any more.
 
 Every question of `questions.txt` is asked of a scene that has its dictionary, through the product's own ranking. Writes
 benchmarks/results/absence.json:
-  found_and_named: share of the present questions whose verdict is not absent and whose first answer is acceptable;
+  found_and_named: share of the present questions that are not said to be absent and whose first answer is acceptable;
   rightly_absent: share of the absent questions that are said to be absent;
   auroc: that a present question's `presence` is above an absent one's (ties half);
   leading_ece: calibration error of the leading entry's probability, over ten bins of equal count;
@@ -120,14 +120,14 @@ def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[f
 
 
 def _answered(case: Case, answer: Answer) -> _Answered:
-    if answer.presence is None and answer.verdict != "undecided":
+    if answer.presence is None and answer.outcome != "cannot_say":
         raise ValueError("this encoder is not calibrated: run benchmarks.calibration.calibrate first")
     best = answer.matches[0]
     names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)
     return _Answered(
         case,
-        answer.verdict == "absent",
-        answer.verdict == "undecided",
+        answer.outcome == "not_here",
+        answer.outcome == "cannot_say",
         best.label,
         best.probability or 0.0,
         _presence(answer),

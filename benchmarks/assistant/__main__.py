@@ -134,7 +134,7 @@ def figures(answered: Sequence[Answered]) -> dict[str, Any]:
         "by_kind": _grouped(answered, lambda each: each.question.kind),
         "absent_said": share_right([each.right for each in answered if each.question.kind == "absent"]),
         "absent_named_exact": sum(
-            each.question.kind == "absent" and each.said.get("verdict") == "exact" for each in answered
+            each.question.kind == "absent" and each.said.get("outcome") == "here" for each in answered
         ),
         "intervals_true": share_right([bounded for each in answered for bounded in each.bounded]),
         **_latency(answered),

@@ -89,7 +89,7 @@ def is_right(question: Question, said: Mapping[str, Any], layout: Layout) -> boo
     judges = {
         "find": _names_right,
         "names": _names_right,
-        "absent": lambda question, said, layout: said["verdict"] == "absent" and not said["things"],
+        "absent": lambda question, said, layout: said["outcome"] == "not_here" and not said["things"],
         "count": _count_right,
         "count of": _count_right,
         "relations": _relation_right,
@@ -128,7 +128,7 @@ def _names_right(question: Question, said: Mapping[str, Any], layout: Layout) ->
     answered = {each["id"] for each in said["things"]}
     named = {each["name"] for each in said["things"]} <= {said["label"], *said["alternatives"]}
     return (
-        said["verdict"] != "absent"
+        said["outcome"] != "not_here"
         and said["label"] in question.names
         and named
         and layout.bearing(said["label"]) <= answered
@@ -150,7 +150,7 @@ def _relation_right(question: Question, said: Mapping[str, Any], layout: Layout)
 def _places_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
     assert question.things is not None
     places = {each["id"]: np.array(each["center"]) for each in said["places"]}
-    if sorted(places) != list(question.things) or (said["verdict"] == "absent") != (not places):
+    if sorted(places) != list(question.things) or (said["outcome"] == "not_here") != (not places):
         return False
     off = [float(np.linalg.norm(layout.center(number) - place)) for number, place in places.items()]
     return said["unit"] == "m" and max(off, default=0.0) <= PLACE_OFF

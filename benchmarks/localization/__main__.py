@@ -137,7 +137,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
 
 
 def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> Landmarks:
-    from fastsplat.service.application.answering.kept_landmarks import photos_of  # as the service reads them
+    from fastsplat.service.application.answering.landmark_cache import photos_of  # as the service reads them
 
     return find_landmarks(
         photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),

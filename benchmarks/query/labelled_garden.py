@@ -54,8 +54,7 @@ def labelled_garden(
         ),
         scale="ARBITRARY",
         label_templates=QuerySettings().templates,
-        evidence=evidence_from_dense(sums),
-        label_mode="evidence" if mode == "evidence" else "codes",
+        evidence=evidence_from_dense(sums) if mode == "evidence" else None,
     )
 
 

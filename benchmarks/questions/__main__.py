@@ -58,7 +58,7 @@ class Judged:
     @property
     def denied(self) -> bool:
         """Whether it is "not here" of something that is there and named."""
-        return self.named and self.answer.verdict == "absent"
+        return self.named and self.answer.outcome == "not_here"
 
 
 def truth_in(scene: LocalScene, photographed: Photographed) -> Truth:
@@ -98,7 +98,7 @@ def figures(judged: Sequence[Judged]) -> dict[str, Any]:
         "by_kind": _grouped(judged, lambda each: each.question.kind),
         "not_here_but_named": sum(each.denied for each in judged),
         "contradictions": sum(bool(each.contradictions) for each in judged),
-        "undecided": sum(each.answer.verdict == "undecided" for each in judged),
+        "undecided": sum(each.answer.outcome == "cannot_say" for each in judged),
     }
 
 
@@ -143,9 +143,7 @@ def _main() -> None:
         if each.question.part != "scored" and (not each.right or each.denied or each.contradictions):
             question, answer = each.question, each.answer
             print(f"{question.scene}, {question.kind}: {question.text!r} -> {question.keys} {question.count or ''}")
-            print(
-                f"  {answer.verdict} {answer.probability} {answer.things}: {answer.explanation} {each.contradictions}"
-            )
+            print(f"  {answer.things}: {answer.sentence} {each.contradictions}")
     row = {**figures(judged), "named": objects, **provenance(start, settings=options, chosen_on=_CHOSEN_ON)}
     for name in (
         "right",

@@ -24,7 +24,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat_contract.queries import Answer
 
-_DECIDED = ("exact", "related", "possible")
+_DECIDED = ("here", "probably_here")
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,12 @@ def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
     if question.kind == "count":
         return _count_right(question, answer, truth)
     if question.kind == "foreign" and not _shown(answer):
-        return "English" in answer.explanation
+        return "English" in answer.sentence
     if question.kind in ("near", "nonsense", "foreign"):
-        return not _shown(answer) or (answer.verdict == "possible" and (answer.probability or 1.0) < RATHER)
+        return not _shown(answer) or (answer.probability is not None and answer.probability < RATHER)
     if question.kind == "far":
         nameless = sum(not name for name in truth.names.values())
-        return not _shown(answer) and (answer.verdict == "absent" or 2 * nameless > len(truth.names))
+        return not _shown(answer) and (answer.outcome == "not_here" or 2 * nameless > len(truth.names))
     return _things_right(question, answer, truth)
 
 
@@ -76,19 +76,19 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
     said = []
     likely, phrase = answer.probability, answer.phrase
     refused = phrase is not None and phrase.refusal is not None
-    if likely is not None and likely < 0.5 and answer.verdict in ("exact", "absent"):
-        said.append(f"{answer.verdict} at {likely:.2f}")
-    if answer.verdict == "absent" and answer.presence is not None and answer.presence > 0.5:
+    if likely is not None and likely < 0.5 and answer.outcome in ("here", "not_here"):
+        said.append(f"{answer.outcome} at {likely:.2f}")
+    if answer.outcome == "not_here" and answer.presence is not None and answer.presence > 0.5:
         said.append(f"absent with a presence of {answer.presence:.2f}")
-    if answer.verdict == "absent" and (answer.things or refused):
+    if answer.outcome == "not_here" and (answer.things or refused):
         said.append("absent, and things are shown, or nothing was decided")
-    if answer.verdict in _DECIDED and not answer.things:
-        said.append(f"{answer.verdict}, and nothing is shown")
-    if refused and (answer.verdict in _DECIDED or likely is not None):
-        said.append("nothing was decided, and a verdict or a probability of something else stands beside it")
-    if answer.verdict in ("exact", "related") and answer.matches and not answer.matches[0].relevant and not phrase:
+    if answer.outcome in _DECIDED and not answer.things:
+        said.append(f"{answer.outcome}, and nothing is shown")
+    if refused and (answer.outcome in _DECIDED or likely is not None):
+        said.append("nothing was decided, and an outcome or a probability of something else stands beside it")
+    if answer.outcome in _DECIDED and answer.matches and not answer.matches[0].relevant and not phrase:
         said.append("the first match is none")
-    if answer.verdict == "absent" and label_key(answer.text) in {label_key(name) for name in names}:
+    if answer.outcome == "not_here" and label_key(answer.text) in {label_key(name) for name in names}:
         said.append("a name of the scene is not here")
     if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
         said.append("a number of other things than are shown")
@@ -96,7 +96,7 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
 
 
 def _shown(answer: Answer) -> tuple[int, ...]:
-    return answer.things if answer.verdict in _DECIDED else ()
+    return answer.things if answer.outcome in _DECIDED else ()
 
 
 def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
@@ -104,14 +104,14 @@ def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
     ids = {truth.ids[key] for key in question.keys if key in truth.ids}
     accepted = ids | {truth.ids[key] for key in question.also if key in truth.ids}
     if not question.keys:
-        return not shown and answer.verdict in ("absent", "undecided")
+        return not shown and answer.outcome in ("not_here", "cannot_say")
     if shown:
         named = {truth.ids[key] for key in question.keys if truth.named(key)}
         complete = question.kind in ("use", "superlative") or 2 * len(named & set(shown)) >= len(named)
         return shown[0] in accepted and 2 * len(accepted & set(shown)) >= len(shown) and complete
     if any(truth.named(key) for key in question.keys):
         return False
-    return answer.verdict == "undecided" or (answer.searched.unnamed_things > 0 and "no name" in answer.explanation)
+    return answer.outcome == "cannot_say" or (answer.searched.unnamed_things > 0 and "no name" in answer.sentence)
 
 
 def _count_right(question: Question, answer: Answer, truth: Truth) -> bool:

@@ -114,10 +114,10 @@ def figures(answered: Sequence[Answered]) -> dict[str, Any]:
 def _judged(case: Case, seed: int, answer: Answer) -> Answered:
     phrase = answer.phrase
     if phrase is None:  # a name, of which all things are meant
-        return Answered(case, seed, frozenset(answer.things), None, "", answer.explanation)
+        return Answered(case, seed, frozenset(answer.things), None, "", answer.sentence)
     things = None if phrase.refusal is not None else frozenset(phrase.things)
     reason = "" if phrase.refusal is None else phrase.refusal.reason
-    return Answered(case, seed, things, phrase.count, reason, answer.explanation)
+    return Answered(case, seed, things, phrase.count, reason, answer.sentence)
 
 
 def _by_kind(answered: Sequence[Answered]) -> dict[str, Any]:

@@ -198,12 +198,11 @@ def _trained(
             sh=((colors - 0.5) / SH_C0).astype(np.float32)[:, None, :],
             codes=np.zeros((count, 0), np.float32),
         ),
-        head=SemanticHead(np.zeros((classes, 0), np.float32), np.zeros(classes, np.float32)),
+        head=SemanticHead.unlearnt(classes - 1),
         dictionary=dictionary,
         label_embeddings=np.zeros((len(dictionary), 16), np.float32),
         text_encoder=("drawn", "0" * 64),
         cameras=tuple(posed if cameras else ()),
         scale="METRIC",
-        label_mode="things",
         things=Things(known, membership),
     )

@@ -102,7 +102,6 @@ def _measure(folder: Path) -> dict[str, Any]:
         cameras=tuple(view.posed for view in capture.views),
         scale="ARBITRARY",
         evidence=trained.evidence,
-        label_mode=trained.label_mode,
     )
     write_scene(scene, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")

@@ -16,9 +16,9 @@ from fastsplat_client.client import Client
 from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.job_calls import Placed
 from fastsplat_client.keys import share_link
+from fastsplat_client.pending_queries import StandingQuestion
 from fastsplat_client.stream import PoseAnswer, Reconnect
 from fastsplat_client.transport import Retry
-from fastsplat_client.unanswered import StandingQuestion
 from fastsplat_contract.assessments import Assessment, Finding
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support

@@ -28,12 +28,17 @@ class CaptureFiles:
     Photos, masks and label maps, a video, transforms.json and labels.json, a COLMAP model, points or a splat as
     PLY or SPZ; hidden files and what operating systems leave behind stay. A context manager.
 
+    Args:
+        capture: the folder, or a file.
+        photos: the folder of the photos of a splat, which `capture` then is; they travel together.
+
     Raises:
-        InvalidInputError: there is no such file or folder, or no photo, video or splat in it.
+        InvalidInputError: there is no such file or folder, no photo, video or splat in it, or two files of one name.
     """
 
-    def __init__(self, capture: Path) -> None:
-        self._files = [(name, _LateFile(path)) for name, path in _files(capture)]
+    def __init__(self, capture: Path, photos: Path | None = None) -> None:
+        files = _files(capture) if photos is None else _with_splat(_files(photos), capture)
+        self._files = [(name, _LateFile(path)) for name, path in files]
 
     def __enter__(self) -> CaptureFiles:
         return self
@@ -93,6 +98,16 @@ def _files(capture: Path) -> list[tuple[str, Path]]:
             hint=f"These count: {', '.join(sorted(_PHOTOS | _VIDEOS | _SPLATS))}.",
         )
     return sent
+
+
+def _with_splat(files: list[tuple[str, Path]], splat: Path) -> list[tuple[str, Path]]:
+    """The splat and the files beside it; once, should it be one of them."""
+    others = [(name, path) for name, path in files if not path.samefile(splat)]
+    if any(name == splat.name for name, _ in others):
+        raise InvalidInputError(
+            f"there is another file called {splat.name} among the photos", field="photos", hint="Rename one of them."
+        )
+    return [(splat.name, splat), *others]
 
 
 def _is_sent(name: Path) -> bool:

@@ -22,7 +22,7 @@ from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.photo_calls import PhotoCalls
-from fastsplat_client.resumable import PIECE_BYTES, send_resumable
+from fastsplat_client.resumable import PIECE_BYTES, dropped_if_refused, send_resumable
 from fastsplat_client.stream import Grpc, grpc_address
 from fastsplat_client.stream_calls import StreamCalls
 from fastsplat_client.table_calls import in_path, scene_path
@@ -63,7 +63,7 @@ _LONG_POLL_S = 20.0
 
 
 class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
-    """One server. A context manager; threads may share it.
+    """Client of one server. A context manager; threads may share it.
 
     Calls that change nothing by being repeated are retried, those that create carry a request id that makes them so.
 
@@ -131,6 +131,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         self,
         capture: Path,
         *,
+        photos: Path | None = None,
         name: str = "",
         options: SceneOptions | None = None,
         request_id: str = "",
@@ -140,7 +141,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
         A folder travels as one form: photos, and what lies beside them: transforms.json or a COLMAP model, masks, label
         maps with labels.json, points, a splat. An archive, a video or a splat alone goes piece by piece, and a
-        connection that breaks is taken up where it was.
+        connection that breaks is taken up where it was. A splat goes with the folder of its `photos`, if it has them.
         """
         options = options or SceneOptions()
         fields = [("name", name), ("request_id", request_id or uuid.uuid4().hex), ("priority", str(options.priority))]
@@ -150,10 +151,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                 fields.append((field, str(value)))
         if options.strict:
             fields.append(("strict", "true"))
-        if capture.is_file():
+        sent = ""
+        if capture.is_file() and photos is None:
             sent = send_resumable(self._transport, capture, self._retry, timeout_s, self._piece_bytes)
             fields.append(("uploads", sent))
-        with CaptureFiles(capture) as files:
+        with dropped_if_refused(self._transport, sent), CaptureFiles(capture, photos) as files:
             response = self._transport.call(
                 "POST", "/v1/scenes", content=lambda: {"files": files.form(fields)}, timeout_s=timeout_s
             )

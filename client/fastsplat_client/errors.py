@@ -1,4 +1,4 @@
-"""What the server refuses, as the exception it raised there."""
+"""Errors of the server, raised in the client as the same exceptions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _KINDS = {
 
 
 class RemoteError(FastSplatError):
-    """The server says something that this client has no exception for; its `kind` and `reason` are the server's."""
+    """An error of the server that this client has no exception for; its `kind` and `reason` are the server's."""
 
 
 class UnreachableError(FastSplatError):

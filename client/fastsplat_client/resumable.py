@@ -1,10 +1,12 @@
-"""One large file by the tus protocol 1.0.0: a connection that breaks costs one piece."""
+"""Resumable upload of one large file by the tus protocol 1.0.0: a connection that breaks costs one piece."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fastsplat_client.errors import UnreachableError
@@ -50,6 +52,18 @@ def send_resumable(transport: Transport, path: Path, retry: Retry, timeout_s: fl
                 time.sleep(retry.pause(failures - 1))
                 offset = int(transport.call("HEAD", path_there, headers=_TUS).headers["upload-offset"])
     return upload_id
+
+
+@contextmanager
+def dropped_if_refused(transport: Transport, upload_id: str) -> Iterator[None]:
+    """Remove an upload ("" for none) if the block, which makes a scene of it, is told that none was made."""
+    try:
+        yield
+    except FastSplatError as error:
+        if upload_id and error.kind not in (Kind.UNAVAILABLE, Kind.DEADLINE_EXCEEDED):
+            with suppress(FastSplatError):
+                transport.call("DELETE", f"/v1/uploads/{upload_id}", headers=_TUS)
+        raise
 
 
 def _send(transport: Transport, location: str, offset: int, piece: bytes, timeout_s: float) -> int:

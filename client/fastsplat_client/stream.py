@@ -1,4 +1,4 @@
-"""What goes over gRPC: standing questions, where poses go in and masks and objects come out."""
+"""gRPC transport of subscriptions: poses go in, masks and objects come out."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import grpc
 from google.protobuf.message import DecodeError
 
 from fastsplat_client.errors import UnreachableError, error_of
-from fastsplat_client.silence import Heard
+from fastsplat_client.keepalive import KeepaliveReplies
+from fastsplat_client.pending_queries import Connection, PendingQueries, StandingQuestion
 from fastsplat_client.transport import Retry
-from fastsplat_client.unanswered import Connection, StandingQuestion, Unanswered
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
 from fastsplat_contract.pieces import READS_SKIPPED, answers_of, query_of
@@ -28,7 +28,7 @@ from fastsplat_contract.v1 import status_pb2
 
 @dataclass(frozen=True)
 class Reconnect(Retry):
-    """How a stream of answers goes on after its connection broke.
+    """Policy of reconnection: how a stream of answers goes on after its connection broke.
 
     Attributes:
         tries: connections in a row that may fail before the stream ends with the last one's error; 0: the stream ends
@@ -44,7 +44,7 @@ class Reconnect(Retry):
 
 @dataclass(frozen=True)
 class PoseAnswer:
-    """What one pose brought.
+    """Answers for one pose.
 
     Attributes:
         sequence: which of the poses, counted from 1; it grows from answer to answer.
@@ -66,7 +66,7 @@ class PoseAnswer:
 
 @dataclass(frozen=True)
 class Grpc:
-    """Where the gRPC interface is, and how to get in.
+    """Address and credentials of the gRPC interface.
 
     Attributes:
         target: "host:port".
@@ -109,13 +109,13 @@ class Grpc:
         self, question: StandingQuestion, poses: Iterable[PosedCamera | StandingQuestion], reconnect: Reconnect
     ) -> Iterator[PoseAnswer]:
         """The answer to each pose that the server looks at; raises as `Client.stream_query`."""
-        unanswered = Unanswered(question, poses)
+        pending = PendingQueries(question, poses)
         failed = reconnected = 0
         established = False
         while True:
             connection = Connection()
             try:
-                with closing(self._answers_over(connection, unanswered, reconnect.silence_s)) as answers:
+                with closing(self._answers_over(connection, pending, reconnect.silence_s)) as answers:
                     for answer in answers:
                         yield replace(answer, reconnected=reconnected)
                         reconnected = 0
@@ -126,9 +126,9 @@ class Grpc:
                 broken = error
             established |= connection.accepted
             failed = 0 if connection.alive else failed
-            if (connection.whole and unanswered.ended) or (established and unanswered.finished):
-                if unanswered.error is not None:
-                    raise unanswered.error
+            if (connection.whole and pending.ended) or (established and pending.finished):
+                if pending.error is not None:
+                    raise pending.error
                 return
             if not established or failed >= reconnect.tries:
                 raise broken
@@ -136,21 +136,21 @@ class Grpc:
             failed, reconnected = failed + 1, reconnected + 1
 
     def _answers_over(
-        self, connection: Connection, unanswered: Unanswered, silence_s: float
+        self, connection: Connection, pending: PendingQueries, silence_s: float
     ) -> Generator[PoseAnswer, None, None]:
         """The answers that come over one connection."""
         with self.opened() as (stub, metadata):
-            call = stub.StreamQuery(unanswered.requests(connection), metadata=metadata)
-            heard = Heard(call, lambda: max(silence_s, 3 * unanswered.longest_heartbeat_s))
+            call = stub.StreamQuery(pending.requests(connection), metadata=metadata)
+            replies = KeepaliveReplies(call, lambda: max(silence_s, 3 * pending.longest_heartbeat_s))
             try:
-                yield from _answers(heard, unanswered, connection)
+                yield from _answers(replies, pending, connection)
             except grpc.RpcError as error:
-                if heard.silent:
+                if replies.timed_out:
                     raise UnreachableError("nothing came any more, not even a heartbeat") from error
                 raise
             finally:
-                unanswered.close(connection)
-                heard.close()
+                pending.close(connection)
+                replies.close()
 
 
 def grpc_address(server: ServerInfo, host: str) -> str:
@@ -211,7 +211,7 @@ def _may_pass(error: FastSplatError) -> bool:
 
 
 def _answers(
-    replies: Iterable[pb.StreamQueryResponse], unanswered: Unanswered, connection: Connection
+    replies: Iterable[pb.StreamQueryResponse], pending: PendingQueries, connection: Connection
 ) -> Iterator[PoseAnswer]:
     """The answers that come over one connection, whose state is noted in it."""
     pieces: list[pb.QueryResponse] = []
@@ -225,8 +225,8 @@ def _answers(
             pieces.append(reply.response)
         elif part == "done":
             number = connection.asked[reply.question - 1]
-            answers = tuple(answers_of(pieces, unanswered.question(number).outputs))
-            dropped = unanswered.answered(reply.sequence)
+            answers = tuple(answers_of(pieces, pending.question(number).outputs))
+            dropped = pending.answered(reply.sequence)
             yield PoseAnswer(reply.sequence, number, answers, dropped, reply.done.seconds)
             pieces = []
     connection.whole = True

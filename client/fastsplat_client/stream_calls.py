@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from fastsplat_client.pending_queries import StandingQuestion
 from fastsplat_client.stream import Grpc, PoseAnswer, Reconnect
-from fastsplat_client.unanswered import StandingQuestion
 from fastsplat_contract.camera import PosedCamera
 
 _USUAL = Reconnect()

@@ -1,4 +1,4 @@
-"""HTTP with one deadline a call, and retries of what may be repeated."""
+"""HTTP transport with one deadline a call, and retries of what may be repeated."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ _AGAIN = (429, 502, 503, 504)
 
 @dataclass(frozen=True)
 class Retry:
-    """How often, and after how long, a call is repeated. Only calls that change nothing by being repeated are.
+    """Policy of retries: how often, and after how long, a call is repeated. Only calls that change nothing by being
+    repeated are.
 
     Attributes:
         tries: calls in all.
@@ -39,7 +40,7 @@ class Retry:
 
 
 class Transport:
-    """One server. Threads may share it.
+    """HTTP connections to one server. Threads may share it.
 
     Args:
         url: e.g. "https://robots.example:8000".

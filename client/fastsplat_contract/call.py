@@ -14,7 +14,7 @@ _ROLES: tuple[Role, ...] = get_args(Role)
 
 
 class Rule(NamedTuple):
-    """What a call needs of its caller.
+    """A row of the access policy: what one call needs of its caller.
 
     Attributes:
         role: the least one that will do; None: no key is needed.

@@ -12,22 +12,96 @@ from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
 ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map", "rerun"]
-"""What `ExportRequest.format` describes."""
+"""The rows of `FORMATS`."""
 
-FILE_NAMES: Mapping[ExportFormat, str] = {
-    "ply": "scene.ply",
-    "spz": "scene.spz",
-    "html": "scene.html",
-    "points": "scene.points.ply",
-    "glb": "scene.glb",
-    "mesh": "scene.mesh.glb",
-    "cameras": "scene.cameras.zip",
-    "sog": "scene.sog",
-    "mcap": "scene.mcap",
-    "map": "scene.map.zip",
-    "rerun": "scene.rrd",
+
+@dataclass(frozen=True)
+class FormatFacts:
+    """One format.
+
+    Attributes:
+        ending: of its files' names, without the leading dot.
+        media_type: as HTTP names it.
+        description: what it is; ends a sentence that its name begins.
+        cell: what the cell of a request is for it; "": it has none.
+        whole: what a file of it is, as a sentence begins, where it is of whole scenes alone; else "".
+        repeatable: whether the same version is the same bytes, not just the same content.
+    """
+
+    ending: str
+    media_type: str
+    description: str
+    cell: str = ""
+    whole: str = ""
+    repeatable: bool = True
+
+
+FORMATS: Mapping[ExportFormat, FormatFacts] = {
+    "ply": FormatFacts("ply", "application/x-ply", "as 3D Gaussian splatting viewers open it, exact to the bit"),
+    "spz": FormatFacts("spz", "application/octet-stream", "Niantic's compressed splat, less than a quarter of that"),
+    "html": FormatFacts(
+        "html",
+        "text/html",
+        "one page that opens from disk, shows the scene and answers its own names; rows in their order in these three",
+        whole="a page",
+    ),
+    "points": FormatFacts(
+        "points.ply",
+        "application/x-ply",
+        "a labelled point cloud of the surfaces, as PLY",
+        cell="the distance between points",
+    ),
+    "glb": FormatFacts(
+        "glb", "model/gltf-binary", "glTF with KHR_gaussian_splatting, a node for each thing, and the cameras"
+    ),
+    "mesh": FormatFacts(
+        "mesh.glb",
+        "model/gltf-binary",
+        "the surfaces as triangles, GLB, a node for each thing",
+        cell="the width of its voxels",
+    ),
+    "cameras": FormatFacts(
+        "cameras.zip",
+        "application/zip",
+        "a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points",
+        cell="the distance between points",
+    ),
+    "sog": FormatFacts("sog", "application/octet-stream", "PlayCanvas' SOG, the smallest, rows in Morton order"),
+    "mcap": FormatFacts(
+        "mcap",
+        "application/octet-stream",
+        "for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames, floor map",
+        cell="the distance between points",
+    ),
+    "map": FormatFacts(
+        "map.zip",
+        "application/zip",
+        "a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of whole scenes in "
+        "metres with z up",
+        cell="the width of its cells",
+        whole="a map",
+    ),
+    "rerun": FormatFacts(
+        "rrd",
+        "application/octet-stream",
+        "for Rerun: the splat, boxes with names, cameras with their stored photos",
+        repeatable=False,
+    ),
 }
+"""All that is known of a format but what writes it, which is in the service."""
+
+FILE_NAMES: Mapping[ExportFormat, str] = {name: f"scene.{facts.ending}" for name, facts in FORMATS.items()}
 """Of each format, as a browser saves it."""
+
+
+def _cells() -> str:
+    """What a cell is, with the formats that it is so of."""
+    formats: dict[str, list[str]] = {}
+    for name, facts in FORMATS.items():
+        if facts.cell:
+            formats.setdefault(facts.cell, []).append(name)
+    lists = {cell: " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))) for cell, names in formats.items()}
+    return ", ".join(f"of {names}: {cell}" for cell, names in lists.items())
 
 
 @dataclass(frozen=True)
@@ -39,18 +113,7 @@ class ExportRequest(Request):
     scene_id: Annotated[str, Field(description="which scene")]
     format: Annotated[
         ExportFormat,
-        Field(
-            description="ply: as 3D Gaussian splatting viewers open it, exact to the bit; spz: Niantic's compressed "
-            "splat, less than a quarter of that; html: one page that opens from disk, shows the scene and answers its "
-            "own names; rows in their order in these three; points: a labelled point cloud of the surfaces, as PLY; "
-            "glb: glTF with KHR_gaussian_splatting, a node for each thing, and the cameras; mesh: the "
-            "surfaces as triangles, GLB, a node for each thing; cameras: a zip of nerfstudio's transforms.json and "
-            "COLMAP's binary model, with the points; sog: PlayCanvas' SOG, the smallest, rows in Morton order; "
-            "mcap: for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames, floor "
-            "map; map: a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of "
-            "whole scenes in metres with z up; rerun: for Rerun: the splat, boxes with names, cameras with their "
-            "stored photos"
-        ),
+        Field(description="; ".join(f"{name}: {facts.description}" for name, facts in FORMATS.items())),
     ] = "ply"
     version: Version = ""
     things: Annotated[
@@ -60,7 +123,6 @@ class ExportRequest(Request):
         float,
         Field(
             ge=0,
-            description="of points, cameras and mcap: the distance between points, of mesh: the width of its voxels, "
-            "of map: the width of its cells, scene units; 0: as fine as the views are, 0.05 m for map",
+            description=f"{_cells()}, scene units; 0: as fine as the views are, 0.05 m for map",
         ),
     ] = 0.0

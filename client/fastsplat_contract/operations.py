@@ -22,6 +22,9 @@ FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 OperationKind = Literal["create_scene", "look_again", "train_more"]
 """What a job does."""
 
+RESULTS: Mapping[OperationKind, type[Response]] = {"look_again": LookAgainResult, "train_more": TrainMoreResult}
+"""What comes of a job on a finished scene, in the field of `Operation` that is named like the kind."""
+
 AgainAfter = Literal["cancelled", "failed", "worker_stopped", "worker_died", "trainer_died"]
 """What ended the attempt before."""
 

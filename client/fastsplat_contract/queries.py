@@ -16,6 +16,7 @@ from fastsplat_contract.scenes import Color, SceneObject
 from fastsplat_contract.wire import Base64, Carried, Int64, Many, OneOf, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
+Outcome = Literal["here", "probably_here", "not_here", "not_seen", "cannot_say"]
 Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
 DecidedBy = Literal["name", "score"]
 Relation = Literal["same", "kind_of", "part_of", "related", "absent", "undecided"]
@@ -124,14 +125,15 @@ class QueryRequest(QueryIn, OfScene):
     scene_id: Annotated[str, Field(description="empty: all ready scenes of the project, without cameras and views")]
 
 
-# A tuple: a ranking makes as many as there are labels, and a frozen dataclass takes four times as long.
 @travels(request=False)
 class Match(
     NamedTuple
 ):  # a tuple: a ranking makes as many as there are labels, and a dataclass takes four times as long
-    """One dictionary entry compared with one question."""
+    """One name compared with one question."""
 
-    label_id: int
+    label_id: Annotated[
+        int, Field(description="of the dictionary's label; larger than any of them for a name that is only suggested")
+    ]
     label: str
     relevancy: Annotated[float, Field(description="0..1")]
     similarity: Annotated[float, Field(description="cosine, -1..1")]
@@ -170,17 +172,21 @@ class Answer(Response):
     verdict: Annotated[
         Verdict,
         Field(
-            description="exact: the thing asked for is here; related: something close is, and its label says what; "
-            "absent: nothing relevant is here; possible: it may be here, but its name is not sure or only suggested, "
-            "and `probability` says how likely; undecided: it cannot be said, and `things` are those that may be meant"
+            description="`outcome` of earlier releases, answered for one release more. exact: the thing asked for is "
+            "here; related: something close is, and its label says what; absent: nothing relevant is here; possible: "
+            "it may be here, but its name is not sure or only suggested, and `probability` says how likely; undecided: "
+            "it cannot be said, and `things` are those that may be meant"
         ),
     ]
-    explanation: Annotated[str, Field(description="one sentence for people")]
+    explanation: Annotated[
+        str, Field(description="`sentence` under its name of earlier releases, answered for one release more")
+    ]
     probability: Annotated[
         float | None,
         Field(
-            description="calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that "
-            "what is shown is what was asked for; absent without calibration, and where nothing is decided"
+            description="calibrated, 0..1, that the answer shown is right: of not_here, that it is not; else, that "
+            "what is shown is what was asked for: how sure its name is, times how sure it is that the words mean that "
+            "name; absent without calibration, and where nothing is decided"
         ),
     ]
     label_set: Annotated[
@@ -193,18 +199,21 @@ class Answer(Response):
     coverage: Annotated[float | None, Field(description="0..1; absent without calibration: nothing is promised")]
     decided_by: Annotated[
         DecidedBy,
-        Field(description="name: the dictionary knows the name; score: the verdict comes from `threshold`"),
+        Field(
+            description="name: the dictionary knows the name; score: the verdict comes from `threshold`; answered for "
+            "one release more"
+        ),
     ]
     threshold: Annotated[
         float | None,
         Field(
             description="the score that the leading entry was compared with, with the lexicon the presence that this "
-            "answer's was compared with; absent if a name decided"
+            "answer's was compared with; absent if a name decided; answered for one release more"
         ),
     ]
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[Int64, Field(description="G, the length of the 3D mask")]
-    match_count: Annotated[int, Field(description="entries in the whole dictionary")]
+    match_count: Annotated[int, Field(description="names in the whole dictionary, only suggested ones included")]
     matches: Annotated[Many[Match], Field(description="entries of the dictionary, best first, up to `max_matches`")]
     masks: Annotated[
         Many[ViewMask],
@@ -241,7 +250,7 @@ class Answer(Response):
         Field(
             description="what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and "
             "part_of: see `relation_subject`; related: by association; absent: nothing here answers; undecided: "
-            "nothing is said. Takes the place of `verdict`, which stays beside it for one release"
+            "nothing is said"
         ),
     ] = "absent"
     relation_subject: Annotated[
@@ -265,6 +274,18 @@ class Answer(Response):
             "Things, objects and masks are of these things alone; where it was not decided, of those that may be meant"
         ),
     ] = None
+    outcome: Annotated[
+        Outcome,
+        Field(
+            description="here: what was asked for is here; probably_here: it may be, as its name is not sure or only "
+            "suggested, or what comes closest to it is here; `probability` says how likely; not_here: it is not; "
+            "not_seen: no photo shows where it would be (no release says so yet); cannot_say: it cannot be said, "
+            "`sentence` says what would help, and `things` are those that may be meant"
+        ),
+    ] = "cannot_say"
+    sentence: Annotated[
+        str, Field(description="the answer for people, the same over every interface; things are called by their names")
+    ] = ""
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:
@@ -274,7 +295,7 @@ class Answer(Response):
     @property
     def meant_things(self) -> tuple[int, ...] | None:
         """The things that this answer is about where it picks some; None where it is about all things of its labels."""
-        picks = self.verdict == "possible" or not self.relevant_ids
+        picks = not any(match.relevant and match.gaussian_count for match in self.matches)
         return self.things if self.phrase is not None or (self.things and picks) else None
 
     @property

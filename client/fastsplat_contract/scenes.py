@@ -35,7 +35,10 @@ class DictionaryEntry(Response):
     aliases: Annotated[Many[str], Field(description="other names merged into this entry")]
     pixels: Annotated[Int64, Field(description="over all label maps")]
     views: Annotated[int, Field(description="label maps it occurs in")]
-    gaussian_count: Annotated[Int64, Field(description="Gaussians whose most probable class it is")]
+    gaussian_count: Annotated[
+        Int64,
+        Field(description="Gaussians whose most probable class it is; 0: it was looked for, and nothing here is it"),
+    ]
 
 
 @travels(request=False, proto="ListLabelsResponse")

@@ -1,1 +1,1 @@
-"""What the product does for its callers, in process and behind both transports: `SceneService`."""
+"""The service layer, in process and behind both transports: `SceneService`."""

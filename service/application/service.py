@@ -1,4 +1,4 @@
-"""Everything that can be asked of this product, in one place. Both faces call this and nothing else."""
+"""The service layer: all calls in one place. Both transports call this and nothing else."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fastsplat.service.application.admin.admin import Admin
 from fastsplat.service.application.admin.project_keys import ProjectKeys, check_unused
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.admin.quotas import Quotas
-from fastsplat.service.application.admin.server_abilities import server_status
+from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing

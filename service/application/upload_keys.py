@@ -1,4 +1,4 @@
-"""The service as a key for one upload has it: files may come, one scene is made of them, and its job may be watched."""
+"""The service for a key of one upload: files may come, one scene is made of them, and its job may be watched."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fastsplat_contract.operations import Operation, SceneOptions
 
 
 class OneUpload:
-    """What a key for one upload may do; anything else of the service is refused here, too.
+    """The calls that a key for one upload may make; anything else of the service is refused here, too.
 
     Args:
         service: of the key's project.

@@ -1,4 +1,4 @@
-"""Writes arrays as safetensors files."""
+"""Arrays as safetensors files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files and directories that appear whole or not at all, and survive a power cut once they are there.
+"""Atomic writes of files and directories: whole or absent, and durable once they are there.
 
 Each is written beside its place, under a hidden name on the same file system, flushed to the disk, then renamed. What a
 crash leaves behind begins with a dot and is never read.

@@ -1,4 +1,4 @@
-"""What a call may tell whoever runs it: what its work will cost, and that it cannot go on yet.
+"""Scheduling hints of calls: what their work will cost, and that they cannot go on yet.
 
 Costs are in units of one rendered pixel, known from a request's arguments before the work is done.
 """
@@ -18,7 +18,7 @@ SENTENCE_COST = 2**14
 
 
 class CallAgainError(Exception):
-    """The call is to be made again from its beginning, later or on another thread; it has changed nothing so far."""
+    """A request to repeat the call from its beginning, later or on another thread; it has changed nothing so far."""
 
     def __init__(self, after_s: float = 0.0, *, costly: bool = False) -> None:
         super().__init__("the call is to be made again")
@@ -27,13 +27,12 @@ class CallAgainError(Exception):
 
 
 class CallRunner(Protocol):
-    """What runs calls."""
+    """Interface of whatever runs calls."""
 
     def charge(self, cost: float) -> None:
-        """Account for work that is about to be done.
+        """Say what the work that is about to be done will cost.
 
         Raises:
-            RateLimitedError: the caller has spent what it may.
             CallAgainError: the call is too costly for the thread that it runs on.
         """
 
@@ -57,13 +56,13 @@ def current_runner() -> CallRunner | None:
 
 
 def charge(cost: float) -> None:
-    """Account for work that is about to be done; nothing where nobody accounts for it.
+    """Say what the work that is about to be done will cost; nothing where nobody asks.
 
     Args:
         cost: in rendered pixels.
 
     Raises:
-        RateLimitedError, CallAgainError: as `CallRunner.charge`.
+        CallAgainError: as `CallRunner.charge`.
     """
     runner = _runner.get()
     if runner is not None:

@@ -1,4 +1,4 @@
-"""How several estimates of one ratio, as of a scale, make a surer one: the only place that combines them."""
+"""Combination of several estimates of one ratio, as of a scale, into a surer one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""File names that clients choose: which are safe to write below a folder, which to ignore, and what they share."""
+"""File names chosen by clients: which are safe to write below a folder, which to ignore, and what they share."""
 
 from __future__ import annotations
 

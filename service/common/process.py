@@ -1,4 +1,4 @@
-"""A process's life, tied to its parent's, and priorities of processes and threads. Imports nothing heavy."""
+"""Process lifetime tied to the parent's, and priorities of processes and threads. Imports nothing heavy."""
 
 from __future__ import annotations
 

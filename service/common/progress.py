@@ -12,7 +12,7 @@ class ProgressEvent:
     """The progress of one stage at one moment.
 
     Attributes:
-        stage: one of `STAGES`, `LOOK_AGAIN_STAGES` or `TRAIN_MORE_STAGES`.
+        stage: name of a stage, see `workers.job_kinds`.
         fraction: share of this stage that is done, 0..1.
         message: a short line for people, e.g. "matching image pairs 120/276".
         metrics: figures worth watching (loss, psnr, gaussians, iterations_per_second, seconds_left; and
@@ -26,15 +26,6 @@ class ProgressEvent:
     metrics: Mapping[str, float] = field(default_factory=dict)
     files: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-
-STAGES = ("capture", "perception", "training", "export")
-"""The stages of a training job, in order."""
-
-LOOK_AGAIN_STAGES = ("looking", "naming")
-"""The stages of a job that looks again at a finished scene, in order."""
-
-TRAIN_MORE_STAGES = ("training", "merging")
-"""The stages of a job that trains a finished scene further, in order."""
 
 Progress = Callable[[ProgressEvent], None]
 """Receives events; may raise `CancelledError` to stop the work at a safe point."""

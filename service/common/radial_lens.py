@@ -1,4 +1,4 @@
-"""What a photo's lens does to straight lines, by two numbers."""
+"""Radial lens distortion by two numbers."""
 
 from __future__ import annotations
 

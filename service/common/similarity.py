@@ -1,4 +1,4 @@
-"""Similarities of space: what they do to points and cameras, and which one fits pairs of points best."""
+"""Similarity transforms: applied to points and cameras, and fitted to pairs of points."""
 
 from __future__ import annotations
 

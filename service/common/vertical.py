@@ -1,4 +1,4 @@
-"""Which way is up, by how people hold cameras."""
+"""The vertical direction, estimated from how people hold cameras."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ class QueryScore:
     view: str
     text: str
     label_id: int
-    verdict: str
+    outcome: str
     answered: str
     iou: float
     iou_threshold: float
@@ -49,7 +49,7 @@ def _score(view: ViewPrediction, query: QueryPrediction) -> QueryScore:
         view=view.truth.name,
         text=truth.text,
         label_id=query.label_id,
-        verdict=query.answer.verdict,
+        outcome=query.answer.outcome,
         answered=query.answer.matches[0].label if query.answer.matches else "",
         iou=_iou(overlap(query.leading_mask, truth.mask, valid)),
         iou_threshold=_iou(overlap(query.answer_mask, truth.mask, valid)),

@@ -26,7 +26,7 @@ class QueryPrediction:
         label_id: of the text in the data set's dictionary, 0 where it has none.
         answer: the scene's.
         leading_mask: bool [H, W], pixels whose most probable label is the one that leads the answer.
-        answer_mask: bool [H, W], the mask that the service answers with; empty for the verdict `absent`.
+        answer_mask: bool [H, W], the mask that the service answers with; empty for the outcome `not_here`.
         relevancy: float32 [H, W], 0..1.
         silhouette: bool [H, W], where the Gaussians that answer, drawn without all others, cover the view; see
             `service.evaluation.published.mask_pairs`.

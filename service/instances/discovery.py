@@ -80,7 +80,7 @@ def discover_things(
     masked: list[MaskedView] = []
     lifted: list[LiftedRegions] = []
     for view, own in used:
-        masked.append(_masked_view(view, own, settings))
+        masked.append(masked_view(view, own, settings))
         lifted.append(_lifted(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
     things = (
@@ -96,7 +96,8 @@ def discover_things(
     )
 
 
-def _masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
+def masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> MaskedView:
+    """A view with its masks, at the size at which they are lifted."""
     camera = training_size(view.posed.camera, settings.max_side)
     return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -10,7 +11,8 @@ import torch
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.types import Capture, View
-from fastsplat.service.instances.discovery import OnView, discover_things
+from fastsplat.service.instances.coded_things import fit_thing_codes
+from fastsplat.service.instances.discovery import OnView, discover_things, masked_view
 from fastsplat.service.instances.lifting import lift_regions_of
 from fastsplat.service.instances.naming import NameVotes, count_votes, name_things, thing_extents
 from fastsplat.service.instances.settings import DiscoverySettings
@@ -21,15 +23,16 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.region_groups import LiftedRegions
+from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import training_size
 
 NAME_OVERLAP = 0.5
 """A region names the thing that it overlaps this much in its view."""
 
 _SPECK_PX = 16
+_TRAINING = TrainingSettings()
 
 
-@torch.no_grad()
 def find_scene_things(
     gaussians: Gaussians,
     capture: Capture,
@@ -38,9 +41,10 @@ def find_scene_things(
     settings: DiscoverySettings,
     on_view: OnView = lambda done, total: None,
     *,
-    backend: Backend = "cpu",
-) -> Things:
-    """Every thing of a scene, named where its labels say so clearly.
+    training: TrainingSettings = _TRAINING,
+) -> tuple[Things, Gaussians]:
+    """Every thing of a scene, named where its labels say so clearly; and its Gaussians, with codes that say which thing
+    each is of.
 
     Args:
         gaussians: G of them, trained on the capture.
@@ -49,12 +53,30 @@ def find_scene_things(
         masks: of each view, without names, see `propose_capture_masks`.
         settings: see `DiscoverySettings`.
         on_view: hears of every view whose masks are lifted.
-        backend: which rasterizer.
+        training: its backend, seed and `code_size` count here.
     """
     recorded = capture.report.vertical
     figures = {} if recorded is None else vertical_figures(recorded.source, recorded.deviation_deg)
     up = up_of(vertical_of(figures, None, [view.posed for view in capture.views]))
+    backend = training.backend
     things = discover_things(gaussians, capture.views, masks, up, settings, on_view, backend=backend).things
+    seen = [masked_view(view, own, settings) for view, own in zip(capture.views, masks, strict=True) if own is not None]
+    fitted = fit_thing_codes(
+        things, gaussians, seen, settings, size=training.code_size, seed=training.seed, backend=backend
+    )
+    if fitted is not None:
+        things, gaussians = replace(things, head=fitted[1]), replace(gaussians, codes=fitted[0])
+    return _named(things, gaussians, capture, labelling, settings, backend), gaussians
+
+
+def _named(
+    things: Things,
+    gaussians: Gaussians,
+    capture: Capture,
+    labelling: Labelling,
+    settings: DiscoverySettings,
+    backend: Backend,
+) -> Things:
     names = [entry.label for entry in labelling.dictionary.entries]
     if not names or not things.table:
         return things

@@ -36,8 +36,9 @@ class DiscoverySettings(DiscoveryOptions, SettingGroup, section="discovery"):
     """How things are discovered without a vocabulary, and when they count."""
 
     things: Literal["auto", "off", "on"] = "auto"
-    """Whether a scene gets things: everything in it, with or without a name. `auto`: where models label its views;
-    where label maps came with the capture, their objects are its things and no model runs. `on`: there too."""
+    """Which things a scene gets. `auto`: everything in it, with or without a name, where models label its views; where
+    label maps came with the capture, their objects are its things and no model runs. `on`: everything there, too.
+    `off`: what the detector finds and no more, which saves most of a segmenter's time."""
 
     def proposes(self, *, given_labels: bool) -> bool:
         """Whether masks without names are proposed in a capture's views, which may come with label maps."""

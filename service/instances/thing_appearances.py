@@ -15,7 +15,7 @@ from fastsplat.service.capture.types import View
 from fastsplat.service.perception.appearance import AppearanceEncoder, descriptor_of, small_picture
 from fastsplat.service.perception.capture_detection import spread
 from fastsplat.service.scene.types import Gaussians, Things
-from fastsplat.service.splatting.blending import EvidenceBlend
+from fastsplat.service.splatting.blending import things_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
@@ -89,7 +89,7 @@ def _best_sights(
     device = device_of(backend)
     splats = splats_of(gaussians, device=device)
     classes = max((thing.id for thing in things.table), default=0) + 1
-    blend = EvidenceBlend(things.membership, classes, device)
+    blend = things_blend(things, gaussians.codes, device)
     sights: dict[int, list[_Sight]] = {}
     for number in spread(len(views), _MAX_VIEWS):
         camera = training_size(views[number].posed.camera, max_side)

@@ -152,11 +152,11 @@ class LocalScene:
             chosen = viewpoint or cameras[len(cameras) // 2].name
             return Picture(self._png("things", chosen), f"{self.info.name}: every thing in a color of its own")
         answer = self.ask(text)
-        if not viewpoint and answer.verdict not in ("absent", "undecided"):
+        if not viewpoint and answer.outcome in ("here", "probably_here"):
             best = self._service.photos.best_views(self.id, (), text, 1).views
             viewpoint = best[0].view if best else ""
         chosen = viewpoint or cameras[len(cameras) // 2].name
-        return Picture(self._png("overlay", chosen, text), answer.explanation)
+        return Picture(self._png("overlay", chosen, text), answer.sentence)
 
     def viewer(self, height: int = 560) -> Viewer:
         """The scene in 3D, which a notebook shows in a cell; see `Viewer`.

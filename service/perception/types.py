@@ -31,6 +31,14 @@ class Regions:
     def __post_init__(self) -> None:
         assert self.ids.ndim == 2 and self.ids.dtype == np.uint16 and int(self.ids.max(initial=0)) <= len(self.votes)
 
+    def masks(self) -> ViewMasks | None:
+        """Each region as a mask; None without any."""
+        if not self.votes:
+            return None
+        height, width = self.ids.shape
+        bits = np.stack([np.packbits(self.ids == number) for number in range(1, len(self.votes) + 1)])
+        return ViewMasks(bits, np.ones(len(bits), np.float32), width, height, prompts=0)
+
     def resized(self, width: int, height: int) -> NDArray[np.uint16]:
         """The ids at another size, nearest pixel."""
         rows = ((np.arange(height) + 0.5) * self.ids.shape[0] / height).astype(np.int64)
@@ -114,6 +122,11 @@ class Labelling:
         for label_map in self.label_maps:
             assert label_map.ndim == 2 and label_map.dtype == np.uint16
             assert int(label_map.max(initial=0)) <= len(self.dictionary)
+
+    def learnt(self) -> Labelling:
+        """What Gaussians learn: this labelling, or none of its labels where they were detected. Detections of single
+        views contradict each other; they are counted once there are things for them to name."""
+        return Labelling(Dictionary(()), ()) if self.regions else self
 
 
 @dataclass(frozen=True)

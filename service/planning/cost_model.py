@@ -50,8 +50,7 @@ class SceneSize:
         views: registered images.
         width, height: of the largest image, pixels.
         points: of the sparse reconstruction.
-        labels: in the dictionary.
-        exact_labels: whether label maps came with the capture, to which codes are fitted once more after the run.
+        labels: that codes learn: those of the capture's own label maps.
     """
 
     views: int
@@ -59,7 +58,6 @@ class SceneSize:
     height: int
     points: int
     labels: int
-    exact_labels: bool = False
 
 
 _REFERENCE = Speed()
@@ -85,15 +83,14 @@ class TrainingPlan:
 
 
 def scene_size(capture: Capture, labels: int) -> SceneSize:
-    """The size of a capture with `labels` entries in its dictionary."""
+    """The size of a capture with `labels` entries in its dictionary; codes learn them where label maps came with it."""
     cameras = [view.posed.camera for view in capture.views]
     return SceneSize(
         len(cameras),
         max((camera.width for camera in cameras), default=0),
         max((camera.height for camera in cameras), default=0),
         len(capture.points),
-        labels,
-        capture.given_labels is not None,
+        labels if capture.given_labels is not None else 0,
     )
 
 
@@ -242,7 +239,7 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
         weighed = scene.views * 0.4 * step_seconds(small, settings.max_gaussians, 0)
         pruning = weighed + EVALUATIONS * min(held_out, MAX_EVAL_VIEWS) * measured
     refit = 0.0
-    if settings.label_mode != "evidence" and scene.labels and scene.exact_labels and settings.label_refit_epochs:
+    if settings.label_mode != "evidence" and scene.labels and settings.label_refit_epochs:
         channels = code_size(scene.labels, settings.code_size)
         looked = 0.8 * step_seconds(round(width * height), settings.max_gaussians, channels)
         refit = scene.views * (0.8 * step + settings.label_refit_epochs * looked)
@@ -255,9 +252,9 @@ def export_seconds(labels: int) -> float:
 
 
 def things_seconds(views: int, proposed: int) -> float:
-    """Lifting the masks of so many views, grouping them, and encoding what each thing looks like; and proposing the
-    masks of `proposed` of them first, with a detector and a segmenter that take all cores."""
-    return 0.5 + 0.3 * views + 2.5 * proposed
+    """Lifting the masks of so many views, grouping them, fitting codes to them, and encoding what each thing looks
+    like; and proposing the masks of `proposed` of them first, with a detector and a segmenter that take all cores."""
+    return 0.5 + 0.45 * views + 2.5 * proposed
 
 
 def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> TrainingSettings:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import PresetName as PresetName
+from fastsplat_contract.operations import SceneOptions
 
 if TYPE_CHECKING:  # the settings of all rooms load with the service, the names with its clients too
     from fastsplat.service.settings import Settings
@@ -80,6 +81,14 @@ def apply_preset(settings: Settings, name: str | None) -> Settings:
     training = settings.training.model_copy(update=dict(PRESETS[preset]))
     perception = settings.perception.model_copy(update=dict(PERCEPTION_PRESETS[preset]))
     return settings.model_copy(update={"training": training, "perception": perception})
+
+
+def chosen_settings(settings: Settings, options: SceneOptions) -> Settings:
+    """The operator's settings with the preset, the lens and the limit of Gaussians that a user chose for a scene."""
+    settings = apply_preset(settings, options.preset)
+    lens = {name: value for name in ("lens", "nadir_deg") if (value := getattr(options, name)) is not None}
+    settings = settings.model_copy(update={"capture": settings.capture.model_copy(update=lens)})
+    return override_training(settings, max_gaussians=options.max_gaussians)
 
 
 def preset_name(text: str) -> PresetName:

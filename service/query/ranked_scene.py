@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import copy
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,10 @@ from numpy.typing import NDArray
 from fastsplat.service.query.language.english import is_foreign, names_nothing
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.ranking import Ranked, Ranker
+from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
+from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
@@ -29,16 +33,19 @@ class RankedScene:
 
     Args:
         scene: only its sizes are kept.
-        ranker: of its labels.
-        things: those that the scene stores, or None.
+        ranker: of its names.
+        names: of its things.
 
     Attributes:
+        names: see there.
         blank: as many Gaussians as the scene has, with as many harmonics, all zero; they take no memory.
     """
 
-    def __init__(self, scene: Scene, ranker: Ranker, things: ThingNames | None) -> None:
+    def __init__(self, scene: Scene, ranker: Ranker, names: ThingNames) -> None:
         self.ranker = ranker
-        self._things = things
+        self.names = names
+        self._words = ThingWords(names)
+        self._suggesting: tuple[Mapping[int, NameFromScene], RankedScene] | None = None
         self._unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
         self.blank = Gaussians(**{name: np.broadcast_to(np.float32(0), shape) for name, shape in shapes.items()})
@@ -46,8 +53,20 @@ class RankedScene:
     @property
     def nbytes(self) -> int:
         """What it weighs in memory, estimated; it does not depend on the number of Gaussians."""
-        things = 0 if self._things is None else len(self._things.present) + len(self._things.parts)
-        return self.ranker.nbytes + _PER_THING * things
+        things = (*self.names.present, *self.names.parts)
+        looks = sum(len(thing.appearance) for thing in things)
+        rankers = 2 if looks else 1  # names of other scenes make another one
+        return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
+
+    def suggesting(self, elsewhere: Mapping[int, NameFromScene]) -> RankedScene:
+        """This scene with names that other scenes suggest for some of its things, by their ids; the last is kept."""
+        kept = self._suggesting
+        if kept is None or kept[0] != elsewhere:
+            names = self.names.suggesting(elsewhere)
+            other = copy.copy(self)
+            other.ranker, other.names, other._words = self.ranker.suggesting(names), names, ThingWords(names)
+            self._suggesting = kept = (elsewhere, other)
+        return kept[1]
 
     def answer(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
@@ -56,30 +75,43 @@ class RankedScene:
 
         Args:
             query: the question.
-            things: all things of the scene; called only where a phrase needs measures of them, or where the scene
-                stores none.
+            things: all things of the scene; called only where a phrase needs measures of them, where a sentence speaks
+                of one without a name, or where the scene stores none.
             asker: float64 [4, 4], world from who asks.
         """
-        answers = self.ranker.rank(query)
-        if self._things is not None:
-            names = self._things
-            answers = tuple(
-                replace(answer, things=names.of_labels(answer.relevant_ids) or answer.things) for answer in answers
-            )
+        if query.elsewhere:
+            other = self.suggesting(query.elsewhere)
+            return other.answer(replace(query, elsewhere={}), things, asker)
+        return tuple(self._in_words(ranked, things) for ranked in self._answered(query, things, asker))
+
+    def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings]) -> Answer:
+        words = self._words
+        if ranked.answer.things and not self.names.stored:
+            words = ThingWords(things().names)
+        return spoken(
+            ranked.answer,
+            ranked.remarks,
+            words.names,
+            lambda thing_ids: words.listed(thing_ids, lambda: things().measures),
+        )
+
+    def _answered(
+        self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None
+    ) -> Sequence[Ranked]:
+        ranked = self.ranker.rank(query)
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name)
-        surfaces = [] if self._things is None else [thing for thing in self._things.present if thing.surface]
-        if not any(parsed) and not surfaces:
-            return answers
+        if not any(parsed) and not any(thing.surface for thing in self.names.present):
+            return ranked
         from fastsplat.service.query.phrases.phrase_answers import AskedScene, answer_phrase, answer_surface
 
         def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
-            return self.ranker.rank_meant(replace(query, texts=tuple(texts)))
+            return self.ranker.rank(replace(query, texts=tuple(texts)))
 
-        named = things().names if self._things is None else self._things
-        scene = AskedScene(named, self.ranker.names, rank, lambda: things().measures, self._unit)
+        names = self.names if self.names.stored else things().names
+        scene = AskedScene(names, self.ranker.names, rank, lambda: things().measures, self._unit)
         return tuple(
             (answer_surface(plain, scene) if phrase is None else answer_phrase(phrase, plain, scene, asker))
-            if not is_foreign(plain.text) and not names_nothing(plain.text)
+            if not is_foreign(plain.answer.text) and not names_nothing(plain.answer.text)
             else plain
-            for plain, phrase in zip(answers, parsed, strict=True)
+            for plain, phrase in zip(ranked, parsed, strict=True)
         )

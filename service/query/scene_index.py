@@ -19,6 +19,7 @@ from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
+from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
@@ -91,9 +92,10 @@ class SceneIndex:
             self._labels = label_by_things(semantics, self.things.belief)
         else:
             self._labels = label_gaussians(scene)
-        names = None if scene.things is None else self.things.names
+        names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
-        ranker = Ranker(labels_of(scene), self.label_counts, encoder, settings, names, known, lexicon, caches)
+        labels = labels_of(scene, names.dictionary)
+        ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
         self.ranked: RankedScene = RankedScene(scene, ranker, names)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
@@ -128,16 +130,14 @@ class SceneIndex:
 
     def labeled(self, label_ids: Sequence[int]) -> NDArray[np.bool_]:
         """bool [G]: Gaussians that have one of these labels, or are of a part that bears one."""
-        relevant = np.zeros(len(self.scene.dictionary) + 1, dtype=np.bool_)
-        relevant[list(label_ids)] = True
-        rows = relevant[self._labels.classes]
+        rows = np.isin(self._labels.classes, label_ids)
         parts = [part_id for label_id in label_ids for part_id in self._part_labels.get(label_id, ())]
         return np.asarray(rows | np.isin(self.things.part_owner, parts) if parts else rows)
 
     @cached_property
     def _part_labels(self) -> Mapping[int, tuple[int, ...]]:
         """The ids of the parts that bear each label, of labels that a part bears."""
-        if self.scene.label_mode != "things" or self.scene.things is None or self.scene.things.parts is None:
+        if self.scene.things is None or self.scene.things.parts is None:
             return {}
         parts = {part.id for part in self.things.present_parts}
         named = {label_id: tuple(i for i in ids if i in parts) for label_id, ids in self.things.by_label.items()}
@@ -186,17 +186,16 @@ class SceneIndex:
 
     @property
     def instances(self) -> tuple[Instance, ...]:
-        """The objects of this scene with their Gaussians; made by the first question for them. Where the names of
-        things are the labels, these are the named things, see `objects_of_things`; else the objects of the labels, see
-        `find_objects`, each with the id of the thing that most of it is."""
-        from fastsplat.service.query.things.objects import find_objects, numbered_as_things, objects_of_things
+        """The objects of this scene with their Gaussians; made by the first question for them: the named things of a
+        scene that stores things, see `objects_of_things`; else the objects of its labels, see `find_objects`."""
+        from fastsplat.service.query.things.objects import find_objects, objects_of_things
 
         with self._instances_lock:
             if self._instances is None:
-                if self.scene.label_mode == "things":
+                if self.scene.things is not None:
                     self._instances = objects_of_things(self.scene, self._labels, self.things.described)
                 else:
-                    self._instances = numbered_as_things(find_objects(self.scene, self._labels), self.scene.things)
+                    self._instances = find_objects(self.scene, self._labels)
             return self._instances
 
     @property
@@ -270,7 +269,8 @@ class SceneIndex:
         relevant = self._relevant_ids(answer)
         relevancy = np.zeros(len(self.scene.dictionary) + 1, dtype=np.float32)
         for match in answer.matches:
-            relevancy[match.label_id] = match.relevancy
+            if match.label_id < len(relevancy):  # what is merely suggested is no class
+                relevancy[match.label_id] = match.relevancy
         drawn = self._renderer_for(posed).mask(posed, relevant, relevancy)
         for label_id in relevant:
             if parts := self._part_labels.get(label_id):
@@ -293,7 +293,7 @@ class SceneIndex:
         if (meant := answer.meant_things) is not None:
             self.check_view(posed)
             return self.things.mask(posed, meant)
-        if self.scene.label_mode == "things":
+        if self.scene.things is not None:
             self.check_view(posed)
             ids = [thing_id for label_id in relevant for thing_id in self.things.by_label.get(label_id, ())]
             return self.things.mask(posed, ids)
@@ -345,7 +345,8 @@ class SceneIndex:
         return renderer.part_map(posed, things) if isinstance(things, Parts) else renderer.thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
-        if any(not 1 <= match.label_id <= len(self.scene.dictionary) for match in answer.matches):
+        labels = len(self.scene.dictionary)  # other names are suggested, and no Gaussian has them
+        if any(match.label_id < 1 or (match.gaussian_count and match.label_id > labels) for match in answer.matches):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",
                 field="answer",

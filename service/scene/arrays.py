@@ -33,16 +33,19 @@ def scene_shapes(gaussians: int, sh: int, code: int, labels: int, embedding: int
         "logit_opacities": (gaussians,),
         "sh": (gaussians, sh, 3),
         "codes": (gaussians, code),
-        "head.weight": (labels + 1, code),
-        "head.bias": (labels + 1,),
         "label_embeddings": (labels, embedding),
     }
-    return {name: ("F32", shape) for name, shape in shapes.items()}
+    return {name: ("F32", shape) for name, shape in shapes.items()} | head_shapes(labels + 1, code)
 
 
 def evidence_shapes(gaussians: int, entries: int) -> Shapes:
     """The arrays of the evidence's file, given G and M."""
     return {"starts": ("I64", (gaussians + 1,)), "labels": ("U16", (entries,)), "counts": ("I64", (entries,))}
+
+
+def head_shapes(classes: int, code: int) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """An affine map, given C and D."""
+    return {"head.weight": ("F32", (classes, code)), "head.bias": ("F32", (classes,))}
 
 
 def check_evidence(evidence: Evidence, labels: int) -> str:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows
-from fastsplat.service.scene.types import Parts, Scene, Thing, Things
+from fastsplat.service.scene.types import Parts, Scene, Thing
 from fastsplat_contract.errors import LimitExceededError
 
 _SURE_PX = 16
@@ -53,7 +53,9 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
         len(membership),
     )
     parts = None if things.parts is None else _without_rows(things.parts, taken)
-    return replace(scene, things=Things((*things.table, Thing(new_id)), evidence, new_id + 1, parts)), new_id
+    table = (*things.table, Thing(new_id))
+    made = replace(things, table=table, membership=evidence, next_id=new_id + 1, parts=parts)
+    return replace(scene, things=made), new_id
 
 
 def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:

@@ -18,6 +18,7 @@ from fastsplat.service.scene.arrays import (
     digest_arrays,
     evidence_shapes,
     first_non_finite,
+    head_shapes,
     map_arrays,
     save_arrays,
     scene_shapes,
@@ -78,6 +79,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             things=None if scene.things is None else scene.things.table,
             things_entries=len(membership["counts"]) if membership else 0,
             things_sha256=digest_arrays(membership) if membership else "",
+            things_classes=None if scene.things is None or scene.things.head is None else len(scene.things.head.bias),
             next_thing_id=0 if scene.things is None else scene.things.next_id,
             parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
             parts_entries=len(parts["counts"]) if parts else 0,
@@ -139,7 +141,6 @@ def _read_scene(folder: Path) -> Scene:
         training=manifest.training,
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
-        label_mode=manifest.label_mode,
         things=_read_things(folder, manifest),
         scaling=manifest.scaling,
         alignment=manifest.alignment,
@@ -171,7 +172,14 @@ def _membership_of(scene: Scene) -> dict[str, Array]:
         return {}
     if wrong := check_membership(scene.things.membership, [thing.id for thing in scene.things.table]):
         raise InvalidInputError(f"the things contradict the scene: {wrong}", field="things")
-    return {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
+    arrays = {field.name: getattr(scene.things.membership, field.name) for field in fields(Evidence)}
+    head = scene.things.head
+    if head is None:
+        return arrays
+    of_head: dict[str, Array] = {"head.weight": head.weight, "head.bias": head.bias}
+    if bad := first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+        raise InvalidInputError(f"the things' {bad} holds NaN or infinite numbers", field="things.head")
+    return arrays | of_head
 
 
 def _parts_of(scene: Scene) -> dict[str, Array]:
@@ -186,7 +194,8 @@ def _parts_of(scene: Scene) -> dict[str, Array]:
 def _read_evidence(path: Path, manifest: Manifest) -> Evidence | None:
     if manifest.evidence_entries is None:
         return None
-    evidence = _sparse_counts(path, manifest.gaussians, manifest.evidence_entries, manifest.evidence_sha256)
+    shapes = evidence_shapes(manifest.gaussians, manifest.evidence_entries)
+    evidence = _sparse_counts(path, _mapped(path, shapes, manifest.evidence_sha256))
     if wrong := check_evidence(evidence, len(manifest.dictionary)):
         raise _damaged(path, wrong)
     return evidence
@@ -196,24 +205,34 @@ def _read_things(folder: Path, manifest: Manifest) -> Things | None:
     if manifest.things is None:
         return None
     path = folder / _THINGS
-    membership = _members(path, manifest.gaussians, manifest.things_entries, manifest.things_sha256, manifest.things)
-    if manifest.parts is None:
-        return Things(manifest.things, membership, manifest.next_thing_id)
-    path = folder / _PARTS
-    inside = _members(path, manifest.gaussians, manifest.parts_entries, manifest.parts_sha256, manifest.parts)
-    return Things(manifest.things, membership, manifest.next_thing_id, Parts(manifest.parts, inside))
+    classes, shapes = manifest.things_classes, evidence_shapes(manifest.gaussians, manifest.things_entries)
+    arrays = _mapped(
+        path,
+        shapes if classes is None else {**shapes, **head_shapes(classes, manifest.code)},
+        manifest.things_sha256,
+    )
+    head = None
+    if classes is not None:
+        head = SemanticHead(arrays.pop("head.weight"), arrays.pop("head.bias"))
+        if bad := first_non_finite({"head.weight": head.weight, "head.bias": head.bias}):
+            raise _damaged(path, f"{bad} has NaN or infinite numbers")
+    membership = _members(path, _sparse_counts(path, arrays), manifest.things)
+    parts = None
+    if manifest.parts is not None:
+        path = folder / _PARTS
+        arrays = _mapped(path, evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
+        parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
+    return Things(manifest.things, membership, manifest.next_thing_id, parts, head)
 
 
-def _members(path: Path, gaussians: int, entries: int, sha256: str, table: tuple[Thing, ...]) -> Evidence:
-    membership = _sparse_counts(path, gaussians, entries, sha256)
+def _members(path: Path, membership: Evidence, table: tuple[Thing, ...]) -> Evidence:
     if wrong := check_membership(membership, [thing.id for thing in table]):
         raise _damaged(path, wrong)
     return membership
 
 
-def _sparse_counts(path: Path, gaussians: int, entries: int, sha256: str) -> Evidence:
-    arrays: dict[str, Any] = _mapped(path, evidence_shapes(gaussians, entries), sha256)
-    if arrays["starts"][0] != 0 or arrays["starts"][-1] != entries:
+def _sparse_counts(path: Path, arrays: dict[str, Any]) -> Evidence:
+    if arrays["starts"][0] != 0 or arrays["starts"][-1] != len(arrays["counts"]):
         raise _damaged(path, "its rows do not cover it")
     return Evidence(**arrays)
 

@@ -21,11 +21,11 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 9
+SCHEMA = 10
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
-no alignment. 8 did not note in which views things were proposed."""
+no alignment. 8 did not note in which views things were proposed. 9 had no codes of things."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -41,12 +41,13 @@ class Manifest:
         dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
-        label_mode: as in `Scene`.
+        label_mode: as in `Scene`; older releases chose by it, and it is written for them.
         evidence_entries: M of the evidence; None for a scene without.
         evidence_sha256: digest of the evidence, "" without.
         things: the table of things; None for a scene without.
         things_entries: M of the things' membership.
-        things_sha256: digest of the membership, "" without.
+        things_sha256: digest of the membership and of the head, "" without.
+        things_classes: C of the things' head; None for things without codes.
         next_thing_id: see `Things.next_id`.
         parts: the table of parts; None for things without.
         parts_entries, parts_sha256: of the parts' membership, as of the things'.
@@ -70,6 +71,7 @@ class Manifest:
     things: tuple[Thing, ...] | None = None
     things_entries: int = 0
     things_sha256: str = ""
+    things_classes: int | None = None
     next_thing_id: int = 0
     parts: tuple[Thing, ...] | None = None
     parts_entries: int = 0
@@ -121,6 +123,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
             "next_id": manifest.next_thing_id,
             "entries": manifest.things_entries,
             "sha256": manifest.things_sha256,
+            "classes": manifest.things_classes,
             "parts": None
             if manifest.parts is None
             else {
@@ -191,6 +194,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         things=None if checked.things is None else tuple(thing_of_row(row) for row in checked.things.table),
         things_entries=0 if checked.things is None else checked.things.entries,
         things_sha256="" if checked.things is None else checked.things.sha256,
+        things_classes=None if checked.things is None else checked.things.classes,
         next_thing_id=0 if checked.things is None else checked.things.next_id,
         parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,

@@ -66,6 +66,7 @@ class ThingsRow(StrictRow):
     next_id: Annotated[int, Field(ge=0, le=65536)] = 0
     entries: Annotated[int, Field(ge=0)]
     sha256: str
+    classes: Annotated[int, Field(ge=1)] | None = None
     parts: _Parts | None = None
 
     @model_validator(mode="after")

@@ -166,7 +166,8 @@ def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
     if parts is not None:
         own = tuple(replace(part, parent=after) if part.parent in before else part for part in parts.table)
         parts = replace(parts, table=own)
-    return Things(table, _renamed(things.membership, before, after), next_thing_id(things), parts)
+    membership = _renamed(things.membership, before, after)
+    return replace(things, table=table, membership=membership, next_id=next_thing_id(things), parts=parts)
 
 
 def _without_parts(things: Things, gone: Sequence[int]) -> Things:

@@ -77,6 +77,11 @@ class SemanticHead:
     weight: F32
     bias: F32
 
+    @staticmethod
+    def unlearnt(labels: int, code: int = 0) -> SemanticHead:
+        """Of a scene in which no code says a label: N labels, and codes of so many numbers."""
+        return SemanticHead(np.zeros((labels + 1, code), np.float32), np.zeros(labels + 1, np.float32))
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -174,12 +179,15 @@ class Things:
         next_id: no thing of this version of the scene, or of those it was made of, and no part has this id or a larger
             one; 0 stands for the one after the last.
         parts: of the things; None for none.
+        head: maps the Gaussians' codes to logits over things, and decides whose pixel it is; see `codes_of_things`.
+            None where no codes were trained on the things: then the blended membership decides.
     """
 
     table: tuple[Thing, ...]
     membership: Evidence
     next_id: int = 0
     parts: Parts | None = None
+    head: SemanticHead | None = None
 
     def __post_init__(self) -> None:
         ids = [thing.id for thing in self.table]
@@ -213,12 +221,14 @@ class ThingSemantics:
     """Labels of G Gaussians as the names of the things that they belong to.
 
     Attributes:
-        membership: see `Things`.
+        things: their membership says which.
+        codes: float32 [G, D], see `Things.head`.
         label_ids: int32 [I + 1], by id of a thing up to the largest id I: the dictionary id of the thing's name, 0 for
             a thing without one, and for 0, no thing.
     """
 
-    membership: Evidence
+    things: Things
+    codes: F32
     label_ids: NDArray[np.int32]
 
 
@@ -250,7 +260,6 @@ class Scene:
         quality: measured figures (psnr, ssim, images, registered, stage_seconds, ...), JSON-ready.
         label_templates: the sentences the labels were embedded in (mean over them); "{}" is the bare label.
         evidence: sparse label counts of the same Gaussians, or None.
-        label_mode: which of codes, evidence and things answers.
         things: of the same Gaussians, or None for a scene that stores none; what its things are then, says
             `fastsplat.service.query.things.labeled_things`.
         scaling: by which known lengths it was scaled since it was trained; None if it was not.
@@ -268,7 +277,6 @@ class Scene:
     quality: Mapping[str, Any] = field(default_factory=dict)
     label_templates: tuple[str, ...] = ("{}",)
     evidence: Evidence | None = None
-    label_mode: LabelMode = "codes"
     things: Things | None = None
     scaling: Scaling | None = None
     alignment: Alignment | None = None
@@ -278,9 +286,16 @@ class Scene:
         assert self.head.weight.shape == (classes, self.gaussians.codes.shape[1]) and self.head.bias.shape == (classes,)
         assert self.label_embeddings.ndim == 2 and self.label_embeddings.shape[0] == len(self.dictionary)
         assert self.evidence is None or len(self.evidence) == len(self.gaussians)
-        assert self.evidence is not None or self.label_mode != "evidence"
-        assert self.things is not None or self.label_mode != "things"
-        assert self.things is None or len(self.things.membership) == len(self.gaussians)
+        if self.things is not None:
+            assert len(self.things.membership) == len(self.gaussians)
+            head = self.things.head
+            assert head is None or head.weight.shape == (len(head.bias), self.gaussians.codes.shape[1] or -1)
+
+    @property
+    def label_mode(self) -> LabelMode:
+        """What says which label a Gaussian has: its thing where the scene stores things, else evidence where it has
+        some, else its code."""
+        return "things" if self.things is not None else "codes" if self.evidence is None else "evidence"
 
     def vertical(self) -> SceneVertical | None:
         """Which way is up in this version's frame, by what, and how sure that is; see `vertical_of`."""
@@ -293,13 +308,13 @@ class Scene:
 
 
 def semantics_of(scene: Scene) -> Semantics:
-    """What says which label each Gaussian has, as `Scene.label_mode` chooses: its code, the evidence of the label maps,
-    or the name of its thing."""
-    if scene.label_mode == "evidence" and scene.evidence is not None:
-        return scene.evidence
-    if scene.label_mode == "things" and scene.things is not None:
+    """What says which label each Gaussian has, see `Scene.label_mode`: the name of its thing, the evidence of the label
+    maps, or its code."""
+    if scene.things is not None:
         label_ids = np.zeros(max((thing.id for thing in scene.things.table), default=0) + 1, np.int32)
         for thing in scene.things.table:
             label_ids[thing.id] = (scene.dictionary.id_of(thing.name) or 0) if thing.name else 0
-        return ThingSemantics(scene.things.membership, label_ids)
+        return ThingSemantics(scene.things, scene.gaussians.codes, label_ids)
+    if scene.evidence is not None:
+        return scene.evidence
     return CodeSemantics(scene.gaussians.codes, scene.head)

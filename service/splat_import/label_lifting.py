@@ -24,8 +24,6 @@ from fastsplat.service.scene.label_evidence import posterior
 from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
-from fastsplat.service.splatting.label_consensus import fuse_label_maps
-from fastsplat.service.splatting.label_supervision import CONSENSUS_UNDETECTED_WEIGHT
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import psnr
 from fastsplat.service.splatting.raster.checks import device_of
@@ -41,7 +39,7 @@ from fastsplat.service.splatting.semantics import (
 )
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
-from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views, with_labels
+from fastsplat.service.splatting.training_views import TrainingView, drop_empty_label_maps, load_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
 from fastsplat_contract.errors import InvalidInputError
@@ -95,9 +93,11 @@ def lift_labels(
             quality |= _check_fit(gaussians, views, training.backend)
         labels = len(labelling.dictionary) if labelling.label_maps else 0
         progress(ProgressEvent(_STAGE, 0.1, f"lifting {labels} labels onto {len(gaussians)} Gaussians"))
-        views, evidence, undetected = _agreed(gaussians, views, labelling, labels, training)
+        undetected = 1.0 if labelling.exact else training.undetected_weight
+        views = drop_empty_label_maps(views)
+        evidence = views_evidence(gaussians, views, labels + 1, undetected_weight=undetected, backend=training.backend)
         if training.label_mode == "evidence" or not labels:
-            head = SemanticHead(np.zeros((labels + 1, 0), np.float32), np.zeros(labels + 1, np.float32))
+            head = SemanticHead.unlearnt(labels)
             lifted, stored_evidence = gaussians, evidence if labels else None
         else:
             lifted, head = _with_codes(gaussians, views, evidence, labels + 1, undetected, training, settings, progress)
@@ -111,34 +111,6 @@ def lift_labels(
     quality["lifting_seconds"] = time.monotonic() - begun
     progress(ProgressEvent(_STAGE, 1.0, f"{labels} labels on {len(gaussians)} Gaussians"))
     return TrainedSplats(lifted, head, quality, (), stored_evidence)
-
-
-def _agreed(
-    gaussians: Gaussians,
-    views: tuple[TrainingView, ...],
-    labelling: Labelling,
-    labels: int,
-    training: TrainingSettings,
-) -> tuple[tuple[TrainingView, ...], Evidence, float]:
-    """Views with label maps that do not contradict each other, their evidence, and what an undetected pixel weighs."""
-    if labels and labelling.regions:
-        undetected = CONSENSUS_UNDETECTED_WEIGHT
-        maps, _ = fuse_label_maps(
-            gaussians,
-            views,
-            labelling.regions,
-            labels + 1,
-            expected=labelling.expected,
-            undetected_weight=undetected,
-            backend=training.backend,
-        )
-        device = device_of(training.backend)
-        views = tuple(with_labels(view, own).to(device) for view, own in zip(views, maps, strict=True))
-    else:
-        undetected = 1.0 if labelling.exact else training.undetected_weight
-    views = drop_empty_label_maps(views)
-    evidence = views_evidence(gaussians, views, labels + 1, undetected_weight=undetected, backend=training.backend)
-    return views, evidence, undetected
 
 
 def _with_codes(

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, ThingSemantics, semantics_of
+from fastsplat.service.scene.thing_codes import ThingCodes, codes_of_things
+from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import label_map, rasterize
@@ -37,11 +39,11 @@ class LabelBlend(Protocol):
         """Labels and, with [N + 1] `relevancy`, its expectation times alpha; `splats.features` come back as `image`."""
 
 
-def label_blend(scene: Scene, device: torch.device) -> LabelBlend:
-    """By the scene's codes, its evidence or its things, as its `label_mode` says."""
+def label_blend(scene: Scene, device: torch.device, before: LabelBlend | None = None) -> LabelBlend:
+    """By the scene's things, its evidence or its codes, see `semantics_of`; `before`: of the same Gaussians."""
     semantics = semantics_of(scene)
     if isinstance(semantics, ThingSemantics):
-        return ThingBlend(semantics, device)
+        return ThingBlend(semantics, device, before if isinstance(before, ThingBlend) else None)
     if isinstance(semantics, Evidence):
         return EvidenceBlend(semantics, len(scene.dictionary) + 1, device)
     return CodeBlend(semantics.codes, semantics.head, device)
@@ -52,7 +54,7 @@ def thing_map(
     scene: Scene, posed: PosedCamera, *, alpha_min: float = 0.5, backend: Backend = "cpu"
 ) -> NDArray[np.int32]:
     """int32 [H, W]: id of the most probable thing of each pixel, 0 for none and where the scene is less opaque than
-    `alpha_min`; the blended posterior of membership, as `EvidenceBlend` draws labels.
+    `alpha_min`; see `things_blend`.
 
     Raises:
         InvalidInputError: a scene without things.
@@ -60,8 +62,7 @@ def thing_map(
     if scene.things is None:
         raise InvalidInputError("this scene has no things", field="things", hint="Discover them first.")
     device = device_of(backend)
-    classes = max((thing.id for thing in scene.things.table), default=0) + 1
-    blend = EvidenceBlend(scene.things.membership, classes, device)
+    blend = things_blend(scene.things, scene.gaussians.codes, device)
     viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32)).to(device)
     drawn = blend.render(
         splats_of(scene.gaussians, device=device),
@@ -158,22 +159,68 @@ class EvidenceBlend:
         return replace(labels, image=image[..., :own], relevancy=None if relevancy is None else image[..., own])
 
 
+def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend:
+    """Draws the ids of things: by the composited code where codes were trained on them, else by blended membership.
+
+    Args:
+        things: of G Gaussians.
+        codes: float32 [G, D].
+        device: where the Gaussians are.
+    """
+    if things.head is None:
+        return EvidenceBlend(things.membership, max((thing.id for thing in things.table), default=0) + 1, device)
+    return _CodedThings(codes_of_things(codes, things.head, thing_rows(things)), device)
+
+
+class _CodedThings:
+    """The thing that the composited code of each pixel says, see `CodeBlend`."""
+
+    def __init__(self, coded: ThingCodes, device: torch.device) -> None:
+        self._blend = CodeBlend(coded.codes, coded.head, device)
+        self._ids = coded.ids
+
+    def render(
+        self,
+        splats: Splats,
+        viewmat: Tensor,
+        camera: Camera,
+        *,
+        alpha_min: float,
+        relevancy: F32 | None,
+        backend: Backend,
+    ) -> LabelMap:
+        """See `LabelBlend`; `relevancy` is by id."""
+        drawn = self._blend.render(
+            splats,
+            viewmat,
+            camera,
+            alpha_min=alpha_min,
+            relevancy=None if relevancy is None else relevancy[self._ids],
+            backend=backend,
+        )
+        return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
+
+
 class ThingBlend:
-    """The name of the most probable thing of each pixel, see `EvidenceBlend`: a label's mask is the union of the masks
-    of the things that bear it.
+    """The name of the thing of each pixel: a label's mask is the union of the masks of the things that bear it.
 
     Args:
         semantics: of G Gaussians.
         device: where the Gaussians are.
-        things: draws the things themselves; None: made of `semantics`.
+        before: of the same Gaussians; its drawing of things is used again where they have the same members.
 
     Attributes:
-        things: see above.
+        members: see `Things.membership`.
+        things: draws the things themselves.
     """
 
-    def __init__(self, semantics: ThingSemantics, device: torch.device, things: EvidenceBlend | None = None) -> None:
+    def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:
         self._label_ids = semantics.label_ids
-        self.things = things or EvidenceBlend(semantics.membership, len(semantics.label_ids), device)
+        self.members = semantics.things.membership
+        same = before is not None and before.members is self.members
+        self.things: LabelBlend = (
+            before.things if same and before else things_blend(semantics.things, semantics.codes, device)
+        )
 
     def render(
         self,

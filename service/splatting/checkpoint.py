@@ -17,14 +17,14 @@ import safetensors.torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from fastsplat.service.perception.types import Regions
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 5
+_VERSION = 6
 """1 knew neither images nor label maps, and had other names for the moments; 2 had no digest; 3 is
-of runs whose loss had no terms of the depth; 4 of runs that did not look at the exposure of photos."""
+of runs whose loss had no terms of the depth; 4 of runs that did not look at the exposure of photos;
+5 of runs that learnt what detectors said."""
 
 
 _log = logging.getLogger(__name__)
@@ -116,7 +116,6 @@ def fingerprint_of(
     settings: Mapping[str, Any],
     labels: Sequence[str],
     views: Sequence[TrainingView],
-    regions: Sequence[Regions],
     arrays: Iterable[NDArray[Any]],
 ) -> str:
     """Hex digest of what must agree between a run and its continuation.
@@ -125,7 +124,6 @@ def fingerprint_of(
         settings: of the run, JSON-ready, and whatever else changes it.
         labels: names of the dictionary.
         views: all that are loaded: their names, cameras, poses, images, masks and label maps enter at training size.
-        regions: of the training views.
         arrays: the start points, e.g.
     """
     head = [settings, list(labels), [(view.name, view.exposure_ev, asdict(view.frames[-1].camera)) for view in views]]
@@ -134,9 +132,6 @@ def fingerprint_of(
         frame = view.frames[-1]
         for tensor in (view.viewmat, frame.rgb, frame.valid, frame.labels, frame.depth):
             _update(digest, None if tensor is None else tensor.cpu().numpy())
-    for own in regions:
-        _update(digest, own.ids)
-        digest.update(json.dumps(own.votes, default=float).encode())
     for array in arrays:
         _update(digest, array)
     return digest.hexdigest()

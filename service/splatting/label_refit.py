@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -23,11 +24,12 @@ from fastsplat.service.scene.label_evidence import posterior, seen_pixels
 from fastsplat.service.splatting.gaussians import activate_opacities, current_gaussians, splats_of
 from fastsplat.service.splatting.optim import adam_update
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Backend
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat.service.splatting.semantics import label_loss
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat.service.splatting.view_evidence import views_evidence
+from fastsplat_contract.camera import Camera
 
 _CODE_RATE = 0.1
 _HEAD_RATE = 0.05
@@ -54,9 +56,7 @@ def refit_codes(
 
     A Gaussian's label is the most probable one by evidence (`views_evidence`). Where its code says another, it starts
     on the mean code of those that agree (`consensus_codes`), unless it fills 3.3 times as many pixels as the mean
-    Gaussian. Then every labeled view is looked at `epochs` times, in an order drawn from `seed`, at the training size:
-    Adam on the cross-entropy of its pixels and, weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the
-    Gaussians.
+    Gaussian. Then all codes are fitted, see `fit_codes`, at the training size.
 
     Args:
         state: of a finished run, G Gaussians.
@@ -68,35 +68,90 @@ def refit_codes(
         seed: of the order of the views.
         backend: which rasterizer.
     """
-    labeled = [view for view in views if view.frames[-1].labels is not None]
+    maps = [view.frames[-1].labels for view in views]
+    labeled = [(view, labels) for view, labels in zip(views, maps, strict=True) if labels is not None]
     if not labeled or not class_codes.shape[1] or not state.count:
         return
     gaussians = current_gaussians(state.parameters)
     evidence = views_evidence(
-        gaussians, labeled, len(class_codes), undetected_weight=undetected_weight, backend=backend
+        gaussians, [view for view, _ in labeled], len(class_codes), undetected_weight=undetected_weight, backend=backend
     )
     classes = torch.from_numpy(posterior(evidence, len(class_codes)).classes.astype(np.int64))
     classes = classes.to(state.parameters["codes"].device)
     starts = {name: state.parameters[name].detach() for name in ("codes", "weight", "bias")}
     opacities = activate_opacities(state.parameters["logit_opacities"].detach())
     pixels = torch.from_numpy(seen_pixels(evidence)).to(classes.device)
-    filled = pixels / pixels.mean().clamp_min(1e-9)
     agreed = consensus_codes(**starts, classes=classes, opacities=opacities, class_codes=class_codes)
-    starts["codes"] = torch.where((filled < _LEFT)[:, None], agreed, starts["codes"])
-    shares = _HALF_HELD / (_HALF_HELD + filled)
-    fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
-    moments = {name: (torch.zeros_like(value), torch.zeros_like(value)) for name, value in fitted.items()}
+    left = (pixels / pixels.mean().clamp_min(1e-9) < _LEFT)[:, None]
+    starts["codes"] = torch.where(left, agreed, starts["codes"])
     with torch.no_grad():
         splats = splats_of(state.parameters)
-    steps = epochs * len(labeled)
+    fitted = fit_codes(
+        splats,
+        [LabeledView(view.viewmat, view.frames[-1].camera, labels, view.frames[-1].valid) for view, labels in labeled],
+        starts,
+        classes,
+        pixels,
+        class_weights,
+        epochs=epochs,
+        seed=seed,
+        backend=backend,
+    )
+    for name, value in fitted.items():
+        state.parameters[name].data.copy_(value)
+
+
+class LabeledView(NamedTuple):
+    """One view's label map.
+
+    Attributes:
+        viewmat: float32 [4, 4], camera from world.
+        camera: of the map's size.
+        labels: integers [H, W], the class of each pixel.
+        valid: bool [H, W]; pixels that are False say nothing. None: all speak.
+    """
+
+    viewmat: Tensor
+    camera: Camera
+    labels: Tensor
+    valid: Tensor | None
+
+
+def fit_codes(
+    splats: Splats,
+    views: Sequence[LabeledView],
+    starts: Mapping[str, Tensor],
+    classes: Tensor,
+    pixels: Tensor,
+    class_weights: Tensor,
+    *,
+    epochs: int,
+    seed: int,
+    backend: Backend,
+) -> dict[str, Tensor]:
+    """Codes, weight and bias fitted to label maps, color and geometry held: Adam on the cross-entropy of pixels and,
+    weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the Gaussians' own classes.
+
+    Args:
+        splats: G activated Gaussians; features are not read.
+        views: every one is looked at `epochs` times, in an order drawn from `seed`.
+        starts: codes [G, D], weight [C, D] and bias [C]; they are not changed.
+        classes: int64 [G], each Gaussian's own class, 0..C − 1.
+        pixels: float32 [G], that each Gaussian fills.
+        class_weights: [C], what pixels weigh in the cross-entropy.
+        epochs, seed: see above.
+        backend: which rasterizer.
+    """
+    shares = _HALF_HELD / (_HALF_HELD + pixels / pixels.mean().clamp_min(1e-9))
+    fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
+    moments = {name: (torch.zeros_like(value), torch.zeros_like(value)) for name, value in fitted.items()}
+    steps = epochs * len(views)
     for step in range(steps):
-        epoch, position = divmod(step, len(labeled))
-        order = np.random.default_rng((seed, _SEED, epoch)).permutation(len(labeled))
-        view = labeled[int(order[position])]
-        frame = view.frames[-1]
-        assert frame.labels is not None
-        image = rasterize(replace(splats, features=fitted["codes"]), view.viewmat, frame.camera, backend=backend).image
-        loss = label_loss(image, fitted, frame.labels, frame.valid, class_weights)
+        epoch, position = divmod(step, len(views))
+        order = np.random.default_rng((seed, _SEED, epoch)).permutation(len(views))
+        view = views[int(order[position])]
+        image = rasterize(replace(splats, features=fitted["codes"]), view.viewmat, view.camera, backend=backend).image
+        loss = label_loss(image, fitted, view.labels, view.valid, class_weights)
         loss = loss + _CONSENSUS_WEIGHT * gaussian_label_loss(fitted, classes, shares)
         loss.backward()
         decay = _FINAL_SHARE ** (step / steps)
@@ -105,8 +160,7 @@ def refit_codes(
             assert param.grad is not None
             adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, backend=backend)
             param.grad = None
-    for name, param in fitted.items():
-        state.parameters[name].data.copy_(param.detach())
+    return {name: value.detach() for name, value in fitted.items()}
 
 
 def consensus_codes(

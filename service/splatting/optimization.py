@@ -82,7 +82,6 @@ class Trainer:
         progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
         self._recorder.start(self.state, self.elapsed_s, progress)
         while progress < 1 and not (self.state.iteration >= FEWEST_STEPS and self._finish()):
-            self.views = self._supervision.fuse_if_due(progress, self.state, self.views)
             loss, radii = self._step(progress)
             self.elapsed_s = time.monotonic() - begun
             before, progress = progress, run_progress(self.state.iteration, self.elapsed_s, self._settings)
@@ -91,7 +90,6 @@ class Trainer:
             self._recorder.after_step(self.state, step)
         self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)
-        self.views = self._supervision.fuse_if_due(1.0, self.state, self.views)
 
     def _step(self, progress: float) -> tuple[float, Tensor]:
         """The loss of one optimization step, and the radii of the Gaussians in its view."""

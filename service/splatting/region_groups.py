@@ -7,7 +7,7 @@ each Gaussian and view and for each region and view (4 bytes). Overlaps are comp
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +15,6 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from fastsplat.service.splatting.raster.types import LabelSums
-
-Region = tuple[int, int]
-"""View and region number, 1 the first."""
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -68,30 +65,6 @@ def lift_regions(sums: LabelSums, members: csr_array) -> LiftedRegions:
     order = np.argsort(regions[inside], kind="stable")
     sizes = np.bincount(regions[inside], minlength=members.shape[1]).astype(np.int64)
     return LiftedRegions(np.concatenate([[0], np.cumsum(sizes)]), rows[inside][order].astype(np.int32), pixels)
-
-
-def group_regions(
-    sums: Iterable[LabelSums], counts: Sequence[int], *, min_overlap: float = 0.5
-) -> list[tuple[Region, ...]]:
-    """Groups of regions that cover the same Gaussians, those with most agreement first; every region is in one.
-
-    Two regions overlap by the intersection over union of the Gaussians more than half of whose weight in the view lies
-    in the region, among those that both views see; Gaussians count by the pixels that they fill. The region that most
-    views agree with starts a group; regions whose mean overlap with the group's exceeds `min_overlap` join it.
-
-    Args:
-        sums: of each view, the weight of each Gaussian by region, 0 = outside all. Consumed one at a time.
-        counts: regions of each view.
-        min_overlap: 0..1.
-    """
-    if not sum(counts):
-        return []
-    overlaps = overlaps_of(
-        lift_regions(of_view, one_piece_each(count, of_view)) for of_view, count in zip(sums, counts, strict=True)
-    )
-    regions = [(view, region) for view, count in enumerate(counts) for region in range(1, count + 1)]
-    groups = greedy_groups(overlaps, overlaps.agreement(min_overlap), min_overlap)
-    return [tuple(regions[row] for row in members) for members in groups]
 
 
 def greedy_groups(overlaps: Overlaps, priority: F64, min_overlap: float) -> list[I64]:

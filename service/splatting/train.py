@@ -1,10 +1,6 @@
 """Trains a scene: geometry, color, semantic codes and the affine map W in one run.
 
-With label maps that came with the capture, which agree with each other, everything is optimized together from the first
-step: the single phase of the FAST-Splat paper. Label maps that a detector made contradict each other from view to view;
-codes trained on them would learn the contradictions. So color and geometry are trained alone until half the run
-(`consensus_at`), when the geometry can tell which regions of the views show the same thing; then the views' maps are
-replaced by those that all agree on, and the codes join (`service.splatting.label_supervision`).
+Everything is optimized together from the first step: the single phase of the FAST-Splat paper.
 """
 
 from __future__ import annotations
@@ -105,15 +101,13 @@ def train(
         fingerprint = _fingerprint(capture, labelling, settings, run, views) if checkpoint_dir else ""
         checkpoint = read_checkpoint(checkpoint_dir, fingerprint) if checkpoint_dir else None
         if checkpoint:
-            tensors, views = run.supervision.restore(checkpoint.tensors, views)
-            state = restored_state(tensors, checkpoint.iteration, device)
+            state = restored_state(checkpoint.tensors, checkpoint.iteration, device)
         else:
             state = _start(run, views, settings, device)
 
         def save(state: SplatState, elapsed_s: float) -> None:
             assert checkpoint_dir is not None
-            tensors = state.tensors() | run.supervision.tensors(trainer.views)
-            write_checkpoint(Checkpoint(state.iteration, elapsed_s, tensors), checkpoint_dir, fingerprint)
+            write_checkpoint(Checkpoint(state.iteration, elapsed_s, state.tensors()), checkpoint_dir, fingerprint)
 
         middle = views[len(views) // 2]
         recorder = Recorder(
@@ -136,7 +130,6 @@ def train(
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
             finish=watch.finish,
         )
-        del views, middle  # the trainer replaces its own at the consensus
         trainer.run()
         refit_seconds = _refit_labels(run, trainer, settings)
         trained = _finished(run, trainer, recorder, settings, refit_seconds)
@@ -149,7 +142,6 @@ class _Run:
     """What a run knows of its capture, training views excepted.
 
     Attributes:
-        training: indices of the training views in the capture.
         held_out: the other views, on the backend's device.
         supervision: of the labels.
         start: points that the run starts from.
@@ -157,7 +149,6 @@ class _Run:
         begin: Gaussians that it goes on from, in place of the points' own; None for a new scene.
     """
 
-    training: tuple[int, ...]
     held_out: tuple[TrainingView, ...]
     supervision: LabelSupervision
     start: StartPoints
@@ -181,9 +172,8 @@ def _load(
     else:
         start = StartPoints(begin.means, np.zeros_like(begin.means), 0)
     run = _Run(
-        training,
         tuple(view.to(device) for view in test_views),
-        LabelSupervision(labelling, training, settings, device),
+        LabelSupervision(labelling, settings, device),
         start,
         scene_extent(views, start.points),
         begin,
@@ -203,11 +193,10 @@ def _anchor_points(capture: Capture, seed: int, device: torch.device) -> AnchorP
 def _fingerprint(
     capture: Capture, labelling: Labelling, settings: TrainingSettings, run: _Run, views: tuple[TrainingView, ...]
 ) -> str:
-    choices = settings.model_dump(mode="json") | {"exact": labelling.exact, "expected": labelling.expected}
+    choices = settings.model_dump(mode="json") | {"exact": labelling.exact}
     labels = [entry.label for entry in labelling.dictionary.entries]
-    regions = [labelling.regions[index] for index in run.training] if labelling.regions else []
     arrays = (capture.points, capture.point_colors, *(() if run.begin is None else vars(run.begin).values()))
-    return fingerprint_of(choices, labels, (*views, *run.held_out), regions, arrays)
+    return fingerprint_of(choices, labels, (*views, *run.held_out), arrays)
 
 
 def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSettings, device: torch.device) -> SplatState:

@@ -1,4 +1,4 @@
-"""A clock for ages that no jump of the wall clock makes old at once.
+"""Clock for ages: no jump of the wall clock makes anything old at once.
 
 It goes with the wall clock, but by at most an hour from one look to the next, and not back. A wall clock that is set
 forward by a day, or a machine that was off for a week, so ages nothing by more than an hour; where there is something

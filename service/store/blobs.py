@@ -42,7 +42,7 @@ _IDENTITY = ".identity"
 
 @dataclass(frozen=True)
 class Blobs:
-    """Where things are. Every name handed in is an id that this service made."""
+    """Paths of folders and files. Every name handed in is an id that this service made."""
 
     root: Path
 

@@ -1,4 +1,4 @@
-"""What is wrong with a data folder, and what of it can be mended without anybody's decision."""
+"""Checkup of a data folder: problems, and repairs that need nobody's decision."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong.
+    """A problem of a data folder.
 
     Attributes:
         place: what it is about: a folder or file relative to the data folder, or "database".

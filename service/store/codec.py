@@ -1,4 +1,4 @@
-"""JSON columns of the database to typed values and back: a job's options, a scene's cameras."""
+"""Codec of JSON columns: a job's options, a scene's cameras."""
 
 from __future__ import annotations
 

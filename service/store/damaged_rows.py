@@ -1,4 +1,4 @@
-"""Rows that cannot be read: one that is asked for is a typed error, and a list goes on without those that it has."""
+"""Unreadable rows: one that is asked for is a typed error, and lists leave them out."""
 
 from __future__ import annotations
 

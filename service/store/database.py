@@ -1,4 +1,4 @@
-"""How databases are opened and used: SQLite set up for several processes, anything else by its URL."""
+"""Database connections: SQLite set up for several processes, anything else by its URL."""
 
 from __future__ import annotations
 
@@ -59,17 +59,25 @@ def open_engine(url: URL) -> Engine:
     A transaction that begins as a reader and then writes is what makes SQLite fail with "locked" at once, whatever
     the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`.
     """
-    sqlite = url.get_backend_name() == "sqlite"
-    arguments = {} if sqlite else dict(_POSTGRES)
-    engine = create_engine(
-        url, pool_pre_ping=not sqlite, pool_size=8, max_overflow=24, connect_args=arguments, json_deserializer=read_json
-    )
-    if sqlite:
+    engine = connect(url, pool_size=8, max_overflow=24, json_deserializer=read_json)
+    if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
-    else:
-        event.listen(engine, "connect", _tune_postgres)
     _open_tables(engine)
+    return engine
+
+
+def connect(url: URL, **options: Any) -> Engine:
+    """An engine over any database; PostgreSQL's end the sessions of processes that are gone or suspended.
+
+    Args:
+        url: of the database.
+        options: of `create_engine`.
+    """
+    if url.get_backend_name() == "sqlite":
+        return create_engine(url, **options)
+    engine = create_engine(url, pool_pre_ping=True, connect_args=dict(_POSTGRES), **options)
+    event.listen(engine, "connect", _tune_postgres)
     return engine
 
 

@@ -1,4 +1,5 @@
-"""One random id that a database and the place of its scenes share, so that neither is used with another's.
+"""Identity of a deployment: a random id that a database and the place of its scenes share, so that neither is used with
+another's.
 
 The place is the data folder (its file `.identity`), or the object store (its object `identity`) where there is one.
 Both get their id at the first start; a database and a folder of before get it at the next one, if the database knows a

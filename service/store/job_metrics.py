@@ -1,4 +1,4 @@
-"""Counts over the operations of all projects."""
+"""Metrics of the operations of all projects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from fastsplat_contract.operations import FINAL_STATES, OperationState
 
 
 class JobMetrics:
-    """Counts over all operations; every method is one reading transaction and raises `DatabaseError`."""
+    """Metrics of all operations; every method is one reading transaction and raises `DatabaseError`."""
 
     def __init__(self, engine: Engine) -> None:
         self._reading = partial(transaction, engine.execution_options(read_only=True))

@@ -1,4 +1,4 @@
-"""What workers do to operations. Every write carries the attempt that claimed the job: a late copy changes nothing."""
+"""Job queue of the workers. Every write carries the attempt that claimed the job: a late copy changes nothing."""
 
 from __future__ import annotations
 
@@ -281,7 +281,7 @@ class JobRepository:
             scene = scenes.c.id == record.scene_id
             if connection.scalar(select(scenes.c.id).where(scene)) is None:
                 raise NotFoundError(f"the scene of operation {operation_id!r} was deleted", field="operation")
-            if record.kind == "create_scene":
+            if record.makes_scene:
                 connection.execute(update(scenes).where(scene).values(state="TRAINING"))
                 if record.updated_at < ended_since:
                     raise no_upload(operation_id)

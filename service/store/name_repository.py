@@ -1,6 +1,6 @@
-"""What people named in the scenes of a project, with what it looks like: rows of every version of a scene, of which
-those of its current version count. So an undo, an unnaming and a deleted scene take names back without another word.
-"""
+"""Known names: what people named in the scenes of a project, with what it looks like. There are rows of every version
+of a scene, of which those of its current version count: an undo, an unnaming and a deleted scene take names back
+without another word."""
 
 from __future__ import annotations
 

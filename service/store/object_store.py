@@ -1,4 +1,4 @@
-"""Uploads and scenes in an object store (S3 or whatever fsspec speaks), for machines that share no folder.
+"""Object storage of uploads and scenes (S3 or whatever fsspec speaks), for machines that share no folder.
 
 A folder is stored as one object a file, below a prefix that no other attempt uses, and then one *manifest* object that
 names the prefix, the files, their sizes and digests. The folder exists once its manifest does: what breaks off leaves

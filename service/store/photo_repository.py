@@ -1,4 +1,4 @@
-"""What became of the photos of each scene's capture: written by its worker, read with the scene."""
+"""Photo verdicts in the database: written by the worker of a scene's capture, read with the scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each project uses of its quotas: scenes, the bytes they were made of, jobs that wait or run."""
+"""Quota usage of projects: scenes, the bytes they were made of, jobs that wait or run."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, get_args
+from typing import Any, get_args
 
 from fastsplat.service.store.damaged_rows import are_objects, is_name, is_object, is_time, require
 from fastsplat_contract.operations import AgainAfter, OperationKind, OperationState
@@ -17,10 +17,9 @@ DEFAULT_PROJECT = "default"
 SECONDS_LEFT = "job_seconds_left"
 """The metric of a stage that speaks of the whole job: seconds until it is done, -1 where that is not known any more."""
 
-LOOK_AGAIN: Final = "look_again"
-TRAIN_MORE: Final = "train_more"
 RESULT = "result"
-"""Keys of `OperationRecord.options` that only jobs on finished scenes have: the order, and what came of it."""
+"""Key of `OperationRecord.options` that only jobs on finished scenes have: what came of it. The order is under the name
+of the job's kind."""
 
 RETRIES = "retries"
 EXCLUDED = "exclude"
@@ -29,6 +28,7 @@ RELEASED = "released"
 """Keys of `OperationRecord.options` that the queue writes; `RELEASED`: its worker was told to stop and gave it back."""
 
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
+_KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class OperationRecord:
     `progress_files` has what can be looked at while the job runs, by kind ("preview", "placed"): the "file" (see
     `Blobs.progress_file`), and "info", a `PreviewInfo` or `PlacedInfo` as JSON.
 
-    Higher priorities run first. A job that looks again at a scene has no upload; `options` say what it looks for.
+    Higher priorities run first. A job on a finished scene has no upload but an order.
     """
 
     id: str
@@ -105,7 +105,7 @@ class OperationRecord:
             upload_id=isinstance(self.upload_id, str),
             options=is_object(self.options)
             and isinstance(options.get("retries", 0), int)
-            and all(options.get(key) is None or is_object(options[key]) for key in (LOOK_AGAIN, TRAIN_MORE, RESULT)),
+            and all(options.get(key) is None or is_object(options[key]) for key in (*_KINDS, RESULT)),
             stages=are_objects(self.stages),
             error=self.error is None or is_object(self.error),
             created_at=is_time(self.created_at),
@@ -134,23 +134,19 @@ class OperationRecord:
         return after
 
     @property
-    def look_again(self) -> Mapping[str, Any] | None:
-        """What a job that looks again looks for, as JSON; None for one that makes a scene."""
-        request: Mapping[str, Any] | None = self.options.get(LOOK_AGAIN)
-        return request
-
-    @property
-    def train_more(self) -> Mapping[str, Any] | None:
-        """How a job trains a finished scene further, as JSON, with the "version" to begin with; None for others."""
-        request: Mapping[str, Any] | None = self.options.get(TRAIN_MORE)
-        return request
-
-    @property
     def kind(self) -> OperationKind:
-        """What the job does."""
-        if self.look_again is not None:
-            return "look_again"
-        return "create_scene" if self.train_more is None else "train_more"
+        """What the job does; one without an order makes its scene."""
+        return next((kind for kind in _KINDS if self.options.get(kind) is not None), "create_scene")
+
+    @property
+    def makes_scene(self) -> bool:
+        """Whether the job makes its scene, of an upload; others work on a finished one."""
+        return self.kind == "create_scene"
+
+    @property
+    def order(self) -> Mapping[str, Any]:
+        """What was ordered of a job on a finished scene, as JSON; empty for one that makes its scene."""
+        return self.options.get(self.kind) or {}
 
     @property
     def result(self) -> Mapping[str, Any] | None:

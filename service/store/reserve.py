@@ -1,4 +1,4 @@
-"""A file that holds space free on the data folder's disk, for what must work when the disk is full: deleting."""
+"""Disk reserve: a file that holds space free for what must work on a full disk: deleting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with the rows of a database: those that nobody can read, and those that name what is not there."""
+"""Checkup of a database's rows: those that nobody can read, and those that name what is not there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tables. Times are seconds since 1970, UTC. How to change them: see `service.store.migrations`."""
+"""Schema of the database. Times are seconds since 1970, UTC. How to change it: see `service.store.migrations`."""
 
 from __future__ import annotations
 

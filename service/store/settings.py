@@ -1,4 +1,4 @@
-"""Where artefacts are stored."""
+"""Settings of artefact storage."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Store:
-    """All that is durable: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
+    """Durable state: `jobs` and `workers` are for workers, `blobs` for all, the others for the service layer.
 
     `scenes` are those of `project`, "" for all, see `in_project`. `only_scene` is the id of the only one, or "".
     """

@@ -13,14 +13,12 @@ import grpc
 import pytest
 
 from fastsplat.api.access.caller import Principal, current_principal
-from fastsplat.api.access.cost_budgets import CostBudgets
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import LimitSettings, Settings, UploadSettings
-from fastsplat_contract.errors import RateLimitedError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryOut, QueryRequest
@@ -201,73 +199,6 @@ def test_a_costly_call_moves_to_a_thread_that_yields_to_the_others() -> None:
     own = os.getpriority(os.PRIO_PROCESS, 0)
     assert cheap == ("call_0", own) and costly == ("call_background_0", min(19, own + 7))
     assert begun == ["call_0", "call_0", "call_background_0"] or begun == ["call_0", "call_1", "call_background_0"]
-
-
-@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
-def test_what_a_key_may_spend_is_bounded_and_comes_back_with_time(
-    service: SceneService, api_settings: Settings, scene_id: str, protocol: str
-) -> None:
-    posed = turned(0.0)
-    pixels = posed.camera.width * posed.camera.height
-    question = QueryRequest(scene_id, ("mug",), (posed,) * 8, outputs=frozenset({"mask2d"}))
-    service.answers.query(question)  # whose words are encoded by now
-    limits = LimitSettings(cost_per_s=pixels / 100, cost_burst=20 * pixels)
-    with served(service, api_settings.model_copy(update={"limits": limits})) as faces:
-        refusal = None
-        for _ in range(20):
-            if protocol == "gRPC":
-                try:
-                    list(faces.rpc.Query(to_proto(question)))
-                except grpc.RpcError as error:
-                    refusal = rpc_refusal(error)
-                    break
-            else:
-                body = {name: value for name, value in to_plain(question).items() if name != "scene_id"}
-                response = faces.rest.post(f"/v1/scenes/{scene_id}:query", json=body)
-                if response.status_code != 200:
-                    refusal = rest_refusal(response)
-                    assert int(response.headers["retry-after"]) > 1
-                    break
-        assert refusal is not None
-        assert refusal.reason == "RATE_LIMITED" and refusal.code in (429, "RESOURCE_EXHAUSTED")
-        assert "pixels a second over time" in refusal.details["limit"]
-
-
-def test_a_bucket_fills_with_time_and_a_larger_cost_needs_a_full_one() -> None:
-    now = [0.0]
-    budgets = CostBudgets(LimitSettings(cost_per_s=10.0, cost_burst=100), clock=lambda: now[0])
-    budgets.spend("a", 1_000.0)
-    with pytest.raises(RateLimitedError) as caught:
-        budgets.spend("a", 50.0)
-    assert caught.value.retry_after_s == pytest.approx(5.0)
-    budgets.spend("b", 50.0)  # has a bucket of its own
-    now[0] = 5.0
-    budgets.spend("a", 50.0)
-    with pytest.raises(RateLimitedError) as caught:
-        budgets.spend("a", 1_000.0)
-    assert caught.value.retry_after_s == pytest.approx(10.0)
-
-
-def test_a_call_that_is_made_again_pays_once() -> None:
-    paid: list[float] = []
-
-    class Recording(CostBudgets):
-        def spend(self, key_id: str, cost: float) -> None:
-            paid.append(cost)
-
-    def work() -> None:
-        charge(300.0)
-        charge(800.0)
-        charge(50.0)
-
-    async def main() -> None:
-        threads = Threads(LimitSettings(costly=1_000))
-        threads._budgets = Recording(LimitSettings())
-        await threads.answer(work)
-        await asyncio.to_thread(threads.close)
-
-    asyncio.run(main())
-    assert paid == [300.0, 800.0, 50.0]
 
 
 def test_an_edit_that_waits_for_another_one_has_no_thread(

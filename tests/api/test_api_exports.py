@@ -8,6 +8,7 @@ import shutil
 import sys
 import zipfile
 from pathlib import Path
+from typing import get_args
 
 import grpc
 import numpy as np
@@ -15,6 +16,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from fastsplat.service.application.exporting.scene_exports import _WRITERS
 from fastsplat.service.application.exporting.scene_page import TEMPLATE
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
@@ -22,7 +24,7 @@ from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError, SceneFileError
-from fastsplat_contract.exports import FILE_NAMES, ExportFormat, ExportRequest
+from fastsplat_contract.exports import FILE_NAMES, FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
@@ -42,6 +44,15 @@ def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -
         scene_id=scene_id, format=pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}"), things=things
     )
     return b"".join(chunk.data for chunk in faces.rpc.ExportScene(request))
+
+
+def test_each_format_has_its_row_its_writer_its_number_and_its_line_in_the_document() -> None:
+    listed, numbers = (Path(__file__).parents[2] / "docs/take_away.md").read_text(), pb.ExportFormat.keys()
+    for name in get_args(ExportFormat):
+        assert name in FORMATS and name in _WRITERS and f"| `{name}`" in listed
+        assert f"EXPORT_FORMAT_{name.upper()}" in numbers
+    assert len(get_args(ExportFormat)) == len(FORMATS) == len(_WRITERS) == len(numbers) - 1
+    assert len({facts.ending for facts in FORMATS.values()}) == len(FORMATS), "the ending says the format"
 
 
 @pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras", "sog", "mcap"])
@@ -136,22 +147,18 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
     assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")
 
 
-@pytest.mark.parametrize(
-    ("name", "module", "package", "extra"),
-    [("mcap", "foxglove", "foxglove-sdk", "foxglove"), ("rerun", "rerun", "rerun-sdk", "rerun")],
-)
-def test_files_without_their_package_are_refused_alike(
-    faces: Faces, scene_id: str, name: str, module: str, package: str, extra: str, monkeypatch: pytest.MonkeyPatch
+def test_a_recording_for_rerun_without_its_package_is_refused_alike(
+    faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = importlib.import_module(f"fastsplat.service.application.exporting.{module}_file")
+    writer = importlib.import_module("fastsplat.service.application.exporting.rerun_file")
     monkeypatch.delitem(sys.modules, writer.__name__)
     monkeypatch.delattr(writer.__name__)
-    monkeypatch.setitem(sys.modules, module, None)
-    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}"))
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.rerun"))
     with pytest.raises(grpc.RpcError) as caught:
-        _rpc(faces, scene_id, name)
+        _rpc(faces, scene_id, "rerun")
     assert rest.details == rpc_refusal(caught.value).details and rest.details["field"] == "format"
-    assert package in rest.detail and f"fastsplat[{extra}]" in rest.details["hint"]
+    assert "rerun-sdk" in rest.detail and "fastsplat[rerun]" in rest.details["hint"]
 
 
 @pytest.mark.parametrize("things", [(), (1,)])

@@ -7,14 +7,11 @@ import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Any, get_args
 
 import grpc
 import pytest
-from typer.testing import CliRunner
 
-from fastsplat.cli.main import app
 from fastsplat.service.application.admin import project_keys
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import (
@@ -204,35 +201,3 @@ def test_a_project_has_so_many_keys_and_no_more(place: _Place, monkeypatch: pyte
             admin.keys.create("one more")
     with place.client(place.operator, project=place.elsewhere) as operator:
         assert operator.keys.create("there is room").key.project == place.elsewhere
-
-
-def test_the_command_line_asks_a_server(place: _Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "no-data-here"))
-    monkeypatch.setenv("COLUMNS", "200")
-    (tmp_path / "key").write_text(f"{place.operator}\n")
-    server = [
-        "--server",
-        str(place.faces.rest.base_url),
-        "--key-file",
-        str(tmp_path / "key"),
-        "--project",
-        place.elsewhere,
-    ]
-
-    def call(*words: str) -> str:
-        answered = CliRunner().invoke(app, ["keys", *words, *server])
-        assert answered.exit_code == 0, answered.exception
-        return answered.stdout
-
-    secret = call("create", "robot", "--role", "reader", "--days", "2").strip()
-    record = place.service.admin.keys.valid().find(secret)
-    assert record is not None and (record.project, record.role) == (place.elsewhere, "reader")
-    listed = call("list")
-    assert record.id in listed and "valid" in listed and "first" not in listed and "fsk_" not in listed
-    call("expire", record.id, "--days", "1")
-    renewed = place.service.admin.keys.valid().find(secret)
-    assert renewed is not None and renewed.expires_at is not None and record.expires_at is not None
-    assert renewed.expires_at < record.expires_at
-    call("revoke", record.id)
-    assert place.service.admin.keys.valid().find(secret) is None and "revoked" in call("list")
-    assert not (tmp_path / "no-data-here").exists()

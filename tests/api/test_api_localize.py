@@ -77,7 +77,6 @@ def test_every_face_says_the_same_place(
     room_id: str,
     picture: np.ndarray,
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     photos = (_file(picture), PLAIN_PNG)
     request = LocalizeRequest(scene_id=room_id, photos=photos, focals=(420.0, 30.0))
@@ -87,9 +86,8 @@ def test_every_face_says_the_same_place(
     for path, content in zip(paths, photos, strict=True):
         path.write_bytes(content)
     assert_same(client.localize(room_id, paths, focals=(420.0, 30.0)), truth)
-    monkeypatch.setattr("fastsplat.cli.localize.local_service", lambda project: _as_context(service))
-    options = ["--focal", "420", "--focal", "30"]
-    printed = CliRunner().invoke(app, ["localize", room_id, *map(str, paths), *options])
+    options = ["--focal", "420", "--focal", "30", "--json", "--server", str(faces.rest.base_url)]
+    printed = CliRunner().invoke(app, ["scenes", "localize", room_id, *map(str, paths), *options])
     assert printed.exit_code == 1  # one has no place
     assert_same(from_plain(Localization, json.loads(printed.stdout)), truth)
 
@@ -124,16 +122,6 @@ def test_the_lens_of_a_scenes_photos_is_kept_with_them(
     assert (found.focal_source, found.radial) == ("scene", lens.k1)
     assert found.camera is not None and found.differences == ()
     assert np.linalg.norm(found.camera.world_from_camera[:3, 3] - _POSED.world_from_camera[:3, 3]) < 0.01
-
-
-def _as_context(service: SceneService) -> Any:
-    class _Open:
-        def __enter__(self) -> SceneService:
-            return service
-
-        def __exit__(self, *exception: object) -> None: ...
-
-    return _Open()
 
 
 def test_a_turned_photo_is_localized_upright(client: Client, room_id: str, picture: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.application.admin.server_abilities import server_status
+from fastsplat.service.application.admin.server_capabilities import server_status
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder

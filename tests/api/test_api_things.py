@@ -213,7 +213,7 @@ def with_part(service: SceneService, api_settings: Settings) -> Iterator[str]:
     table = tuple(Thing(number, name, "detected", 0.9) for number, name in enumerate(("mug", "ball", "story book"), 1))
     membership = evidence_of(rows, owner, np.full(len(rows), 16 * UNIT), len(rows))
     things = Things(table, membership, 0, parts)
-    scene_id = store_scene(service._store, replace(scene, things=things, label_mode="things"), "parts")
+    scene_id = store_scene(service._store, replace(scene, things=things), "parts")
     yield scene_id
     service.delete_scene(scene_id)
 

@@ -80,7 +80,7 @@ def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces
 
     tools, instructions = _talk(faces, talk)
     assert {tool.name for tool in tools} == _TOOLS
-    assert "absent" in instructions and "meters" in instructions
+    assert "not_here" in instructions and "meters" in instructions
     for tool in tools:
         assert tool.description and len(tool.description) > 40
         assert tool.output_schema is not None or tool.name == "look_from"
@@ -94,9 +94,9 @@ def test_found_is_what_rest_answers(faces: Faces, scene_id: str, text: str) -> N
     said = _said(_call(faces, "find", text=text, scene=scene_id))
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, text, outputs=["objects"])
-    assert (said["verdict"], said["probability"]) == (answer.verdict, answer.probability)
+    assert (said["outcome"], said["probability"]) == (answer.outcome, answer.probability)
     assert said["relation"] == answer.relation
-    assert said["explanation"] == answer.explanation and said["scene"] == scene_id
+    assert said["sentence"] == answer.sentence and said["scene"] == scene_id
     assert [each["id"] for each in said["things"]] == list(answer.things)
     labels = [match.label for match in answer.matches if match.relevant]
     assert [said["label"], *said["alternatives"]] == (labels or [""])
@@ -130,7 +130,7 @@ def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str)
     assert measured["center_distance"]["value"] == pytest.approx(between, rel=0.02)
     assert f"{measured['distance']['value']:g} m" in measured["sentence"]
     nothing = _said(_call(faces, "where_is", text="volcano", scene=scene_id))
-    assert nothing["verdict"] == "absent" and nothing["places"] == []
+    assert nothing["outcome"] == "not_here" and nothing["places"] == []
 
 
 def test_a_count_is_of_the_leading_label(faces: Faces, scene_id: str) -> None:
@@ -157,7 +157,7 @@ def test_relations_come_with_what_decided_them(
     assert refusal or any(each["clearness"] >= 1 for each in said["evidence"]) == bool(things)
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, text, asker_view=view or None)
-    assert said["explanation"] == answer.explanation
+    assert said["sentence"] == answer.sentence
 
 
 def test_a_relation_must_be_asked_for(faces: Faces, scene_id: str) -> None:
@@ -168,15 +168,15 @@ def test_a_count_is_by_all_that_is_said_or_none(faces: Faces, scene_id: str) -> 
     red = _said(_call(faces, "count", text="how many things are red?", scene=scene_id))
     assert (red["count"], len(red["counted"])) == (1, 1)
     refused = _said(_call(faces, "count", text="the thing left of the ball", scene=scene_id))
-    assert refused["count"] is None and refused["counted"] == [] and "decided" in refused["explanation"]
+    assert refused["count"] is None and refused["counted"] == [] and refused["sentence"].startswith("Cannot say: ")
 
 
 def test_there_are_none_of_what_is_absent(faces: Faces, scene_id: str) -> None:
     none = _said(_call(faces, "count", text="how many submarines are there?", scene=scene_id))
-    assert (none["verdict"], none["count"], none["counted"]) == ("absent", 0, [])
+    assert (none["outcome"], none["count"], none["counted"]) == ("not_here", 0, [])
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, "submarines")
-    assert none["explanation"] == answer.explanation and none["probability"] == answer.probability
+    assert none["sentence"] == answer.sentence and none["probability"] == answer.probability
 
 
 def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str) -> None:
@@ -235,7 +235,7 @@ def test_a_name_is_given_and_found(guarded: Guarded) -> None:
     named = _said(_call(guarded.faces, "name_thing", editor, thing=thing, name="beaker", scene=scene_id))
     assert guarded.service.get_scene(scene_id).version == named["version"]
     found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
-    assert found["verdict"] == "exact" and [each["id"] for each in found["things"]] == [thing]
+    assert found["outcome"] == "here" and [each["id"] for each in found["things"]] == [thing]
 
 
 def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) -> None:

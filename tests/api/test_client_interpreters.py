@@ -121,7 +121,7 @@ def test_the_readmes_example_runs_there(python: Path, faces: Faces, scene_id: st
     command = [python, "-I", "example.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, env=environment)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("same The scene has") and "poses dropped" in done.stdout
+    assert done.stdout.startswith('Here: "mug". [') and "poses dropped" in done.stdout
 
 
 def test_it_talks_with_a_real_server(python: Path, faces: Faces, service: SceneService, scene_id: str) -> None:

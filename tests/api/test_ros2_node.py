@@ -87,10 +87,10 @@ def test_questions_are_answered_with_detections_or_refused_in_words(node: Any, c
     mug = _find(node, "mug")
     (answer,) = client.query(scene_id, "mug")
     said = vars(mug)
-    assert (said["success"], said["verdict"], said["message"]) == (True, answer.verdict, answer.explanation)
+    assert (said["success"], said["outcome"], said["message"]) == (True, answer.outcome, answer.sentence)
     assert [each.id for each in said["detections"].detections] == ["1"] and said["version"] == answer.version
     absent = vars(_find(node, "elephant"))
-    assert absent["success"] and absent["verdict"] == "absent" and absent["detections"].detections == []
+    assert absent["success"] and absent["outcome"] == "not_here" and absent["detections"].detections == []
     refused = vars(_find(node, ""))
     assert not refused["success"] and math.isnan(refused["probability"])
     assert refused["message"].startswith("INVALID_INPUT: an empty text")

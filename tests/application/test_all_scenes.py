@@ -84,7 +84,6 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
         "codes": two,
         "unnamed": replace(made, things=unnamed),
         "parts": replace(made, things=replace(made.things, parts=parts)),
-        "things beside codes": replace(made, label_mode="codes", things=unnamed),
         "no labels": labelled_scene([[0, 0, 2]], [0], (), **labelled),
     }
 

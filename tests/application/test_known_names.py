@@ -21,6 +21,7 @@ from fastsplat.service.store.schema import known_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.poses import Vector3
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import NameSuggestion, PickRequest
 from tests.api.made_scene import ENCODER, write_words
@@ -73,7 +74,6 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
             encoder=open_text_encoder(ENCODER, tmp_path / "models"),
             templates=QuerySettings().templates,
             cameras=[camera],
-            label_mode="things",
             things=Things(table, membership),
         )
         job = replace(queued_job(), project=project)
@@ -122,6 +122,21 @@ def test_a_name_is_suggested_for_what_looks_alike_in_other_scenes_old_and_new(
     picked = service.answers.pick(PickRequest(newer, point=Vector3(1.0, 0.0, 4.0)))
     assert picked.thing.suggestions == (told,)
     assert not any(suggestion.scene_id for one in _suggested(service, first).values() for suggestion in one)
+
+
+def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
+    service: SceneService, add: Callable[..., str]
+) -> None:
+    first, other = add(3, 7, 9), add(7, 3, 11)
+    _name(service, first, 2, "mug")
+    (told,) = _suggested(service, other)[1]
+    (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"})))
+    assert (answer.outcome, answer.things, answer.probability) == ("probably_here", (1,), told.probability)
+    assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _EACH
+    everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",)))}
+    assert everywhere == {first: "here", other: "probably_here"}
+    service.versions.undo(first)
+    assert service.answers.query(QueryRequest(other, ("mug",)))[0].outcome == "not_here"
 
 
 def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneService, add: Callable[..., str]) -> None:

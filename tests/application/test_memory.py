@@ -74,7 +74,7 @@ def masks(posed, encoding):
 
 rows = {}
 for mode in ("codes", "evidence"):
-    index = SceneIndex(replace(scene, evidence=evidence_from_dense(sums), label_mode=mode), encoder)
+    index = SceneIndex(replace(scene, evidence=evidence_from_dense(sums) if mode == "evidence" else None), encoder)
     for kind in get_args(PictureKind):
         draw(kind, view(32))  # code and the scene's own arrays are loaded now
         rows[f"{kind} by {mode}"] = (peak(lambda: draw(kind, view(SIDE))), picture_bytes(kind, view(SIDE), COUNT))

@@ -71,7 +71,7 @@ def _claimed(service: SceneService, operation: Operation) -> tuple[Job, Any]:
     claim = store.jobs.claim(operation.id, store.scenes.operation(operation.id).retries)
     assert claim is not None
     claimed = ClaimedJob(store, claim, 20)
-    folder, _ = claimed.sources()
+    folder = claimed.upload()
     settings = service._settings
     job = Job("job", 1, folder, claimed.folder, claimed.options, settings, exclude=claim.operation.excluded)
     return read_job(job.to_line(""))[0], claim

@@ -14,7 +14,7 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import TRAIN_MORE, NewJob
+from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import NewVersion, VersionRepository
 from fastsplat.workers.cleanup import trash_lost_versions
@@ -103,7 +103,7 @@ def test_what_an_unfinished_job_or_an_older_database_explains_stays(place: tuple
         os.link(store.blobs.version(scene_id, made) / "scene.ply", source / "scene.ply")
         store.blobs.publish(source, scene_id, name)
 
-    store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {"labels": [], TRAIN_MORE: {}}))
+    store.scenes.add_job(NewJob(scene_id, "running", "", "", "d", "", {"labels": [], "train_more": {}}))
     assert store.jobs.claim("running")
     add_folder("running")
     trash_lost_versions(store, time.time() + 30 * _DAY_S)

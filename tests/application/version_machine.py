@@ -28,9 +28,10 @@ from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import SH_C0
-from fastsplat.service.store.records import TRAIN_MORE, NewJob
+from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
+from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.errors import ConflictError, NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.scenes import Color, Edit, SceneVersion
@@ -204,9 +205,9 @@ class VersionMachine(RuleBasedStateMachine):
         else:
             assert job is not None
             try:
-                job.succeed_with_version()
+                KINDS["train_more"].publish(job, "merging")
             except (ConflictError, NotFoundError):
-                job.drop_result()
+                job.drop_result("merging")
                 raise
             return Acknowledged(job.run_id, call.parent)
         assert made.current or isinstance(call, EditCall)  # one that was made before may have been edited since
@@ -217,12 +218,12 @@ class VersionMachine(RuleBasedStateMachine):
         if not isinstance(call, JobCall):
             return None
         store, name = self.place.stores[number], uuid.uuid4().hex
-        options = {"labels": [], TRAIN_MORE: to_plain(TrainMoreIn(steps=10))}
+        options = {"labels": [], "train_more": to_plain(TrainMoreIn(steps=10))}
         store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", options))
         claim = store.jobs.claim(name)
         assert claim is not None
         job = ClaimedJob(store, claim, LIMIT)
-        folder = job.folder / job.stages[-1]
+        folder = job.folder / "merging"
         parent = store.blobs.fetch_version(self.scene_id, call.parent)
         if parent is None:  # a call at the same moment has removed it; it is not found below, either
             folder.mkdir(parents=True)

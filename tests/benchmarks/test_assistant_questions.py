@@ -57,7 +57,7 @@ def _truth(question: Question, layout: Layout) -> dict[str, Any]:
         between = np.linalg.norm(np.subtract(*(layout.center(number) for number in ids)))
         lengths = {"distance": {"value": layout.distance(*ids)}, "center_distance": {"value": between}}
     return {
-        "verdict": "exact" if ids else "absent",
+        "outcome": "here" if ids else "not_here",
         "label": question.names[0] if question.names else "",
         "alternatives": [],
         "things": things,

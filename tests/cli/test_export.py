@@ -1,12 +1,13 @@
-"""`fastsplat export`: files by their ending, here and from a server."""
+"""`fastsplat scenes export`: files by their ending."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
@@ -18,8 +19,10 @@ from tests.api.made_scene import add_scene
 from tests.api.upright_scene import add_upright_scene
 from tests.interop.rrd import components_of
 
+Run = Callable[..., Result]
 
-def test_a_scene_is_written_as_its_ending_says(service: SceneService, tmp_path: Path) -> None:
+
+def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
     scene_id = add_scene(service, load_settings())
     for name, more, request in (
         ("a.spz", [], ExportRequest(scene_id, "spz")),
@@ -31,44 +34,42 @@ def test_a_scene_is_written_as_its_ending_says(service: SceneService, tmp_path: 
         ("D.glb", [], ExportRequest(scene_id, "glb")),
         ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", things=(2,))),
     ):
-        result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / name), *more])
+        result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)
         assert result.exit_code == 0, result.output
         assert (tmp_path / name).read_bytes() == service.exports.file(request)
 
 
-def test_a_recording_for_rerun_is_written(service: SceneService, tmp_path: Path) -> None:
+def test_a_recording_for_rerun_is_written(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
     scene_id = add_scene(service, load_settings())
-    result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / "f.rrd")])
+    result = fastsplat("scenes", "export", scene_id, str(tmp_path / "f.rrd"))
     assert result.exit_code == 0, result.output
     truth = tmp_path / "truth.rrd"
     truth.write_bytes(service.exports.file(ExportRequest(scene_id, "rerun")))
     assert components_of(tmp_path / "f.rrd") == components_of(truth)
 
 
-def test_a_map_is_written_and_a_goal_printed(service: SceneService, tmp_path: Path) -> None:
+def test_a_map_is_written_and_a_goal_printed(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
     scene_id = add_upright_scene(service, load_settings())
-    result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / "floor.map.zip"), "--cell", "0.1"])
+    result = fastsplat("scenes", "export", scene_id, str(tmp_path / "floor.map.zip"), "--cell", "0.1")
     assert result.exit_code == 0, result.output
     truth = service.exports.file(ExportRequest(scene_id, "map", cell=0.1))
     assert (tmp_path / "floor.map.zip").read_bytes() == truth
-    result = CliRunner().invoke(app, ["things", "goal", scene_id, "1", "--radius", "0.15"])
+    result = fastsplat("things", "goal", scene_id, "1", "--radius", "0.15", "--json")
     assert result.exit_code == 0, result.output
     assert json.loads(result.stdout) == to_plain(service.exports.goal(scene_id, 1, 0.15))
 
 
 def test_detections_are_printed_whole(service: SceneService, monkeypatch: pytest.MonkeyPatch) -> None:
     scene_id = add_upright_scene(service, load_settings())
-    truth = service.detections.all(scene_id)
-    result = CliRunner().invoke(app, ["things", "detections", scene_id])
-    assert result.exit_code == 0, result.output
-    assert json.loads(result.stdout) == to_plain(truth)
     paged_by_one = load_settings().model_copy(update={"store": StoreOptions(max_page_size=1)})
-    monkeypatch.setattr("fastsplat.cli.local_service.load_settings", lambda: paged_by_one)
-    paged = CliRunner().invoke(app, ["things", "detections", scene_id])
-    assert json.loads(paged.stdout) == to_plain(truth)
+    monkeypatch.setattr("fastsplat.cli.connection.load_settings", lambda: paged_by_one)
+    printed = json.loads(CliRunner().invoke(app, ["things", "detections", scene_id, "--json"]).stdout)
+    truth = service.detections.all(scene_id)
+    assert len(truth.detections) == 2 and printed["next_page_token"] == ""
+    assert [each["label"] for each in printed["detections"]] == [each.label for each in truth.detections]
 
 
-def test_a_file_of_no_format_is_refused(service: SceneService, tmp_path: Path) -> None:
+def test_a_file_of_no_format_is_refused(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
     scene_id = add_scene(service, load_settings())
-    result = CliRunner().invoke(app, ["export", scene_id, str(tmp_path / "a.obj")])
+    result = fastsplat("scenes", "export", scene_id, str(tmp_path / "a.obj"))
     assert isinstance(result.exception, InvalidInputError) and not list(tmp_path.glob("a.*"))

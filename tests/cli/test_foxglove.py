@@ -1,4 +1,4 @@
-"""`fastsplat foxglove`, as a real WebSocket client sees it: channels, and messages decoded by their own schemas."""
+"""`fastsplat scenes foxglove`, as a real WebSocket client sees it: channels, messages decoded by their own schemas."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ _MESSAGE = struct.Struct("<BIQ")
 @contextmanager
 def _showing(scene_id: str, *more: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The command, and its address."""
-    command = [sys.executable, "-m", "fastsplat.cli.main", "foxglove", scene_id, "--port", "0", "--camera-s", "0.05"]
+    options = ["--port", "0", "--camera-s", "0.05", *more]
     process = subprocess.Popen(
-        [*command, *more],
+        [sys.executable, "-m", "fastsplat.cli.main", "scenes", "foxglove", scene_id, *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -247,14 +247,14 @@ def test_the_scene_of_a_server_is_followed_until_it_is_gone(service: SceneServic
 
 def test_what_cannot_be_shown_is_said_at_once(service: SceneService, monkeypatch: pytest.MonkeyPatch) -> None:
     scene_id = add_scene(service, load_settings())
-    result = CliRunner().invoke(app, ["foxglove", "none", "--port", "0"])
+    result = CliRunner().invoke(app, ["scenes", "foxglove", "none", "--port", "0"])
     assert isinstance(result.exception, NotFoundError)
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        result = CliRunner().invoke(app, ["foxglove", scene_id, "--port", str(port)])
+        result = CliRunner().invoke(app, ["scenes", "foxglove", scene_id, "--port", str(port)])
     assert isinstance(result.exception, ResourceError) and str(port) in result.exception.message
     monkeypatch.delitem(sys.modules, "fastsplat.service.application.exporting.foxglove_live", raising=False)
-    monkeypatch.setitem(sys.modules, "foxglove", None)
-    result = CliRunner().invoke(app, ["foxglove", scene_id])
+    monkeypatch.setitem(sys.modules, "mcap_protobuf.decoder", None)
+    result = CliRunner().invoke(app, ["scenes", "foxglove", scene_id])
     assert isinstance(result.exception, MissingPackageError)
-    assert "fastsplat[foxglove]" in result.exception.hint and "foxglove-sdk" in result.exception.message
+    assert "fastsplat[foxglove]" in result.exception.hint and "mcap-protobuf-support" in result.exception.message

@@ -1,105 +1,97 @@
-"""`fastsplat jobs`: jobs are listed with where they stand; a failed one's log is there."""
+"""`fastsplat jobs`: jobs are listed with where they stand, watched, ended, retried; a failed one's log is there."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from dataclasses import replace
 from importlib.metadata import version
-from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner, Result
 
 from fastsplat.cli.main import app
-from fastsplat.service.settings import load_settings
-from fastsplat.service.store.records import NewJob
-from fastsplat.service.store.store import open_store
+from fastsplat.service.application.service import SceneService
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from tests.scenes import queued_job
 
-NEW, BAD = "0123456789abcdef" * 2, "fedcba9876543210" * 2
-IDS = (NEW, "a" * 32, BAD, "b" * 32)
-"""Newest job, its scene, oldest job, its scene."""
+Run = Callable[..., Result]
 
 
 @pytest.fixture
-def fastsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path))
-    monkeypatch.setenv("COLUMNS", "240")
+def waiting(service: SceneService) -> str:
+    """Id of a job that waits."""
+    job = queued_job()
+    service._store.scenes.create(job)
+    return job.operation_id
 
-    def call(*words: str) -> Result:
-        load_settings.cache_clear()
-        return CliRunner().invoke(app, words)
 
-    store = open_store(tmp_path)
-    for scene_id, job_id in ((IDS[3], IDS[2]), (IDS[1], IDS[0])):
-        store.scenes.create(NewJob(scene_id, job_id, "desk", "", "d", job_id, {"admitted": ""}, priority=7))
-    claim = store.jobs.claim(BAD)
+@pytest.fixture
+def failed(service: SceneService) -> str:
+    """Id of a job that failed."""
+    job = replace(queued_job(), options={"admitted": ""})
+    service._store.scenes.create(job)
+    claim = service._store.jobs.claim(job.operation_id)
     assert claim is not None
-    error = {
-        "kind": "INTERNAL",
-        "reason": "TRAINER_CRASHED",
-        "message": "it died [/b]",
-        "stage": "training",
-        "details": {},
-    }
-    store.jobs.fail(claim, error)
-    store.blobs.log(BAD).parent.mkdir()
-    store.blobs.log(BAD).write_bytes(b"first\nlast words \xff\n")
-    store.close()
-    yield call
-    load_settings.cache_clear()
+    error = {"kind": "INTERNAL", "reason": "CRASHED", "message": "it died [/b]", "stage": "training", "details": {}}
+    service._store.jobs.fail(claim, error)
+    log = service._store.blobs.log(job.operation_id)
+    log.parent.mkdir(exist_ok=True)
+    log.write_bytes(b"first\nlast words \xff\n")
+    return job.operation_id
 
 
-def test_jobs_are_listed_with_where_they_stand(fastsplat):
+def _listed(fastsplat: Run, *words: str) -> list[dict[str, Any]]:
+    jobs: list[dict[str, Any]] = json.loads(fastsplat("jobs", "list", "--json", *words).stdout)["operations"]
+    return jobs
+
+
+def test_jobs_are_listed_with_where_they_stand(fastsplat: Run, failed: str, waiting: str) -> None:
     everything = fastsplat("jobs", "list").stdout
-    assert BAD in everything and IDS[1] in everything and "training: it died [/b]" in everything
-    failed = fastsplat("jobs", "list", "--state", "failed").stdout
-    assert BAD in failed and NEW not in failed
-    assert isinstance(fastsplat("jobs", "list", "--state", "lost").exception, InvalidInputError)
+    assert failed[:8] in everything and waiting[:8] in everything and "training: it died [/b]" in everything
+    only = fastsplat("jobs", "list", "--state", "failed").stdout
+    assert failed[:8] in only and waiting[:8] not in only
+    assert fastsplat("jobs", "list", "--state", "lost").exit_code == 2
+    newest, before = _listed(fastsplat, "--limit", "2")
+    assert (newest["id"], newest["state"], before["id"], before["state"]) == (waiting, "QUEUED", failed, "FAILED")
+    assert _listed(fastsplat, "--state", "succeeded") == []
+    shown = fastsplat("jobs", "show", failed).stdout
+    assert "CRASHED" in shown and "it died [/b]" in shown
+    watched = fastsplat("jobs", "watch", failed)
+    assert watched.exit_code == 1 and "it died [/b]" in watched.stderr and watched.stdout == ""
 
 
-def test_ids_can_be_copied_from_a_narrow_terminal_and_everything_is_there_as_json(fastsplat, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")
-    lines = fastsplat("jobs", "list").stdout.splitlines()
-    assert all(len(line) <= 80 for line in lines)
-    for name in IDS:
-        assert sum(name in line.split() for line in lines) == 1
-    newest, oldest = json.loads(fastsplat("jobs", "list", "--json").stdout)
-    assert (newest["id"], newest["scene_id"], oldest["id"], oldest["scene_id"]) == IDS
-    assert (newest["state"], newest["priority"], newest["error"], oldest["starts"]) == ("QUEUED", 7, None, 1)
-    assert (oldest["state"], oldest["error"]["reason"]) == ("FAILED", "TRAINER_CRASHED")
-    assert json.loads(fastsplat("jobs", "list", "--json", "--state", "running").stdout) == []
+def test_a_failed_job_is_queued_again_if_its_upload_is_there(
+    fastsplat: Run, service: SceneService, failed: str
+) -> None:
+    assert isinstance(fastsplat("jobs", "retry", failed).exception, NotFoundError)
+    service._store.blobs.upload(service._store.scenes.operation(failed).upload_id).mkdir(parents=True)
+    assert isinstance(fastsplat("jobs", "retry", failed, "--exclude", "a.jpg").exception, InvalidInputError)
+    assert "QUEUED" in fastsplat("jobs", "retry", failed).stdout
+    assert "CANCELLED" in fastsplat("jobs", "cancel", failed[:8]).stdout
 
 
-def test_a_failed_job_is_queued_again_if_its_upload_is_there(fastsplat, tmp_path):
-    assert isinstance(fastsplat("jobs", "retry", BAD).exception, NotFoundError)
-    (tmp_path / "uploads" / BAD).mkdir(parents=True)
-    assert isinstance(fastsplat("jobs", "retry", BAD, "--exclude", "a.jpg").exception, InvalidInputError)
-    assert "QUEUED" in fastsplat("jobs", "retry", BAD).stdout
-    assert json.loads(fastsplat("jobs", "list", "--json", "--state", "failed").stdout) == []
-
-
-def test_a_job_that_trains_is_ended_early_and_no_other(fastsplat, tmp_path):
-    assert isinstance(fastsplat("jobs", "finish", NEW).exception, NotReadyError)
-    store = open_store(tmp_path)
-    claim = store.jobs.claim(NEW)
+def test_a_job_that_trains_is_ended_early_and_no_other(fastsplat: Run, service: SceneService, waiting: str) -> None:
+    assert isinstance(fastsplat("jobs", "finish", waiting).exception, NotReadyError)
+    claim = service._store.jobs.claim(waiting)
     assert claim is not None
+    service._store.workers.update_heartbeat("a worker", "here", 1)
     metrics = {"iteration": 40.0, "job_seconds_left": 70.0}
     row = {"stage": "training", "fraction": 0.2, "message": "iteration 40", "seconds": 1.0, "metrics": metrics}
-    store.jobs.report(claim, [row])
-    assert "about 70 s left" in fastsplat("jobs", "list").stdout
-    assert NEW in fastsplat("jobs", "finish", NEW).stdout
-    assert store.jobs.check(claim) == {"finish"}
-    assert json.loads(fastsplat("jobs", "list", "--json").stdout)[0]["finish_requested"]
-    store.close()
+    service._store.jobs.report(claim, [row])
+    assert "about 70 s left in all" in fastsplat("jobs", "show", waiting).stdout
+    assert waiting in fastsplat("jobs", "finish", waiting).stdout
+    assert service._store.jobs.check(claim) == {"finish"}
+    assert json.loads(fastsplat("jobs", "show", waiting, "--json").stdout)["finish_requested"]
 
 
-def test_the_version_is_that_of_the_distribution(fastsplat):
-    assert fastsplat("--version").stdout.split() == ["fastsplat", version("fastsplat")]
+def test_a_failed_jobs_log_and_error_are_there_and_others_are_not_found(failed: str, waiting: str) -> None:
+    result = CliRunner().invoke(app, ["jobs", "log", failed])
+    assert result.stdout.startswith("first\nlast words") and "CRASHED" in result.stderr
+    for name in (waiting, "nothing"):
+        assert isinstance(CliRunner().invoke(app, ["jobs", "log", name]).exception, NotFoundError)
 
 
-def test_a_failed_jobs_log_and_error_are_there_and_others_are_not_found(fastsplat):
-    result = fastsplat("jobs", "log", BAD)
-    assert result.stdout.startswith("first\nlast words") and "TRAINER_CRASHED" in result.stderr
-    for name in (NEW, "nothing"):
-        assert isinstance(fastsplat("jobs", "log", name).exception, NotFoundError)
+def test_the_version_is_that_of_the_distribution() -> None:
+    assert CliRunner().invoke(app, ["--version"]).stdout.split() == ["fastsplat", version("fastsplat")]

@@ -1,4 +1,4 @@
-"""`fastsplat mcp --sample`: the official client starts the real command; the truth is how the sample was made."""
+"""`fastsplat mcp --data sample`: the official client starts the real command; the truth is how the sample was made."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _session(talk: Talk, models: Path, temporary: Path) -> Any:
     for name in ("FASTSPLAT_SERVER", "FASTSPLAT_KEY", "FASTSPLAT_DATA_DIR", "FASTSPLAT_MODELS"):
         environment.pop(name, None)
     command = StdioServerParameters(
-        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--sample"], env=environment, cwd=empty
+        command=sys.executable, args=["-m", "fastsplat.cli.main", "mcp", "--data", "sample"], env=environment, cwd=empty
     )
 
     async def session() -> Any:
@@ -99,14 +99,14 @@ def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
 @pytest.mark.parametrize("name", _MIDDLES)
 def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
     where = answers[f"where_is {name}"]
-    assert where["verdict"] == "exact" and where["unit"] == "m"
+    assert where["outcome"] == "here" and where["unit"] == "m"
     assert np.allclose(
         where["places"][0]["center"][:2], _MIDDLES[name], atol=0.06
     )  # backs that no photo shows are not there
 
 
 def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
-    assert answers["where_is submarine"]["verdict"] == "absent" and answers["where_is submarine"]["places"] == []
+    assert answers["where_is submarine"]["outcome"] == "not_here" and answers["where_is submarine"]["places"] == []
 
 
 def test_things_are_counted_and_related(answers: dict[str, Any]) -> None:
@@ -129,7 +129,7 @@ def test_a_picture_is_drawn(answers: dict[str, Any]) -> None:
 
 
 def test_a_name_that_is_given_is_found_in_that_session(answers: dict[str, Any]) -> None:
-    assert answers["find renamed"]["verdict"] == "exact"
+    assert answers["find renamed"]["outcome"] == "here"
     assert answers["find renamed"]["things"][0]["id"] == answers["name_thing"]["thing"]
 
 
@@ -147,6 +147,6 @@ def test_without_models_what_is_missing_is_said(tmp_path: Path) -> None:
 
 
 def test_the_sample_takes_nothing_of_a_server() -> None:
-    command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--sample", "--project", "kitchen"]
+    command = [sys.executable, "-m", "fastsplat.cli.main", "mcp", "--data", "sample", "--server", "http://127.0.0.1:9"]
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "in this process" in done.stderr
+    assert done.returncode == 2 and "INVALID_INPUT" in done.stderr and "both a server" in done.stderr

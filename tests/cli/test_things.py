@@ -3,77 +3,66 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from typer.testing import Result
 
-from fastsplat.cli.main import app
-from fastsplat.service.application.service import open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Thing, Things
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words
-from tests.color_segmenter import ADAPTER, write_color_segmenter
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
 from tests.scenes import store_scene
 
 _PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
 
 
 @pytest.fixture
-def scene_id(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    write_words(tmp_path / "models")
-    write_color_segmenter(tmp_path / "models")
-    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
-    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
-    monkeypatch.setenv("FASTSPLAT_PERCEPTION__SEGMENTER", ADAPTER)
-    monkeypatch.setenv("COLUMNS", "240")
-    load_settings.cache_clear()
-    with open_service(load_settings()) as service:
-        yield add_scene(service, load_settings())
-    load_settings.cache_clear()
+def things(fastsplat: Callable[..., Result]) -> Callable[..., Result]:
+    return lambda *words: fastsplat("things", *words)
 
 
-@pytest.fixture
-def things() -> Callable[..., Result]:
-    return lambda *words: CliRunner().invoke(app, ["things", *words])
+def _listed(things: Callable[..., Result], *words: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = json.loads(things("list", *words, "--json").stdout)["things"]
+    return rows
 
 
 def test_a_thing_is_picked_named_and_listed(things: Callable[..., Result], scene_id: str) -> None:
-    picked = json.loads(things("pick", scene_id, "--view", "front.png", "--pixel", "15.5", "18.5").stdout)
+    picked = json.loads(things("pick", scene_id, "--view", "front.png", "--pixel", "15.5", "18.5", "--json").stdout)
     assert picked["thing"]["name"] == "mug" and picked["mask"]["area"] > 20
     thing_id = str(picked["thing"]["id"])
     named = things("name", scene_id, "violin", thing_id, "--alias", "moon", "--looked-at", picked["version"])
     assert named.exit_code == 0 and named.stdout.startswith("version e")
     assert "violin" in things("list", scene_id).stdout
-    rows = json.loads(things("list", scene_id, "--json").stdout)
+    rows = _listed(things, scene_id)
     assert [(row["id"], row["name"]) for row in rows] == [(1, "violin"), (2, "ball"), (3, "story book")]
     assert isinstance(things("name", scene_id, "carrot", thing_id).exception, ConflictError)
     assert things("merge", scene_id, "2", "3").exit_code == 0
     assert things("discard", scene_id, "2").exit_code == 0
     assert isinstance(things("unname", scene_id, "1").exception, ConflictError)
-    assert [row["id"] for row in json.loads(things("list", scene_id, "--json").stdout)] == [1]
+    assert [row["id"] for row in _listed(things, scene_id)] == [1]
     for _ in range(3):
         undone = things("undo", scene_id)
     assert undone.stdout == "version 1 is current\n"
     point = [str(value) for value in rows[1]["box"]["center"]["position"].values()]
-    assert json.loads(things("pick", scene_id, "--point", *point).stdout)["thing"]["name"] == "ball"
+    assert json.loads(things("pick", scene_id, "--point", *point, "--json").stdout)["thing"]["name"] == "ball"
 
 
-def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[..., Result], scene_id: str) -> None:
-    with open_service(load_settings()) as service:
-        other = add_scene(service, load_settings())
-    before = json.loads(things("list", scene_id, "--json").stdout)
+def test_a_thing_of_another_scene_is_inserted_where_it_is_put(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    other = add_scene(service, load_settings())
+    before = _listed(things, scene_id)
     half_turn = ["--position", "2", "0", "0.5", "--orientation", "0", "0", "1", "0"]
     inserted = things("insert", scene_id, other, "2", *half_turn)
     assert inserted.exit_code == 0 and inserted.stdout.startswith("version e")
-    after = json.loads(things("list", scene_id, "--json").stdout)
+    after = _listed(things, scene_id)
     assert after[:-1] == before and (after[-1]["id"], after[-1]["name"]) == (4, "ball")
     here, there = (row["box"]["center"]["position"] for row in (before[1], after[-1]))
     moved = (2 - here["x"], -here["y"], here["z"] + 0.5)
@@ -84,34 +73,35 @@ def test_a_thing_of_another_scene_is_inserted_where_it_is_put(things: Callable[.
     assert isinstance(things("insert", scene_id, other, "2", "--source-version", "e1").exception, NotFoundError)
     long = things("insert", scene_id, other, "2", "--orientation", "0", "0", "0", "2")
     assert isinstance(long.exception, InvalidInputError)
-    assert json.loads(things("list", scene_id, "--json").stdout) == before
+    assert _listed(things, scene_id) == before
 
 
-def test_parts_are_listed_under_their_things(things: Callable[..., Result], scene_id: str) -> None:
+def test_parts_are_listed_under_their_things(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
     assert things("list", scene_id, "--parts").stdout == things("list", scene_id).stdout
-    with open_service(load_settings()) as service:
-        scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
-        rows = np.arange(len(scene.gaussians))
-        every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
-        some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
-        parts = Parts((Thing(2, parent=1),), some)
-        parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
-    lines = [line.rstrip() for line in things("list", parted, "--parts").stdout.splitlines()]
-    assert any(line.startswith(" 1 ") for line in lines) and any(line.startswith("   2 ") for line in lines)
-    rows_of_parts = json.loads(things("list", parted, "--parts", "--json").stdout)
+    scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
+    rows = np.arange(len(scene.gaussians))
+    every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
+    some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
+    parts = Parts((Thing(2, parent=1),), some)
+    parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
+    lines = things("list", parted, "--parts").stdout.splitlines()
+    assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
+    rows_of_parts = _listed(things, parted, "--parts")
     assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1)]
-    assert len(json.loads(things("list", parted, "--json").stdout)) == 1
+    assert len(_listed(things, parted)) == 1
 
 
-def test_what_people_named_is_shown_and_forgotten(things: Callable[..., Result], scene_id: str) -> None:
-    with open_service(load_settings()) as service:
-        name_id = add_known_name(service, scene_id, "violin")
+def test_what_people_named_is_shown_and_forgotten(
+    things: Callable[..., Result], service: SceneService, scene_id: str
+) -> None:
+    name_id = add_known_name(service, scene_id, "violin")
     shown = things("known")
     assert name_id in shown.stdout and "violin" in shown.stdout
     assert isinstance(things("known", "--forget", "0" * 32).exception, NotFoundError)
     assert name_id not in things("known", "--forget", name_id).stdout
-    with open_service(load_settings()) as service:
-        add_known_name(service, scene_id)
+    add_known_name(service, scene_id)
     assert name_id in things("known").stdout
     assert name_id not in things("known", "--forget-all").stdout
 
@@ -124,26 +114,29 @@ def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str)
 
 def test_a_thing_is_split_and_a_missing_one_is_added(things: Callable[..., Result], scene_id: str) -> None:
     def listed() -> dict[int, str]:
-        return {thing["id"]: thing["name"] for thing in json.loads(things("list", scene_id, "--json").stdout)}
+        return {thing["id"]: thing["name"] for thing in _listed(things, scene_id)}
 
     things("merge", scene_id, "1", "2")
     place = ("--view", "front.png", "--pixel", "24.5,18.5")
     done = things("split", scene_id, "1", *place, "--beside", "15.5,18.5", "--name", "violin", "--alias", "moon")
     assert done.exit_code == 0 and done.stdout.startswith("thing 4 has "), done.stdout
     assert listed() == {1: "mug", 3: "story book", 4: "violin"}
-    things("discard", scene_id, "4", "--looked-at", json.loads(things("pick", scene_id, *_PICK).stdout)["version"])
+    looked_at = json.loads(things("pick", scene_id, *_PICK, "--json").stdout)["version"]
+    things("discard", scene_id, "4", "--looked-at", looked_at)
     done = things("add", scene_id, "--view", "front.png", "--box", "20", "13", "29", "22")
     assert done.exit_code == 0 and listed() == {1: "mug", 3: "story book", 5: ""}
     assert isinstance(things("add", scene_id, "--view", "front.png", "--pixel", "24").exception, InvalidInputError)
     assert isinstance(things("split", scene_id, "1", "--pixel", "2,2").exception, InvalidInputError)
 
 
-def test_a_question_is_asked_from_where_one_stands(things: Callable[..., Result], scene_id: str) -> None:
-    said = things("ask", scene_id, "the thing left of the ball", "--from", "front.png")
+def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Result], scene_id: str) -> None:
+    def ask(*words: str) -> Result:
+        return fastsplat("ask", scene_id, *words)
+
+    said = ask("the thing left of the ball", "--from", "front.png")
     assert said.exit_code == 0 and "mug" in said.stdout
-    behind = json.loads(
-        things("ask", scene_id, "the thing left of the ball", "--pose", "0,0,8,0,1,0,0", "--json").stdout
-    )
+    told = ask("the thing left of the ball", "--pose", "0,0,8,0,1,0,0", "--json")
+    (behind,) = json.loads(told.stdout)["answers"]
     assert behind["things"] == [3] and behind["phrase"]["witnesses"]
-    assert "depends on where you stand" in things("ask", scene_id, "the thing left of the ball").stdout
-    assert isinstance(things("ask", scene_id, "mug", "--pose", "1,2").exception, InvalidInputError)
+    assert "depends on where you stand" in ask("the thing left of the ball").stdout
+    assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)

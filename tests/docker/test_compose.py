@@ -101,7 +101,7 @@ def test_every_metric_of_the_dashboard_exists_with_its_labels(tmp_path: Path) ->
     expressions = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
     with open_service(Settings(data_dir=tmp_path)) as service:
         metrics = Metrics()
-        metrics.watch_jobs(service.admin.figures)
+        metrics.watch_jobs(service.admin.metrics)
         declared = {family.name: family for family in metrics.registry.collect()}
         labels = {
             name: set(metrics.registry._names_to_collectors[name]._labelnames)

@@ -88,9 +88,10 @@ def _serve(address: str) -> None:
     """Fork for each connection until killed."""
     import torch  # noqa: F401  commands that measure or draw load it late
 
+    import fastsplat.api.rest.app
     import fastsplat.cli.main
-    import fastsplat.service.application.service
-    import fastsplat.service.library
+    import fastsplat.service.library.sample
+    import fastsplat_client  # noqa: F401
 
     gc.freeze()  # otherwise the end of each fork would copy and free what all share
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody asks how a connection has ended

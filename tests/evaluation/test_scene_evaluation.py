@@ -89,7 +89,7 @@ def test_a_label_that_the_scene_does_not_have_counts_as_zero(dataset: Dataset) -
     assert report.figures["miou"].per_label["blue bed"] == 0
     assert report.value("miou") == pytest.approx(2 / 3) == report.value("miou_threshold")
     asked = [query for query in report.queries if query.text == "blue bed"]
-    assert asked and all(query.verdict == "absent" and query.iou_threshold == 0 for query in asked)
+    assert asked and all(query.outcome == "not_here" and query.iou_threshold == 0 for query in asked)
 
 
 def test_a_missing_prediction_lowers_every_figure(dataset: Dataset) -> None:
@@ -176,7 +176,7 @@ def test_annotated_frames_are_scored_per_query_and_nothing_is_forced(tmp_path: P
     assert report.figures["miou"].per_label["red mug"] == 1
     assert report.figures["miou_threshold"].per_label == {"red mug": 1, "sofa": 0}
     sofas = [query for query in report.queries if query.text == "sofa"]
-    assert all(query.verdict == "absent" and query.iou_threshold == 0 for query in sofas)
+    assert all(query.outcome == "not_here" and query.iou_threshold == 0 for query in sofas)
     written = report.to_json()
     assert written["ghost_rate"] is None and written["mask3d_iou"] is None and written["depth_error"] is None
     assert {"ghost_rate", "mask3d_iou", "depth_error"} <= set(written["reasons"])

@@ -64,7 +64,6 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
         encoder=encoder,
         cameras=cameras,
         things=Things(tuple(Thing(number) for number in sorted(things)), membership),
-        label_mode="things",
         quality={"searched_names": 80},
     )
     return scene, things

@@ -10,6 +10,8 @@ import pytest
 
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.pipeline import build_scene, capture_folder
+from fastsplat.service.scene.thing_codes import classes_of_codes, codes_of_things
+from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 
@@ -46,12 +48,15 @@ def test_photos_that_models_label_give_things_with_and_without_names(
     used = settings.model_copy(update={"discovery": DiscoverySettings(things=things)})
     capture = capture_folder(_photos(tmp_path / "photos"), tmp_path / "capture", used.capture)
     scene = build_scene(capture, used).scene
-    if things == "off":
-        assert scene.things is None and scene.label_mode == "codes"
-        return
     assert scene.things is not None and scene.label_mode == "things"
-    assert len(scene.things.table) >= 3
-    assert any(not thing.name for thing in scene.things.table)
+    assert scene.things.head is not None
+    owner = thing_rows(scene.things)
+    coded = codes_of_things(scene.gaussians.codes, scene.things.head, owner)
+    said = coded.ids[classes_of_codes(coded.codes, coded.head)[0]]
+    assert (said == owner).mean() > 0.95, "the code of a Gaussian says which thing it is"
+    assert len(scene.things.table) >= (1 if things == "off" else 3)
+    unknown = [thing for thing in scene.things.table if not thing.name and not thing.suggestions]
+    assert bool(unknown) == (things == "auto"), "off: what the detector finds and no more"
     assert {thing.source for thing in scene.things.table} <= {None, "detected"}
 
 

@@ -130,7 +130,7 @@ def test_no_views_no_things(room: Room) -> None:
 
 def test_given_label_maps_name_what_they_show(room: Room, masks: Masks) -> None:
     labelling = Labelling(dictionary_of(NAMES), room.maps, exact=True)
-    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     names = {thing.id: (thing.name, thing.source) for thing in things.table}
     for true, (thing, _) in _overlaps(things, room.owner).items():
         assert names[thing] == (NAMES[true], "given")
@@ -138,15 +138,15 @@ def test_given_label_maps_name_what_they_show(room: Room, masks: Masks) -> None:
 
 def test_without_labels_things_have_no_names(room: Room, masks: Masks) -> None:
     labelling = Labelling(Dictionary(()), ())
-    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     assert len(things.table) == 4 and not any(thing.name for thing in things.table)
 
 
 def test_things_are_described_from_the_photos_that_show_them(room: Room, masks: Masks, models_dir: Path) -> None:
     encoder = open_appearance_encoder(PerceptionSettings(), models_dir)
     assert encoder is not None
-    things = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
-    described = with_appearances(things, room.gaussians, room.capture.views, encoder, SETTINGS.max_side)
+    things, gaussians = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
+    described = with_appearances(things, gaussians, room.capture.views, encoder, SETTINGS.max_side)
     best = _overlaps(things, room.owner)
     for thing in described.table:
         descriptor = np.frombuffer(thing.appearance, np.float16)
@@ -159,7 +159,7 @@ def test_things_are_described_from_the_photos_that_show_them(room: Room, masks: 
         picture = cv2.imdecode(np.frombuffer(thing.picture, np.uint8), cv2.IMREAD_COLOR)
         blue_green_red[number] = int(picture[40:56, 40:56].reshape(-1, 3).mean(axis=0).argmax())
     assert blue_green_red == {1: 2, 2: 1, 3: 0}
-    assert with_appearances(things, room.gaussians, (), encoder, SETTINGS.max_side) == things
+    assert with_appearances(things, gaussians, (), encoder, SETTINGS.max_side) == things
 
 
 def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks) -> None:
@@ -171,7 +171,7 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
         regions.append(Regions(ids, (((1 + number % 2, 0.9),), ((3, 0.8),))))
     maps = tuple(np.zeros_like(label_map) for label_map in room.maps)
     labelling = Labelling(dictionary_of(("ball", "apple", "orange")), maps, regions=tuple(regions))
-    things = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
+    things, _ = find_scene_things(room.gaussians, room.capture, labelling, masks, SETTINGS)
     by_id = {thing.id: thing for thing in things.table}
     best = _overlaps(things, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))

@@ -111,4 +111,4 @@ def test_the_word_sample_stands_for_it_where_no_folder_has_that_name(models_dir:
     assert "banana, at (" in said and ") m" in said
     (tmp_path / "sample").mkdir()
     refused = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert refused.returncode == 2 and "no scene in sample" in refused.stderr
+    assert refused.returncode == 2 and "no scene has the id 'sample'" in refused.stderr

@@ -35,7 +35,7 @@ def test_no_answer_contradicts_itself(scene: LocalScene) -> None:
     names = {thing.name for thing in scene.things() if thing.name}
     for start in range(0, len(_TEXTS), 32):
         for answer in _ask(scene, *_TEXTS[start : start + 32]):
-            assert contradictions(answer, names) == [], (answer.text, answer.explanation)
+            assert contradictions(answer, names) == [], (answer.text, answer.sentence)
 
 
 def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
@@ -101,10 +101,10 @@ def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> N
 @pytest.mark.parametrize("text", ["mice", "something for children", "something shiny"])
 def test_irregular_plurals_and_words_that_are_no_names_are_english(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert "Only English" not in answer.explanation
+    assert "only English" not in answer.sentence
 
 
 @pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])
 def test_other_languages_are_said_not_to_be_understood(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.verdict == "undecided" and "Only English" in answer.explanation and answer.probability is None
+    assert answer.verdict == "undecided" and "only English" in answer.sentence and answer.probability is None

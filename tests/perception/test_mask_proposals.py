@@ -17,8 +17,8 @@ from fastsplat.service.perception.mask_proposals import (
     joined_proposals,
     sure_proposals,
 )
+from fastsplat.service.perception.model_pull.pull import pull
 from fastsplat.service.perception.models.model_files import batch_decoder, encoder_and_decoder
-from fastsplat.service.perception.models.pull import pull
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts

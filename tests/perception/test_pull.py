@@ -14,9 +14,9 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.models import models_app
-from fastsplat.service.perception.models import sources
+from fastsplat.service.perception.model_pull import sources
+from fastsplat.service.perception.model_pull.pull import Step, model_state, pull
 from fastsplat.service.perception.models.model_manifest import PERMISSIVE, ROLES, find_model, load_manifest
-from fastsplat.service.perception.models.pull import Step, model_state, pull
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 

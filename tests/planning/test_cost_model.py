@@ -32,7 +32,6 @@ scenes = st.builds(
     height=st.integers(8, 1_600),
     points=st.integers(0, 200_000),
     labels=st.integers(0, 200),
-    exact_labels=st.booleans(),
 )
 speeds = st.builds(Speed, st.floats(0.05, 50), st.floats(0.05, 50))
 budgets = st.floats(0.01, 5_000)
@@ -176,10 +175,9 @@ def test_things_take_longer_the_more_views_tell_of_them(views: int, proposed: in
 
 
 def test_the_last_fit_of_labels_is_planned_for_where_maps_came_with_the_capture() -> None:
-    exact = dataclasses.replace(TABLE, exact_labels=True)
+    detected = dataclasses.replace(TABLE, labels=0)
     seconds = [
         measure_seconds(TrainingSettings(label_refit_epochs=epochs), scene)
-        for scene, epochs in ((TABLE, 2), (exact, 0), (exact, 1), (exact, 2))
+        for scene, epochs in ((detected, 2), (TABLE, 0), (TABLE, 1), (TABLE, 2))
     ]
     assert seconds[0] == seconds[1] < seconds[2] < seconds[3]
-    assert measure_seconds(TrainingSettings(label_mode="codes"), dataclasses.replace(exact, labels=0)) == seconds[0]

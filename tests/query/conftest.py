@@ -11,6 +11,7 @@ import pytest
 
 from fastsplat.service.query.language import calibration
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import EMBEDDING_SIZE, labelled_scene
@@ -50,6 +51,11 @@ def drawn_encoder() -> Callable[..., DrawnEncoder]:
 
 @pytest.fixture
 def calibrated_encoder() -> DrawnEncoder:
+    """See `calibrated`."""
+    return calibrated()
+
+
+def calibrated() -> DrawnEncoder:
     """Stands in for an encoder whose scores were measured: it has that one's name and hash."""
     encoder = DrawnEncoder()
     (key,) = json.loads(calibration.FILE.read_text())
@@ -65,7 +71,8 @@ def plain() -> QuerySettings:
 
 @pytest.fixture
 def make_scene() -> Callable[..., Scene]:
-    """A row of opaque balls along x at z = 0, ball i of label i (ball 0 undetected), codes one-hot."""
+    """A row of opaque balls along x at z = 0, ball i of label i (ball 0 undetected), codes one-hot; with `code`, the
+    length of the codes, the labels come from evidence instead, so that there may be more of them."""
 
     def make(labels: Sequence[str] = ("mug", "spoon", "bed"), per_label: int = 1, code: int | None = None) -> Scene:
         classes = len(labels) + 1
@@ -77,7 +84,9 @@ def make_scene() -> Callable[..., Scene]:
         means[:, 0] = ids - (classes - 1) / 2
         means += rng.normal(0, 0.01, means.shape).astype(np.float32)
         sh = rng.uniform(-1, 1, (count, 1, 3))
-        return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size)
+        evidence = evidence_of(np.arange(count), ids, np.full(count, 4 * UNIT), count)
+        semantics = {} if code is None else {"label_mode": "evidence", "evidence": evidence}
+        return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size, **semantics)
 
     return make
 

@@ -64,7 +64,7 @@ def test_an_ambiguous_question_is_answered_with_the_precise_label(
     assert answer.verdict != "absent"
     relevant = [match.label for match in answer.matches if match.relevant]
     assert relevant[: len(found)] == found
-    assert f'"{found[0]}"' in answer.explanation
+    assert f'"{found[0]}"' in answer.sentence
     assert answer.probability == answer.matches[0].probability
 
 

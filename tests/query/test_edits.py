@@ -13,7 +13,6 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edit import Edit, edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.objects import masses
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -41,7 +40,6 @@ def scene() -> Scene:
     sums = np.zeros((len(made.gaussians), 3))
     sums[: MUG.count, 1] = 5.0
     sums[MUG.count :, 2] = 3.0
-    sums[7:30, 2] = 50.0  # the evidence differs from the codes here
     return replace(made, evidence=evidence_from_dense(sums))
 
 
@@ -56,14 +54,13 @@ def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
 
 @pytest.mark.parametrize("mode", ["codes", "evidence"])
 def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any) -> None:
-    index = opened(replace(scene, label_mode=mode))
+    index = opened(scene if mode == "evidence" else replace(scene, evidence=None))
     removal = Edit("remove", label="Mugs")
     kept = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
     assert not (index.gaussian_classes[kept] == 1).any()
     after = apply_edit(index, removal)
     assert_same(after.gaussians, rows_of(scene, kept))
     np.testing.assert_array_equal(opened(after).gaussian_classes, index.gaussian_classes[kept])
-    np.testing.assert_array_equal(label_gaussians(after).confidence, index.gaussian_labels.confidence[kept])
     without = replace(scene, gaussians=rows_of(scene, kept), evidence=None)
     np.testing.assert_array_equal(opened(after).render(FRONT), opened(without).render(FRONT))
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
@@ -125,7 +122,7 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
 
 
 def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
-    index = opened(replace(scene, label_mode="evidence"))
+    index = opened(scene)
     pose, count = rigid(5), len(scene.gaussians)
     rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose))
     after = apply_edit(index, Edit("duplicate", label="mug", transform=pose))

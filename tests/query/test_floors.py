@@ -34,7 +34,7 @@ def _scene(name: str, source: NameSource | None, surface: SurfaceKind, height: f
     count = len(bare.gaussians)
     members = evidence_of(np.arange(count), np.ones(count, np.int64), np.full(count, 4096), count)
     thing = Thing(1, name, source, 0.9 if name else 0.0, surface=surface)
-    return replace(bare, things=Things((thing,), members), scale=scale, label_mode="things")
+    return replace(bare, things=Things((thing,), members), scale=scale)
 
 
 def _index(scene: Scene) -> SceneIndex:

@@ -22,7 +22,7 @@ MakeScene = Callable[..., Scene]
 
 
 def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
-    return replace(scene, evidence=evidence, label_mode="evidence")
+    return replace(scene, evidence=evidence)
 
 
 def sure(labels: np.ndarray, count: int) -> Evidence:
@@ -63,15 +63,6 @@ def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> No
     expected = np.exp(logits.max(1)) / np.exp(logits).sum(1)
     np.testing.assert_allclose(found.confidence, expected, rtol=1e-5)
     assert found.classes.dtype == np.int32 and found.confidence.dtype == np.float32
-
-
-def test_evidence_that_nobody_asks_changes_nothing(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
-    scene = make_scene()
-    silent = replace(scene, evidence=sure(np.full(4, 3), 4))
-    np.testing.assert_array_equal(ask(scene).label_map(front), ask(silent).label_map(front))
-    np.testing.assert_array_equal(label_gaussians(scene).classes, label_gaussians(silent).classes)
 
 
 def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
@@ -118,7 +109,7 @@ def test_every_pixel_undetected_is_a_scene_of_nothing(
     index = ask(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
     assert not index.gaussian_classes.any() and not index.label_map(front).any()
     (answer,) = index.ask(["mug"])
-    assert answer.verdict == "exact" and answer.matches[0].gaussian_count == 0
+    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
     assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 

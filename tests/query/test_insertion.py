@@ -67,7 +67,7 @@ def test_an_inserted_thing_is_the_thing_moved(opened: Open, here: int, there: in
 
 def test_a_thing_comes_again_under_new_ids_and_one_label(opened: Open) -> None:
     scene = scene_of([MUG, BOOK], orbit())
-    sums = np.ones((len(scene.gaussians), 3))
+    sums = 4.0 * np.eye(3)[opened(scene).gaussian_classes]
     scene = replace(scene, evidence=evidence_from_dense(sums))
     index, aside = opened(scene), np.eye(4)
     aside[2, 3] = 1.0

@@ -261,11 +261,17 @@ def test_a_use_that_is_said_with_prepositions_is_no_question_of_places(
 @pytest.mark.parametrize(
     ("text", "label", "relation", "subject", "sentence"),
     [
-        ("sofa", "couch", "same", None, 'The scene has "couch", which is the same as "sofa" ('),
-        ("automobile", "car", "same", None, 'The scene has "car", which is the same as "automobile" ('),
-        ("fruit", "banana", "kind_of", "label", 'The scene has "banana", a kind of "fruit" ('),
-        ("feline", "cat", "kind_of", "label", 'The scene has "cat", a kind of "feline" ('),
-        ("armchair", "chair", "kind_of", "question", 'Closest match: "chair", of which "armchair" is a kind ('),
+        ("sofa", "couch", "same", None, 'Here (# %): "couch", the same as "sofa".'),
+        ("automobile", "car", "same", None, 'Here (# %): "car", the same as "automobile".'),
+        ("fruit", "banana", "kind_of", "label", 'Here (# %): "banana", a kind of "fruit".'),
+        ("feline", "cat", "kind_of", "label", 'Here (# %): "cat", a kind of "feline".'),
+        (
+            "armchair",
+            "chair",
+            "kind_of",
+            "question",
+            'Probably here (# %): "chair", the closest to "armchair", which is a kind of it.',
+        ),
     ],
 )
 def test_the_relation_is_said_in_field_and_sentence(
@@ -275,7 +281,7 @@ def test_the_relation_is_said_in_field_and_sentence(
     assert answer.matches[0].label == label
     assert (answer.relation, answer.relation_subject, answer.method) == (relation, subject, "lexicon")
     assert answer.verdict == ("exact" if relation == "same" else "related")
-    assert answer.explanation.startswith(sentence)
+    assert answer.sentence == sentence.replace("#", f"{min(99, round(100 * (answer.probability or 0)))}")
 
 
 @pytest.mark.parametrize(
@@ -321,7 +327,7 @@ def test_a_name_with_a_word_before_it_is_answered_and_the_word_not_checked(
     answer = ask(LABELS, "wicker chair")
     assert (answer.verdict, answer.matches[0].label) == ("related", "chair")
     assert (answer.relation, answer.relation_subject) == ("kind_of", "question")
-    assert answer.explanation.endswith('; "wicker" was not checked.')
+    assert answer.sentence.endswith('; "wicker" was not checked.')
     assert ask(("wall", "cat"), "wall clock").verdict == "absent"
     assert ask(LABELS, "toy car").relation != "kind_of"
 

@@ -90,7 +90,7 @@ def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, 
     answer = ask(labels, text)
     assert answer.verdict == "related" and answer.decided_by == "score"
     assert answer.matches[0].label == first == relevant(answer)[0]
-    assert answer.explanation.startswith(f'Closest match: "{first}" (')
+    assert answer.sentence.startswith(("Probably here (", "Here (")) and f'): "{first}", ' in answer.sentence
     assert answer.threshold is not None and answer.matches[0].similarity >= answer.threshold
     assert answer.probability == answer.matches[0].probability
     assert answer.coverage == 0.9 and answer.matches[0].label_id in answer.label_set
@@ -199,7 +199,7 @@ def test_what_a_question_denies_is_never_shown(ask: Ask) -> None:
 def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
     answer = ask(TABLETOP, "scissors")
     assert answer.verdict == "exact" and relevant(answer) == ["red scissors"] and answer.probability == 1
-    assert answer.explanation.startswith('The scene has "red scissors"')
+    assert answer.sentence.startswith('Here: "red scissors"')
     for text, kind in (("opener", "can opener"), ("holder", "utensil holder"), ("pan", "frying pan")):
         assert kind in relevant(ask(TABLETOP, text))
 
@@ -243,7 +243,7 @@ def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEnc
         bare.probability is None
         and bare.coverage is None
         and bare.label_set == ()
-        and "not calibrated" in (bare.explanation)
+        and "not calibrated" in (bare.sentence)
     )
     assert index.ask(["fork"], templates=QuerySettings().templates)[0] == usual
     sets = [index.ask(["fork"], coverage=coverage)[0].label_set for coverage in (1e-9, 0.5, 0.8, 0.9, 0.95, 1 - 1e-9)]

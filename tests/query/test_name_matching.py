@@ -160,8 +160,8 @@ def test_answers_follow_the_grammar_whatever_the_encoder_says(
 
 
 def test_what_was_not_checked_is_said(ask: Callable[[str], Any]) -> None:
-    assert ask("man with a hat").explanation.endswith('nothing here measures "with a hat"; it may be "man".')
-    assert ask("old broken mug").explanation == 'The scene has "mug"; "old broken" was not checked.'
+    assert ask("man with a hat").sentence.endswith('nothing here measures "with a hat"; it may be "man".')
+    assert ask("old broken mug").sentence == 'Here: "mug"; "old broken" was not checked.'
 
 
 @pytest.mark.parametrize(
@@ -199,6 +199,6 @@ def test_a_confidence_below_one_is_in_every_probability_of_its_entry(
             assert before.probability == before.presence == 1.0 and before.label_set == (2,)
             assert after.probability == pytest.approx(0.3) == after.presence
             assert after.label_set == (2, 0)  # nine times in ten is not promised of a name that is right in three
-            assert "(30 %)" in after.explanation
+            assert "(30 %)" in after.sentence
         elif before.text == "mug":
             assert after.probability == 1.0 and after.label_set == (1,)

@@ -98,7 +98,8 @@ def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: 
     assert answer.phrase is not None and _reason(answer) is None and answer.verdict == "exact"
     assert set(answer.phrase.things) == set(answer.things) == things
     names = {thing.id: thing.name for thing in index.things.listed}
-    assert all(f'"{names[thing]}"' in answer.explanation for thing in things)
+    assert answer.outcome == "here" and answer.sentence.startswith("Here: ")
+    assert all(f'"{names[thing]}"' in answer.sentence for thing in things)
     decisive = [witness for witness in answer.phrase.witnesses if witness.thing in things]
     assert decisive and all(witness.clearness >= 1 for witness in decisive)
 
@@ -120,7 +121,7 @@ def test_numbers_are_counted(index: SceneIndex) -> None:
     for text, count in (("how many mugs are there?", 2), ("how many mugs are on the table?", 1)):
         answer = _answer(index, text)
         assert answer.phrase is not None and answer.phrase.count == count == len(answer.things)
-        assert answer.explanation.startswith(f"{count} here")
+        assert answer.sentence.startswith(f"Here: {count} (")
 
 
 @pytest.mark.parametrize("text", ["the green mug", "the mug under the table", "how many mugs are behind the lamp?"])
@@ -128,7 +129,9 @@ def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(ind
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None
     assert answer.verdict == "absent" and answer.things == () == answer.relevant_ids
-    assert answer.probability is None and answer.presence is None and answer.explanation.startswith("Nothing here is")
+    assert (
+        answer.probability is None and answer.presence is None and answer.sentence.startswith("Not here: nothing is ")
+    )
     assert answer.phrase.count == (0 if text.startswith("how") else None)
     assert not index.mask3d(answer).any() and index.objects_of(answer) == ()
 
@@ -160,7 +163,7 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     answer = _answer(index, text, asker)
     assert answer.phrase is not None and _reason(answer) == reason
     assert (answer.verdict, answer.relation, answer.probability) == ("undecided", "undecided", None)
-    assert answer.explanation.startswith("It cannot be decided, because ")
+    assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
     assert answer.phrase.count is None and answer.meant_things == answer.things
     names = {thing.id: thing.name for thing in index.things.listed}
     shown = {match.label for match in answer.matches if match.relevant}
@@ -185,14 +188,9 @@ def test_without_a_vertical_nothing_is_on_anything(make: Callable[[Scene], Scene
 )
 def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    (plain,) = _ranked(index, text)
-    assert replace(answer, things=()) == plain and answer.phrase is None
-
-
-def _ranked(index: SceneIndex, text: str) -> tuple[Answer, ...]:
-    """By the ranking alone."""
-    ranker = index.ranked.ranker
-    return ranker.rank(check_query((text,), index.settings))
+    (plain,) = index.ranked.ranker.rank(check_query((text,), index.settings))
+    said = {name: getattr(answer, name) for name in ("outcome", "sentence", "explanation")}
+    assert answer == replace(plain.answer, **said) and answer.phrase is None
 
 
 def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex, make: Callable[[Scene], SceneIndex]) -> None:

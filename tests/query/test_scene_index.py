@@ -12,7 +12,7 @@ import pytest
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.gaussian_labels import classify_codes
+from fastsplat.service.scene.thing_codes import classes_of_codes
 from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
@@ -42,7 +42,7 @@ def test_a_name_in_the_hash_table_is_exact(index: SceneIndex, text: str) -> None
 def test_a_score_above_the_exact_threshold_is_exact(index: SceneIndex) -> None:
     (answer,) = index.ask(["tumbler"])
     assert answer.verdict == "exact" and answer.relevant_ids == (1,)
-    assert "tumbler" in answer.explanation and "mug" in answer.explanation
+    assert answer.sentence == 'Here: "mug", the same as "tumbler".'
 
 
 def test_between_the_thresholds_is_related(index: SceneIndex) -> None:
@@ -74,7 +74,7 @@ def test_answers_rank_everything_best_first(
             assert ranked == sorted(ranked, reverse=True)
         assert (answer.verdict in ("absent", "undecided")) == (not answer.relevant_ids)
         assert (answer.verdict == "undecided") == (answer.text == "🧸")  # no word
-        assert answer.verdict == "undecided" or answer.matches[0].label in answer.explanation
+        assert answer.verdict in ("undecided", "absent") or answer.matches[0].label in answer.sentence
         for match in answer.matches:
             assert 0 <= match.relevancy <= 1 and -1 <= match.similarity <= 1
             assert match.nearest_negative in settings.negatives
@@ -116,7 +116,11 @@ def test_no_labels(
 ) -> None:
     index = SceneIndex(make_scene(()), drawn_encoder(), plain)
     (answer,) = index.ask(["mug"])
-    assert answer.verdict == "absent" and answer.matches == () and "no labels" in answer.explanation
+    assert (
+        answer.verdict == "absent"
+        and answer.matches == ()
+        and answer.sentence == "Not here: nothing in this scene has a name."
+    )
     assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
@@ -154,13 +158,14 @@ def test_counts_and_masks_agree_with_the_softmax(
     scene = make_scene([f"l{i}x" for i in range(30)], per_label=20, code=5)
     head = SemanticHead(rng.standard_normal((31, 5)).astype(np.float32), rng.standard_normal(31).astype(np.float32))
     codes = rng.standard_normal((len(scene.gaussians), 5)).astype(np.float32)
-    scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes))
+    scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes), label_mode="codes")
     logits = codes.astype(np.float64) @ head.weight.T.astype(np.float64) + head.bias
     probability = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
     index = SceneIndex(scene, drawn_encoder(), plain)
     np.testing.assert_array_equal(index.gaussian_classes, probability.argmax(axis=1))
-    (answer,) = index.ask(["l3x"])
-    np.testing.assert_array_equal(index.mask3d(answer), probability.argmax(axis=1) == 4)
+    label_id = int(np.bincount(probability.argmax(axis=1))[1:].argmax()) + 1
+    (answer,) = index.ask([f"l{label_id - 1}x"])
+    np.testing.assert_array_equal(index.mask3d(answer), probability.argmax(axis=1) == label_id)
     assert answer.matches[0].gaussian_count == index.mask3d(answer).sum()
     assert sum(match.gaussian_count for match in answer.matches) == (probability.argmax(axis=1) > 0).sum()
 
@@ -169,8 +174,8 @@ def test_classes_of_many_gaussians_do_not_depend_on_the_pieces() -> None:
     rng = np.random.default_rng(0)
     head = SemanticHead(rng.standard_normal((2001, 3)).astype(np.float32), rng.standard_normal(2001).astype(np.float32))
     codes = rng.standard_normal((5000, 3)).astype(np.float32)
-    whole = classify_codes(codes, head).classes
-    parts = np.concatenate([classify_codes(codes[i : i + 997], head).classes for i in range(0, 5000, 997)])
+    whole = classes_of_codes(codes, head)[0]
+    parts = np.concatenate([classes_of_codes(codes[i : i + 997], head)[0] for i in range(0, 5000, 997)])
     assert (whole == parts).mean() > 0.999  # BLAS may round a tie differently for another number of rows
 
 
@@ -181,8 +186,8 @@ def test_a_scene_where_no_gaussian_was_labelled(
     codes = np.zeros_like(scene.gaussians.codes)
     index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), drawn_encoder(), plain)
     (answer,) = index.ask(["mug"])
-    assert answer.verdict == "exact" and answer.matches[0].gaussian_count == 0
-    assert "no Gaussian" in answer.explanation and not index.mask3d(answer).any()
+    assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
+    assert answer.sentence == "Not here: nothing in this scene has a name." and not index.mask3d(answer).any()
 
 
 def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
@@ -192,7 +197,7 @@ def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
     assert not index.calibrated
     named, near = index.ask(["mug", "tumbler"])
     assert named.verdict == "exact"
-    assert near.verdict == "absent" and "not calibrated" in near.explanation and '"mug"' in near.explanation
+    assert near.verdict == "absent" and "not calibrated" in near.sentence and '"mug"' not in near.sentence
     for answer in (named, near):
         assert answer.probability is None and answer.coverage is None and answer.label_set == ()
         assert (
@@ -206,11 +211,11 @@ def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: S
     for answer in index.ask(["tumbler", "cup", "cloud"]):
         assert answer.probability is None and answer.decided_by == "score"
         assert answer.threshold == (0.95 if answer.verdict == "exact" else 0.5)
-        assert "%" not in answer.explanation
+        assert "%" not in answer.sentence
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
-def test_explanations_say_which_entry_and_leave_the_figures_to_the_fields(
+def test_sentences_say_which_entry_and_leave_the_figures_to_the_fields(
     make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, score: str
 ) -> None:
     settings = plain.model_copy(update={"score": score, "threshold": 0.23, "exact_threshold": 5.0})
@@ -219,14 +224,14 @@ def test_explanations_say_which_entry_and_leave_the_figures_to_the_fields(
         best = answer.matches[0]
         assert answer.verdict == ("related" if answer.text == "cup" else "absent")
         assert answer.threshold == 0.23 and best.nearest_negative in settings.negatives
-        assert answer.explanation == (
-            'Closest match: "mug".'
+        assert answer.sentence == (
+            'Probably here: "mug", related to "cup".'
             if answer.text == "cup"
-            else f'No label matches "cloud"; the nearest is "{best.label}".'
+            else 'Not here: none of the 3 names in this scene is "cloud".'
         )
     named, old = index.ask(["the mug", "the old mug"])
-    assert named.explanation == 'The scene has "mug".'
-    assert old.explanation == 'The scene has "mug"; "old" was not checked.'
+    assert named.sentence == 'Here: "mug".'
+    assert old.sentence == 'Here: "mug"; "old" was not checked.'
 
 
 def test_labels_that_nearly_are_the_same_are_told_apart(

@@ -60,7 +60,6 @@ def scene() -> Scene:
         dictionary=type(scene.dictionary)(()),
         label_embeddings=np.zeros((0, 16), np.float32),
         things=things,
-        label_mode="things",
     )
 
 

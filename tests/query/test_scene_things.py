@@ -63,7 +63,6 @@ def discovered() -> Scene:
         dictionary=type(scene.dictionary)(()),
         label_embeddings=np.zeros((0, 16), np.float32),
         things=things,
-        label_mode="things",
     )
 
 
@@ -180,13 +179,13 @@ def test_merging_and_discarding_are_what_they_say(opened: Open, discovered: Scen
 def test_an_absence_says_what_was_looked_for(opened: Open, discovered: Scene) -> None:
     index = opened(replace(discovered, quality={"searched_names": 80}))
     (answer,) = index.ask(["bulldozer"])
-    assert answer.verdict == "absent" and "3 have no name" in answer.explanation
+    assert answer.verdict == "absent" and "3 things have no name" in answer.sentence
     named = edited(index, name(4, "jar"))
     (answer, kettle) = named.ask(["bulldozer", "kettle"])
-    assert "not among 1 named thing" in answer.explanation and "2 have no name" in answer.explanation
+    assert "none of the 2 names" in answer.sentence and "2 things have no name" in answer.sentence
     assert answer.searched == (1, 2, (7, 9), 80)
     assert (kettle.verdict, kettle.things, kettle.relation) == ("possible", (7,), "same")
-    assert "suggested for a thing without a name" in kettle.explanation
+    assert kettle.sentence == 'Probably here (40 %): an unnamed thing may be "kettle".'
     assert (named.mask3d(kettle) == named.things.rows((7,))).all()
 
 
@@ -322,7 +321,7 @@ def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
     owner = np.repeat(np.arange(1, count + 1), 4)
     membership = evidence_of(np.arange(4 * count), owner, np.full(4 * count, UNIT), 4 * count)
     things = Things(tuple(Thing(i) for i in range(1, count + 1)), membership)
-    index = opened(replace(scene, things=things, label_mode="things"))
+    index = opened(replace(scene, things=things))
     assert len(index.things.listed) == count
     named = edited(index, name(list(range(1, count)), "post"))
     (answer,) = named.ask(["post"])

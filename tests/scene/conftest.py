@@ -66,7 +66,6 @@ def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]
             quality={"psnr": 30.123456789},
             label_templates=("{}", "a {}"),
             evidence=some_evidence(count, len(labels)) if evidence else None,
-            label_mode="evidence" if evidence else "codes",
         )
 
     return make

@@ -19,7 +19,7 @@ def _thing(place: Place, scene_id: str, name: str, version: str = "") -> int:
 
 def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
     expect(page.get_by_role("searchbox")).to_have_value(text)
-    expect(page.get_by_text("Here it is")).to_be_visible()
+    expect(page.locator(".verdict.here")).to_be_visible()
     expect(page.get_by_role("heading", name=selected)).to_be_visible()
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
     Visit(page).at_rest()
@@ -32,7 +32,7 @@ def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, 
         page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
         expect(page.get_by_role("heading", name="ball")).to_be_visible()
         page.get_by_role("searchbox").fill("mug")
-        expect(page.get_by_text("Here it is")).to_be_visible()
+        expect(page.locator(".verdict.here")).to_be_visible()
         ball = _thing(place, place.scene_id, "ball")
         expect(page).to_have_url(re.compile(f"q=mug.*view=.*things={ball}$"))
         visit.at_rest()
@@ -51,7 +51,7 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
         page = visit.page
         expect(page.get_by_role("heading", name="Things")).to_be_visible()
         page.goto(f"{place.url}/#/scenes/{scene_id}?q=mug")  # followed while a version is on show
-        expect(page.get_by_text("Here it is")).to_be_visible()
+        expect(page.locator(".verdict.here")).to_be_visible()
         page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
         page.get_by_role("searchbox").fill("story book")
         expect(page.get_by_role("button", name="Look at story book 1")).to_be_visible()

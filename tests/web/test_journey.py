@@ -117,7 +117,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     visit.check_accessible()
 
     _ask(page, "banana")
-    expect(page.get_by_text("Here it is")).to_be_visible()
+    expect(page.locator(".verdict.here")).to_be_visible()
     _shows(page, "answer$")
     expect(page).to_have_url(re.compile("q=banana.*view="))  # the camera has flown there
     shown = canvas_pixels(page)
@@ -157,7 +157,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     page.bring_to_front()
 
     _ask(page, "breakfast")
-    expect(page.get_by_text("Here it is")).to_be_visible()
+    expect(page.locator(".verdict.here")).to_be_visible()
     expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
     _shows(page, "answer$")
     expect(page).to_have_url(re.compile("q=breakfast.*things="))

@@ -24,8 +24,8 @@ def test_names_are_looked_for(place: Place, browser: Browser, own: str) -> None:
         visit.check_accessible()
         assert visit.fits()
         (job,) = [each for each in place.service.list_operations().operations if each.kind == "look_again"]
-        record = place.service._store.scenes.operation(job.id).look_again
-        assert record is not None and list(record["texts"]) == ["trophy", MARKUP]
+        record = place.service._store.scenes.operation(job.id).order
+        assert list(record["texts"]) == ["trophy", MARKUP]
         place.service.cancel_operation(job.id)
         expect(note).to_contain_text("It was cancelled.")
 

@@ -29,7 +29,7 @@ def test_a_cell_shows_the_scene_and_answers(place: Place, browser: Browser, tmp_
         expect(frame.locator("canvas[data-shown=plain]")).to_be_visible(timeout=PATIENCE_MS)
         frame.get_by_role("searchbox").fill("mug")
         frame.get_by_role("button", name="Ask", exact=True).click()
-        expect(frame.get_by_text("Here it is")).to_be_visible()
+        expect(frame.locator(".verdict.here")).to_be_visible()
         expect(frame.locator("canvas[data-shown=answer]")).to_be_visible(timeout=PATIENCE_MS)
         assert trouble == []
     finally:

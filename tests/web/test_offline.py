@@ -69,10 +69,10 @@ def test_the_file_answers_its_own_names_as_the_server_does(place: Place, browser
         for asked, label in (("Where are the mugs?", "mug"), ("story book", "story book")):
             visit.page.get_by_role("searchbox").fill(asked)
             visit.page.get_by_role("button", name="Ask", exact=True).click()
-            expect(visit.page.get_by_text("Here it is")).to_be_visible()
+            expect(visit.page.locator(".verdict.here")).to_be_visible()
             (answer,) = place.service.answers.query(QueryRequest(place.scene_id, (label,)))
-            assert answer.verdict == "exact"
-            expect(visit.page.get_by_text(answer.explanation)).to_be_visible()
+            assert answer.outcome == "here"
+            expect(visit.page.get_by_text(answer.sentence)).to_be_visible()
             expect(visit.page.get_by_role("button", name=f"Look at {label} 1")).to_be_visible()
             _wait_for(visit, "answer$")
             now = canvas_pixels(visit.page)
@@ -97,7 +97,7 @@ def test_markup_in_names_stays_text(place: Place, browser: Browser, tmp_path: Pa
         _wait_for(visit, "plain$")
         expect(visit.page.get_by_role("heading", level=1)).to_have_text(hostile)
         visit.page.get_by_role("button", name=MARKUP).click()
-        expect(visit.page.get_by_text("Here it is")).to_be_visible()
+        expect(visit.page.locator(".verdict.here")).to_be_visible()
         _wait_for(visit, "answer$")
         assert visit.page.title() == hostile and visit.page.locator("img, b").count() == 0
     text = file.read_text()

@@ -40,7 +40,7 @@ def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Brow
 
 def test_what_is_found_glows_where_the_servers_mask_is(place: Place, plain_browser: Browser) -> None:
     with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}&q=mug") as visit:
-        expect(visit.page.get_by_text("Here it is")).to_be_visible()
+        expect(visit.page.locator(".verdict.here")).to_be_visible()
         _shows(visit.page, "answer$")
         shown = 255 * canvas_pixels(visit.page)
         height, width, _ = shown.shape

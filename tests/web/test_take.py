@@ -101,7 +101,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
             for absent in ("New scene", "Scenes"):
                 expect(visitor.page.get_by_role("link", name=absent)).to_have_count(0)
             visitor.page.get_by_role("searchbox").fill("ball")
-            expect(visitor.page.get_by_text("Here it is")).to_be_visible()
+            expect(visitor.page.locator(".verdict.here")).to_be_visible()
             expect(visitor.page).to_have_url(re.compile(r"q=ball.*share=fsk_"))
             things = visitor.page.get_by_role("region", name="Things")
             things.get_by_role("button", name="mug", exact=True).click()
@@ -113,7 +113,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
             assert not [url for url in visitor.requests if "fsk_" in url]
 
             visitor.page.reload()
-            expect(visitor.page.get_by_text("Here it is")).to_be_visible()
+            expect(visitor.page.locator(".verdict.here")).to_be_visible()
             visitor.expected += ["404", "401"]
             visitor.page.evaluate(f"location.hash = location.hash.replace('{scene_id}', '{other}')")
             expect(visitor.page.get_by_role("alert")).to_contain_text("No scene")

@@ -34,14 +34,14 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, br
         card.get_by_role("button", name="Save the name").click()
         expect(page.get_by_text("Named “violin”.")).to_be_visible()
         page.get_by_role("searchbox").fill("violin")
-        expect(page.get_by_text("Here it is")).to_be_visible()
+        expect(page.locator(".verdict.here")).to_be_visible()
         expect(page.get_by_role("button", name="Look at violin 1")).to_be_visible()
         expect(canvas).to_have_attribute("data-shown", re.compile("answer$"))
         assert len([url for url in visit.requests if "scene.spz" in url]) == 1  # a name changes no Gaussian
 
         page.reload()
         expect(page.get_by_role("searchbox")).to_have_value("violin")
-        expect(page.get_by_text("Here it is")).to_be_visible()
+        expect(page.locator(".verdict.here")).to_be_visible()
         page.get_by_role("button", name="Undo").click()
         expect(page.get_by_text("Not here")).to_be_visible()
         expect(page.locator(".thing-list")).to_contain_text("ball")

@@ -20,8 +20,8 @@ def test_a_scene_is_trained_further(place: Place, browser: Browser, own: str) ->
         visit.check_accessible()
         assert visit.fits()
         (job,) = [each for each in service.list_operations().operations if each.kind == "train_more"]
-        order = service._store.scenes.operation(job.id).train_more
-        assert order is not None and order["preset"] == "draft"
+        order = service._store.scenes.operation(job.id).order
+        assert order["preset"] == "draft"
         visit.page.get_by_role("button", name="Cancel", exact=True).click()
         expect(status).to_contain_text("It was cancelled.")
         assert service.get_operation(job.id).state == "CANCELLED"

@@ -24,29 +24,32 @@ from sqlalchemy import create_engine
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
-from fastsplat.service.common.progress import STAGES
 from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.database import resolve_url
+from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
 from tests.workers.standby import APIS, WORKERS
 
+STAGES = KINDS["create_scene"].stages
 _HERE = Path(__file__).parent
 _PATIENCE_S = 120.0
 _WORKER = """
 import os
+from dataclasses import replace
 import fastsplat.workers.heartbeat
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
 if PARENT_VARIABLE in os.environ:
     die_with_parent(int(os.environ.pop(PARENT_VARIABLE)))
 from fastsplat.cli.logs import log_to_stderr
 from fastsplat.service.settings import load_settings
+from fastsplat.workers.job_kinds import KINDS
 from fastsplat.workers.worker_process import run
 if {elsewhere}:
     fastsplat.workers.heartbeat.machine_id = lambda: "another machine"
 log_to_stderr("worker")
-run(load_settings(), "fake_stages:FAKES")
+run(load_settings(), {{name: replace(kind, run="fake_stages:FAKES") for name, kind in KINDS.items()}})
 """
 _API = """
 import sys

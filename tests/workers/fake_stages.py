@@ -27,7 +27,7 @@ import numpy as np
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.store.codec import camera_to_json
-from fastsplat.workers.protocol import Job, Stages
+from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import checkpoint_folder
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import ReconstructionError
@@ -86,10 +86,10 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
 
 def _orders(job: Job) -> tuple[str, ...]:
     """Of a job that trains further they are in a file, as it has no texts."""
-    if job.train_more is not None:
+    if job.base is not None:
         orders = job.settings.data_dir / "orders.txt"
         return tuple(orders.read_text().splitlines()) if orders.exists() else ()
-    return job.options.labels if job.look_again is None else job.look_again.texts
+    return tuple(job.order.get("texts", job.options.labels))
 
 
 def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
@@ -164,10 +164,10 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
 
     _obey(job, "naming", progress)
     scene = read_scene(job.upload / "artefact")
-    assert job.look_again is not None
-    entries = (replace(scene.dictionary.entries[0], label=job.look_again.texts[0]), *scene.dictionary.entries[1:])
+    texts = tuple(job.order["texts"])
+    entries = (replace(scene.dictionary.entries[0], label=texts[0]), *scene.dictionary.entries[1:])
     write_version(replace(scene, dictionary=Dictionary(entries)), folder)
-    result = LookAgainResult("", job.look_again.texts, ("a.png",), True, (), (), 0, 0)
+    result = LookAgainResult("", texts, ("a.png",), True, (), (), 0, 0)
     rows = [
         {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
         for n, e in enumerate(entries, start=1)
@@ -204,4 +204,12 @@ def _merging(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(summary))
 
 
-FAKES = Stages(_capture, _perception, _training, _export, _looking, _naming, _merging)
+FAKES = {
+    "capture": _capture,
+    "perception": _perception,
+    "training": _training,
+    "export": _export,
+    "looking": _looking,
+    "naming": _naming,
+    "merging": _merging,
+}

@@ -14,11 +14,11 @@ from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels,
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.planning.cost_model import Speed
-from fastsplat.service.planning.presets import PRESETS, apply_preset
+from fastsplat.service.planning.presets import PRESETS, apply_preset, chosen_settings
 from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.workers.budget import job_settings, make_plan, stored_plan
+from fastsplat.workers.budget import make_plan, stored_plan
 from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -34,7 +34,7 @@ def _the_reference_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 def _job(folder: Path, options: SceneOptions, attempt: int = 1, perception_s: float = 2.0) -> Job:
     (folder / "perception").mkdir(parents=True, exist_ok=True)
     (folder / "perception" / "stage.json").write_text(json.dumps({"seconds": perception_s, "attempt": attempt}))
-    return Job("operation", attempt, folder, folder, options, Settings())
+    return Job("operation", attempt, folder, folder, options, chosen_settings(Settings(), options))
 
 
 def _capture(views: int) -> Capture:
@@ -49,13 +49,12 @@ def test_without_a_budget_a_job_trains_with_the_operators_settings_and_the_users
     assert (plain.settings, plain.tradeoffs) == (TrainingSettings(), ())
     fewer = make_plan(_job(tmp_path, SceneOptions(max_gaussians=77, preset="best")), _capture(20), 5, 0.0)
     assert fewer.settings == TrainingSettings().model_copy(update={**PRESETS["best"], "max_gaussians": 77})
-    assert job_settings(_job(tmp_path, SceneOptions(preset="draft"))) == apply_preset(Settings(), "draft")
+    assert _job(tmp_path, SceneOptions(preset="draft")).settings == apply_preset(Settings(), "draft")
 
 
-def test_a_posted_lens_wins_over_the_operators(tmp_path: Path) -> None:
-    job = _job(tmp_path, SceneOptions(lens="fisheye"))
-    job = dataclasses.replace(job, settings=Settings(capture={"lens": "panorama", "nadir_deg": 30.0}))
-    capture = job_settings(job).capture
+def test_a_posted_lens_wins_over_the_operators() -> None:
+    operators = Settings(capture={"lens": "panorama", "nadir_deg": 30.0})
+    capture = chosen_settings(operators, SceneOptions(lens="fisheye")).capture
     assert (capture.lens, capture.nadir_deg) == ("fisheye", 30.0)
 
 

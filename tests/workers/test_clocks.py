@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat.service.common.progress import STAGES
 from fastsplat.workers import heartbeat
 from fastsplat.workers.heartbeat import Observer
-from tests.workers.deployment import Deployment, kill
+from tests.workers.deployment import STAGES, Deployment, kill
 
 _JUMP = """
 import time

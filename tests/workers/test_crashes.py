@@ -12,11 +12,10 @@ from pathlib import Path
 import pytest
 
 from fastsplat.cli.devices import worker_roles
-from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import NotFoundError
 from tests.postgres import PostgresServer
-from tests.workers.deployment import Deployment, kill, on_both_databases
+from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
 
 @on_both_databases()
@@ -167,14 +166,34 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployme
     assert len(deployment.visits("capture")) == 1
 
 
-@on_both_databases()
-def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
+_WAIT_AT_THE_END = """
+import os, time
+import fastsplat.service.store.job_repository as jobs
+report = jobs.JobRepository.report
+def wait(self, claim, stages, **more):
+    asked = report(self, claim, stages, **more)
+    finished = any(stage["stage"] == "perception" and stage["message"] == "done" for stage in stages)
+    while finished and not os.path.exists({flag!r}):
+        time.sleep(0.05)
+    return asked
+jobs.JobRepository.report = wait
+"""
+"""Between the last report of a stage and the job engine's own record of it. There, on waking, the job's thread finds
+the record of the new owner and waits for it, so that another thread must notice."""
+
+
+@pytest.mark.parametrize(
+    ("deployment", "code"), [("sqlite", _WAIT_AT_THE_END), ("postgresql", "")], indirect=["deployment"]
+)
+def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment, code: str) -> None:
+    resumed = deployment.settings.data_dir / "resumed.txt"
     operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-    suspended = deployment.start_worker(elsewhere=True)
+    suspended = deployment.start_worker(elsewhere=True, code=code.format(flag=str(resumed)))
     trainer = deployment.wait_in("training", operation)
     deployment.suspend(suspended)
     deployment.start_worker()
     deployment.wait_in("export", operation)
+    resumed.touch()
     deployment.resume(suspended)
 
     assert suspended.wait(timeout=60) == 75
@@ -221,10 +240,9 @@ def test_a_worker_of_another_machine_suspended_inside_a_transaction_loses_its_lo
     with postgres.database() as url, closing(Deployment(tmp_path, url)) as deployment:
         flag = deployment.settings.data_dir / "suspended.txt"
         operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-        # At the end of a stage: what the job engine records on waking is not its own any more.
+        # At the end of a stage, where the next one begins on waking.
         inside = _SUSPEND_INSIDE.format(flag=str(flag), stage="perception", finished='stage["message"] == "done"')
-        short = "from fastsplat.service.store import database\nfrom fastsplat.workers import engine\n"
-        short += "database.IDLE_TRANSACTION_TIMEOUT_S = engine.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
+        short = "from fastsplat.service.store import database\ndatabase.IDLE_TRANSACTION_TIMEOUT_S = 3.0\n"
         suspended = deployment.start_worker(elsewhere=True, code=short + inside)
         trainer = deployment.wait_in("training", operation)
         deployment.wait_for(flag.exists)

@@ -10,9 +10,10 @@ import pytest
 
 from fastsplat.service.settings import Settings
 from fastsplat.workers.budget import stored_plan
+from fastsplat.workers.job_kinds import KINDS
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import discard_damaged, finish_stage, stage_seconds, start_stage
-from fastsplat.workers.stages import load_trained
+from fastsplat.workers.trained_files import load_trained
 from fastsplat_contract.errors import ArtefactError
 from fastsplat_contract.operations import SceneOptions
 
@@ -59,7 +60,8 @@ def finished(job: Job, *stages: str) -> Job:
 def fresh(tmp_path: Path) -> Job:
     folder = tmp_path / "job"
     folder.mkdir()
-    return Job("operation", 1, tmp_path / "upload", folder, SceneOptions(), Settings(data_dir=tmp_path))
+    settings, stages = Settings(data_dir=tmp_path), KINDS["create_scene"].stages
+    return Job("operation", 1, tmp_path / "upload", folder, SceneOptions(), settings, stages)
 
 
 def flip(file: Path) -> None:

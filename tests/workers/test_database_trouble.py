@@ -9,10 +9,9 @@ from contextlib import closing
 import pytest
 from sqlalchemy import event
 
-from fastsplat.service.common.progress import STAGES
 from fastsplat.workers.cleanup import remove_unneeded
 from fastsplat_contract.errors import DatabaseError
-from tests.workers.deployment import Deployment, on_both_databases
+from tests.workers.deployment import STAGES, Deployment, on_both_databases
 
 _WITHOUT_DATABASE_S = 2.0
 

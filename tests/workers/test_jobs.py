@@ -9,10 +9,9 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from fastsplat.service.common.progress import STAGES
 from fastsplat.service.scene.scene_files import read_scene
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from tests.workers.deployment import on_both_databases
+from tests.workers.deployment import STAGES, on_both_databases
 
 
 @on_both_databases("shared_deployment")

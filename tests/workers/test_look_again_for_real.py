@@ -51,9 +51,9 @@ def test_a_scene_is_searched_from_the_command_line(service: SceneService, test_d
     encoder = open_text_encoder("minilm_l6_int8", load_settings().models)
     scene, truth = made_table(test_data / "tabletop", range(0, 40, 20), encoder)
     scene_id = store_scene(service._store, scene)
-    looked = CliRunner().invoke(app, ["things", "look-again", scene_id, "banana", "orange"])
+    looked = CliRunner().invoke(app, ["things", "look-again", scene_id, "banana", "orange", "--watch", "--json"])
     assert looked.exit_code == 0, looked.output
-    result = json.loads(looked.stdout)
+    result = json.loads(looked.stdout)["look_again"]
     assert result["rendered"] and len(result["views"]) == 1 and result["texts"] == ["banana", "orange"]
     assert "looking: " in looked.stderr
     named = {item["thing_id"]: item["name"] for item in result["named"]}

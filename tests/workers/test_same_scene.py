@@ -15,7 +15,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.common.progress import STAGES, silent
+from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.train_eval import train_on_split
 from fastsplat.service.perception.types import Labelling
@@ -26,9 +26,9 @@ from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.workers.create_scene_stages import STAGES
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import finish_stage, start_stage
-from fastsplat.workers.stages import DEFAULT_STAGES
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.operations import SceneOptions
 from tests.evaluation import made_data
@@ -63,9 +63,9 @@ def _training_views(folder: Path, target: Path) -> Path:
 def _by_worker(upload: Path, work: Path, settings: Settings) -> Path:
     admitted = validate_upload(upload, CaptureSettings())
     job = Job("operation", 1, admitted.folder, work, SceneOptions(), settings)
-    for stage in STAGES:
+    for stage, run in STAGES.items():
         result = start_stage(job, stage)
-        getattr(DEFAULT_STAGES, stage)(job, result, silent)
+        run(job, result, silent)
         finish_stage(job, stage, result, 1.5)
     return job.result("export") / "artefact"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -10,9 +11,11 @@ import pytest
 
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.settings import JobSettings, Settings
+from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers import supervisor as supervising
+from fastsplat.workers.job_kinds import KINDS
 from fastsplat.workers.supervisor import Supervisor
 
 _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
@@ -67,7 +70,7 @@ def _starts_until_given_up(
     while True:
         claim = store.jobs.claim("job")
         assert claim is not None
-        worker = Supervisor(store, settings, claim, "", threading.Event())
+        worker = Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event())
         if worker.start_limit_error() is not None:
             return len(attempts)
         if not trainer_alone:  # the worker dies with it, and says nothing any more
@@ -113,3 +116,24 @@ def test_a_start_counts_only_where_the_job_came_no_further_since_the_one_before(
 ) -> None:
     given = _starts_until_given_up(store, tmp_path, monkeypatch, reached, trainer_alone=trainer_alone)
     assert given == starts
+
+
+def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_trainer(
+    store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though its work folder may be on a machine that this one does not see."""
+    for _ in range(2):
+        claim = store.jobs.claim("job")
+    assert claim is not None
+    result = tmp_path / "export"
+    result.mkdir()
+    made = {"gaussians": 3, "scale": "ARBITRARY", "dictionary": [], "cameras": [], "quality": {"stage_seconds": {}}}
+    (result / "summary.json").write_text(json.dumps(made))
+    (result / "stage.json").write_text(json.dumps({"seconds": 1.5}))
+    write_digests(result)
+    store.blobs.publish(result, "scene", claim.operation.run_id)
+    monkeypatch.setattr(supervising, "TrainerProcess", lambda *_: pytest.fail("a trainer"))
+    settings = Settings(data_dir=tmp_path / "data", jobs=_JOBS)
+    assert Supervisor(store, settings, claim, KINDS["create_scene"], threading.Event()).run().state == "done"
+    scene = store.scenes.scene("scene")
+    assert (scene.state, scene.gaussians, scene.quality["stage_seconds"]) == ("READY", 3, {"export": 1.5})

@@ -93,7 +93,6 @@ def scene_id(service: SceneService, make_world: MakeWorld) -> str:
         scale="ARBITRARY",
         quality=scene_quality(trained, labelling, capture, Provenance()),
         things=things,
-        label_mode="things",
     )
     made = store_scene(service._store, scene)
     folder = service._store.blobs.version(made, "1")

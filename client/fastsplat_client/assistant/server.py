@@ -29,8 +29,8 @@ _SHOWN_ERRORS = 3
 
 _INSTRUCTIONS = """Questions to 3D scenes made of photos: what is there, where, how large, how far apart.
 
-- `find` first. Its verdict is the answer: exact, related (something close; its label says what), absent, possible
-  (it may be here, as likely as it says), or undecided (it cannot be said). Say an absence as one; unnamed things are
+- `find` first. Its outcome is the answer: here, probably_here (it may be, as likely as it says, or only what comes
+  closest is), not_here, not_seen, or cannot_say; `sentence` says the same. Say an absence as one; unnamed things are
   told beside it, as one of them may be what was asked for.
 - Say lengths in meters only where unit is "m". Where it is "scene units" only ratios mean anything.
 - Probabilities are calibrated: 0.6 is wrong 4 times in 10.
@@ -100,7 +100,7 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
 
     @server.tool(annotations=_READS)
     async def where_is(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Where:
-        """Where a thing is, with 95 % bounds, its size, and the photos that show it best; nothing if it is absent."""
+        """Where a thing is, with 95 % bounds, its size, and the photos that show it best; nothing if it is not here."""
         return await answered(context, lambda client: tools.where_is(client, text, scene))
 
     @server.tool(annotations=_READS)

@@ -1,4 +1,4 @@
-"""How results tell lengths, places and frames: with their unit and interval, rounded to a tenth of a millimeter."""
+"""Lengths, places and frames in results: with their unit and interval, rounded to a tenth of a millimeter."""
 
 from __future__ import annotations
 

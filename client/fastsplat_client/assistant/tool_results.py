@@ -1,4 +1,4 @@
-"""What the tools of an assistant return: small, with its units, and readable without knowing the service.
+"""Results of an assistant's tools: small, with their units, and readable without knowing the service.
 
 Lengths are in meters where `unit` is "m"; where it is "scene units", nothing is known of their size and no length may
 be said in meters.
@@ -12,7 +12,7 @@ from typing import Literal
 from fastsplat_contract.assessments import Grade
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.queries import Relation, Verdict
+from fastsplat_contract.queries import Outcome, Relation
 from fastsplat_contract.thing_messages import ThingKind
 
 Unit = Literal["m", "scene units"]
@@ -95,13 +95,13 @@ class Found:
     """The answer to one question.
 
     Attributes:
-        verdict: exact: the thing asked for is here; related: something close is, and `label` says what; absent;
-            possible: it may be here, with that probability; undecided: it cannot be said, and `things` may be meant.
+        outcome: here; probably_here: it may be, with that probability, or what comes closest to it is; not_here;
+            not_seen: no photo shows where it would be; cannot_say: and `things` may be meant.
         relation: what `label` is to the question: same, kind_of or part_of (one of the other), related, absent,
             undecided.
         probability: that what is said is right, 0..1; None where nothing says it.
-        label: what the leading thing is called in the scene; "" when absent.
-        explanation: one sentence for people, word for word the service's.
+        label: what the leading thing is called in the scene; "" when it is not here.
+        sentence: the answer for people, word for word the service's.
         alternatives: other labels that answer, best first.
         things: what answers, of `label` and the alternatives, in this order; `more_things` of them were left out.
         unnamed_things: how many things have no name: an absence was said of the named ones alone.
@@ -109,11 +109,11 @@ class Found:
 
     scene: str
     question: str
-    verdict: Verdict
+    outcome: Outcome
     relation: Relation
     probability: float | None
     label: str
-    explanation: str
+    sentence: str
     alternatives: list[str]
     things: list[ThingBrief]
     more_things: int
@@ -123,17 +123,17 @@ class Found:
 
 @dataclass(frozen=True)
 class Count:
-    """How many things answer a text, None where it cannot be decided, see `explanation`; `counted` are ids of at most
+    """How many things answer a text, None where it cannot be decided, see `sentence`; `counted` are ids of at most
     500 of them."""
 
     scene: str
     question: str
-    verdict: Verdict
+    outcome: Outcome
     probability: float | None
     label: str
     count: int | None
     counted: list[int]
-    explanation: str
+    sentence: str
     unnamed_things: int
 
 
@@ -170,7 +170,7 @@ class Related:
     more_things: int
     undecided: list[int]
     refusal: str
-    explanation: str
+    sentence: str
     evidence: list[Evidence]
     unit: Unit
 
@@ -198,14 +198,14 @@ class WhereAbouts:
 
 @dataclass(frozen=True)
 class Where:
-    """Where what answers a text is; nothing when absent. `more_places` were left out; `frame` names the coordinates."""
+    """Where what answers a text is; nothing if it is not here. `more_places` were left out; `frame` names the axes."""
 
     scene: str
     question: str
-    verdict: Verdict
+    outcome: Outcome
     probability: float | None
     label: str
-    explanation: str
+    sentence: str
     unit: Unit
     frame: str
     places: list[WhereAbouts]

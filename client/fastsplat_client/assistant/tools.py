@@ -1,4 +1,4 @@
-"""What an assistant may do, as functions over a `Client`; a scene is named by its id or its name, or left out where the
+"""Tools of an assistant as functions over a `Client`; a scene is named by its id or its name, or left out where the
 project has one."""
 
 from __future__ import annotations
@@ -143,11 +143,11 @@ def find(client: Client, text: str, scene: str) -> Found:
     return Found(
         scene=shown.id,
         question=text,
-        verdict=answer.verdict,
+        outcome=answer.outcome,
         relation=answer.relation,
         probability=answer.probability,
         label=labels[0] if labels else "",
-        explanation=answer.explanation,
+        sentence=answer.sentence,
         alternatives=labels[1:],
         things=_briefs(client, answer, answer.things),
         more_things=max(0, len(answer.things) - _MOST_THINGS),
@@ -163,18 +163,18 @@ def count(client: Client, text: str, scene: str) -> Count:
     leading = _leading_objects(answer)
     counted = [each.thing_id for each in leading]
     # What may be here, or merely serves in its place, is no number of it.
-    refused = answer.verdict not in ("exact", "absent") and answer.relation_subject != "label"
+    refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
         counted, refused = list(answer.phrase.things), answer.phrase.refusal is not None
     return Count(
         scene=shown.id,
         question=text,
-        verdict=answer.verdict,
+        outcome=answer.outcome,
         probability=answer.probability,
         label=leading[0].label if leading else "",
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
-        explanation=answer.explanation,
+        sentence=answer.sentence,
         unnamed_things=answer.searched.unnamed_things,
     )
 
@@ -202,7 +202,7 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
         more_things=max(0, len(phrase.things) - _MOST_THINGS),
         undecided=list(phrase.undecided[:_MOST_IDS]),
         refusal="" if phrase.refusal is None else phrase.refusal.reason,
-        explanation=answer.explanation,
+        sentence=answer.sentence,
         evidence=[
             Evidence(
                 each.condition,
@@ -227,10 +227,10 @@ def where_is(client: Client, text: str, scene: str) -> Where:
     return Where(
         scene=shown.id,
         question=text,
-        verdict=answer.verdict,
+        outcome=answer.outcome,
         probability=answer.probability,
         label=leading[0].label if leading else "",
-        explanation=answer.explanation,
+        sentence=answer.sentence,
         unit=unit_of(shown),
         frame=frame_of(shown),
         places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],

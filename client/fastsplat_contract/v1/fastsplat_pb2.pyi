@@ -602,6 +602,29 @@ REFUSAL_REASON_NOT_MEASURED: RefusalReason.ValueType  # 11
 REFUSAL_REASON_NOT_NAMED: RefusalReason.ValueType  # 12
 Global___RefusalReason: _TypeAlias = RefusalReason  # noqa: Y015
 
+class _Outcome:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _OutcomeEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Outcome.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    OUTCOME_UNSPECIFIED: _Outcome.ValueType  # 0
+    OUTCOME_HERE: _Outcome.ValueType  # 1
+    OUTCOME_PROBABLY_HERE: _Outcome.ValueType  # 2
+    OUTCOME_NOT_HERE: _Outcome.ValueType  # 3
+    OUTCOME_NOT_SEEN: _Outcome.ValueType  # 4
+    OUTCOME_CANNOT_SAY: _Outcome.ValueType  # 5
+
+class Outcome(_Outcome, metaclass=_OutcomeEnumTypeWrapper): ...
+
+OUTCOME_UNSPECIFIED: Outcome.ValueType  # 0
+OUTCOME_HERE: Outcome.ValueType  # 1
+OUTCOME_PROBABLY_HERE: Outcome.ValueType  # 2
+OUTCOME_NOT_HERE: Outcome.ValueType  # 3
+OUTCOME_NOT_SEEN: Outcome.ValueType  # 4
+OUTCOME_CANNOT_SAY: Outcome.ValueType  # 5
+Global___Outcome: _TypeAlias = Outcome  # noqa: Y015
+
 class _PictureKind:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -1649,7 +1672,7 @@ class DictionaryEntry(_message.Message):
     views: _builtins.int
     """label maps it occurs in"""
     gaussian_count: _builtins.int
-    """Gaussians whose most probable class it is"""
+    """Gaussians whose most probable class it is; 0: it was looked for, and nothing here is it"""
     @_builtins.property
     def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
         """other names merged into this entry"""
@@ -4293,32 +4316,36 @@ class Answer(_message.Message):
     RELATION_SUBJECT_FIELD_NUMBER: _builtins.int
     METHOD_FIELD_NUMBER: _builtins.int
     PHRASE_FIELD_NUMBER: _builtins.int
+    OUTCOME_FIELD_NUMBER: _builtins.int
+    SENTENCE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
     verdict: Global___Verdict.ValueType
-    """exact: the thing asked for is here; related: something close is, and its label says what; absent: nothing relevant
-    is here; possible: it may be here, but its name is not sure or only suggested, and `probability` says how likely;
-    undecided: it cannot be said, and `things` are those that may be meant
+    """`outcome` of earlier releases, answered for one release more. exact: the thing asked for is here; related:
+    something close is, and its label says what; absent: nothing relevant is here; possible: it may be here, but its
+    name is not sure or only suggested, and `probability` says how likely; undecided: it cannot be said, and `things`
+    are those that may be meant
     """
     explanation: _builtins.str
-    """one sentence for people"""
+    """`sentence` under its name of earlier releases, answered for one release more"""
     probability: _builtins.float
-    """calibrated, 0..1, that the answer shown is right: of absent, that nothing is here; else, that what is shown is what
-    was asked for; absent without calibration, and where nothing is decided
+    """calibrated, 0..1, that the answer shown is right: of not_here, that it is not; else, that what is shown is what was
+    asked for: how sure its name is, times how sure it is that the words mean that name; absent without calibration,
+    and where nothing is decided
     """
     coverage: _builtins.float
     """0..1; absent without calibration: nothing is promised"""
     decided_by: Global___DecidedBy.ValueType
-    """name: the dictionary knows the name; score: the verdict comes from `threshold`"""
+    """name: the dictionary knows the name; score: the verdict comes from `threshold`; answered for one release more"""
     threshold: _builtins.float
     """the score that the leading entry was compared with, with the lexicon the presence that this answer's was compared
-    with; absent if a name decided
+    with; absent if a name decided; answered for one release more
     """
     version: _builtins.str
     """of the scene"""
     match_count: _builtins.int
-    """entries in the whole dictionary"""
+    """names in the whole dictionary, only suggested ones included"""
     gaussians: _builtins.int
     """G, the length of the 3D mask"""
     presence: _builtins.float
@@ -4327,8 +4354,7 @@ class Answer(_message.Message):
     """
     relation: Global___Relation.ValueType
     """what the first match is to what was asked: same: its name, an alias or a synonym; kind_of and part_of: see
-    `relation_subject`; related: by association; absent: nothing here answers; undecided: nothing is said. Takes the
-    place of `verdict`, which stays beside it for one release
+    `relation_subject`; related: by association; absent: nothing here answers; undecided: nothing is said
     """
     relation_subject: Global___RelationSubject.ValueType
     """label: the first match is a kind or a part of what was asked (banana for fruit); question: the other way (chair for
@@ -4338,6 +4364,14 @@ class Answer(_message.Message):
     """what the probabilities come from: lexicon: the text encoder with a lexicon beside it; encoder: the text encoder
     alone; names: neither is calibrated, names alone count
     """
+    outcome: Global___Outcome.ValueType
+    """here: what was asked for is here; probably_here: it may be, as its name is not sure or only suggested, or what
+    comes closest to it is here; `probability` says how likely; not_here: it is not; not_seen: no photo shows where it
+    would be (no release says so yet); cannot_say: it cannot be said, `sentence` says what would help, and `things` are
+    those that may be meant
+    """
+    sentence: _builtins.str
+    """the answer for people, the same over every interface; things are called by their names"""
     @_builtins.property
     def matches(self) -> _containers.RepeatedCompositeFieldContainer[Global___Match]:
         """entries of the dictionary, best first, up to `max_matches`"""
@@ -4385,10 +4419,12 @@ class Answer(_message.Message):
         relation_subject: Global___RelationSubject.ValueType | None = ...,
         method: Global___AnswerMethod.ValueType = ...,
         phrase: Global___PhraseAnswer | None = ...,
+        outcome: Global___Outcome.ValueType = ...,
+        sentence: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation_subject", b"relation_subject", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "method", b"method", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation", b"relation", "relation_subject", b"relation_subject", "scene_id", b"scene_id", "searched", b"searched", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "method", b"method", "outcome", b"outcome", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation", b"relation", "relation_subject", b"relation_subject", "scene_id", b"scene_id", "searched", b"searched", "sentence", b"sentence", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015
@@ -4415,7 +4451,7 @@ Global___Answer: _TypeAlias = Answer  # noqa: Y015
 
 @_typing.final
 class Match(_message.Message):
-    """One dictionary entry compared with one question."""
+    """One name compared with one question."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -4428,6 +4464,7 @@ class Match(_message.Message):
     RELEVANT_FIELD_NUMBER: _builtins.int
     PROBABILITY_FIELD_NUMBER: _builtins.int
     label_id: _builtins.int
+    """of the dictionary's label; larger than any of them for a name that is only suggested"""
     label: _builtins.str
     relevancy: _builtins.float
     """0..1"""

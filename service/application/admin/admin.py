@@ -1,4 +1,4 @@
-"""What those who run the service ask of it, beside what its users ask: keys, figures, readiness."""
+"""Administration of a service: keys, metrics, readiness."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 from sqlalchemy import text
 
-from fastsplat.service.application.admin.figures import Figures
 from fastsplat.service.application.admin.keys import Keys
 from fastsplat.service.application.admin.projects import Projects
+from fastsplat.service.application.admin.service_metrics import ServiceMetrics
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.store import Store
@@ -17,12 +17,12 @@ from fastsplat_contract.errors import ModelUnavailableError, ResourceError
 
 
 class Admin:
-    """The operator's side of one service.
+    """Administration of one service, for its operators.
 
     Attributes:
         keys: who may call.
         projects: whose scenes are apart from each other.
-        figures: jobs and scenes, for metrics.
+        metrics: of jobs and scenes.
     """
 
     def __init__(self, store: Store, settings: Settings, open_scenes: Callable[[], int]) -> None:
@@ -30,7 +30,7 @@ class Admin:
         self._settings = settings
         self.keys = Keys(store.keys, store.projects)
         self.projects = Projects(store.projects)
-        self.figures = Figures(store.job_metrics, open_scenes)
+        self.metrics = ServiceMetrics(store.job_metrics, open_scenes)
 
     def check_ready(self) -> None:
         """Return if a request could be answered now.

@@ -137,7 +137,7 @@ class Keys:
 
 
 class KeyRing:
-    """What is needed to judge a key without a look into the database."""
+    """Valid keys in memory, enough to judge a key without a look into the database."""
 
     def __init__(self, by_id: Mapping[str, KeyRecord], projects: Set[str] = frozenset()) -> None:
         self._by_id = by_id

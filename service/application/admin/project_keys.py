@@ -1,4 +1,4 @@
-"""The keys of one project, as its admins and the operators see them: roles are bounded by the caller's own."""
+"""Access keys of one project for its admins and operators, whose own role bounds them."""
 
 from __future__ import annotations
 

@@ -1,16 +1,18 @@
-"""The names that people gave in the scenes of one project: listed, forgotten, suggested for things that look alike."""
+"""Known names of one project: listed, forgotten, suggested for things that look alike."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.scene.types import Things
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.scene.types import Thing, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.known_names import KnownName, KnownNameList
@@ -69,16 +71,22 @@ class KnownNames:
             table: all things of the scene's version.
             listed: some of them.
         """
-        if self._store.only_scene or not any(thing.appearance for thing in table.table):
-            return tuple(listed)
-        records = self._store.known_names.all()
+        names = self._by_looks(scene_id, table.table)
+        return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
+
+    def asked(self, query: TextQuery, scene_id: str, names: ThingNames) -> TextQuery:
+        """A question to a scene that knows what other scenes suggest for its things, as they are listed."""
+        return replace(query, elsewhere=self._by_looks(scene_id, names.present))
+
+    def _by_looks(self, scene_id: str, things: Sequence[Thing]) -> Mapping[int, NameFromScene]:
+        if self._store.only_scene or not any(thing.appearance for thing in things):
+            return {}
         known = [
             KnownThing(record.scene_id, record.name, record.appearance)
-            for record in records
+            for record in self._store.known_names.all()
             if record.scene_id != scene_id
         ]
-        names = names_by_looks(table.table, known)
-        return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
+        return names_by_looks(things, known)
 
 
 def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:

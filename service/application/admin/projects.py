@@ -1,4 +1,4 @@
-"""Projects: what is in one does not exist for the keys of another. Nothing moves between them."""
+"""Projects as tenants: what is in one does not exist for the keys of another. Nothing moves between them."""
 
 from __future__ import annotations
 

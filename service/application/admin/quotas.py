@@ -1,4 +1,4 @@
-"""What one project may hold, checked before bytes are taken and again in the transaction that makes a scene."""
+"""Quotas of projects, checked before bytes are taken and again in the transaction that makes a scene."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fastsplat_contract.errors import QuotaError
 
 
 class Quotas:
-    """The bounds of every project, all of them alike."""
+    """Quotas of every project, all of them alike."""
 
     def __init__(self, usage: QuotaUsage, settings: QuotaSettings) -> None:
         self._usage = usage

@@ -1,4 +1,4 @@
-"""A question to all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
+"""Search over all scenes of a project, from what is kept of each; only answers that need Gaussians open a scene."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes
@@ -38,23 +39,31 @@ AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
 
 
 class AllScenes:
-    """What can be asked of all scenes at once.
+    """Queries to all scenes at once.
 
     Args:
         store: of one project.
         calls: the limits.
         scenes: of that store.
         memory: that answers are made in.
+        known_names: of that store.
         ask_one: opens the scene that a request names.
     """
 
     def __init__(
-        self, store: Store, calls: CallSettings, scenes: OpenScenes, memory: MemoryBudget, ask_one: AskOne
+        self,
+        store: Store,
+        calls: CallSettings,
+        scenes: OpenScenes,
+        memory: MemoryBudget,
+        known_names: KnownNames,
+        ask_one: AskOne,
     ) -> None:
         self._store = store
         self._calls = calls
         self._scenes = scenes
         self._memory = memory
+        self._known_names = known_names
         self._ask_one = ask_one
 
     def ask(self, query: TextQuery, request: QueryRequest) -> QueryOut:
@@ -86,7 +95,8 @@ class AllScenes:
         """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
         version, ranked = self._scenes.ranked(request.scene_id)
         answers = ranked.answer(
-            query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
+            self._known_names.asked(query, request.scene_id, ranked.names),
+            lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things),
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):

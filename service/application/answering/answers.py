@@ -1,4 +1,4 @@
-"""Questions to finished scenes: which artefact, asked what, in which form."""
+"""Queries to finished scenes: which artefact, asked what, in which form."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _Camera = tuple[str, int, PosedCamera]
 
 
 class Answers:
-    """What can be asked of finished scenes. Every method is safe from any thread."""
+    """Queries to finished scenes. Every method is safe from any thread."""
 
     def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
         self._store = store
@@ -46,7 +46,7 @@ class Answers:
         self._scenes = scenes
         self._memory = memory
         self._known_names = KnownNames(store, settings)
-        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, self._ask)
+        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, self._known_names, self._ask)
 
     def query(self, request: QueryRequest) -> tuple[Answer, ...]:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
@@ -86,7 +86,8 @@ class Answers:
             gaussians = len(index.scene.gaussians)
             charge(rendering_cost([posed], 1, gaussians))
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
-                return picture(index, dataclasses.replace(request, camera=posed), query)
+                asked = query and self._known_names.asked(query, request.scene_id, index.ranked.names)
+                return picture(index, dataclasses.replace(request, camera=posed), asked)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 
@@ -118,7 +119,7 @@ class Answers:
         query = check_query((text,), self._settings.query)
 
         def read(index: SceneIndex, _: str) -> bytes:
-            (answer,) = index.answer(query)
+            (answer,) = index.answer(self._known_names.asked(query, scene_id, index.ranked.names))
             with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
                 return mask_ply(index.scene.gaussians, index.mask3d(answer))
 
@@ -281,6 +282,7 @@ class Answers:
         asker: F64 | None,
     ) -> tuple[Answer, ...]:
         answers: list[Answer] = []
+        query = self._known_names.asked(query, request.scene_id, index.ranked.names)
         for answer in index.answer(query, asker):
             masks = []
             for camera in cameras if "mask2d" in request.outputs else ():

@@ -1,4 +1,4 @@
-"""What a request costs, known from its arguments and bounded before any work is done."""
+"""Cost of a request, computed from its arguments and bounded before any work is done."""
 
 from __future__ import annotations
 

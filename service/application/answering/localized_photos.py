@@ -1,4 +1,5 @@
-"""Decoded photos to their places in a scene, what is seen from there, and what they show that the scene does not."""
+"""Localization of decoded photos: places in a scene, what is seen from there, and what they show that the scene does
+not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Photos of a request and their places in a finished scene: what is checked, what it costs, and the answer."""
+"""Localization requests: checks, cost, and answer."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fastsplat.service.application.answering.kept_landmarks import KeptLandmarks
+from fastsplat.service.application.answering.landmark_cache import LandmarkCache
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.validate import check_texts
@@ -34,7 +34,7 @@ _WORK_BYTES = 192 << 20
 
 
 class Localizing:
-    """Photos localized in finished scenes. Every method is safe from any thread.
+    """Localization of photos in finished scenes. Every method is safe from any thread.
 
     Args:
         store, scenes: of a project.
@@ -47,7 +47,7 @@ class Localizing:
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
-        self._landmarks = KeptLandmarks(settings.localization, memory)
+        self._landmarks = LandmarkCache(settings.localization, memory)
         self._decoder = SparePhotoDecoder(settings.capture)
 
     def over(self, store: Store, scenes: OpenScenes) -> Localizing:

@@ -1,4 +1,4 @@
-"""Open scenes: mapped from disk with the first question, kept under a memory budget, one entry a version."""
+"""Cache of open scenes: mapped from disk with the first query, kept under a memory budget, one entry a version."""
 
 from __future__ import annotations
 
@@ -34,8 +34,7 @@ _COPIES = 2
 
 
 class OpenScenes:
-    """Scenes ready to be asked, the text encoders with their recent embeddings, and the lexicon, shared by all
-    threads."""
+    """Cache of open scenes, text encoders with their recent embeddings, and the lexicon, shared by all threads."""
 
     def __init__(self, store: Store, settings: Settings, memory: MemoryBudget) -> None:
         self._store = store

@@ -1,4 +1,4 @@
-"""Pages of what became of a scene's photos."""
+"""Pages of photo verdicts of a scene."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
 from fastsplat.service.application.answering.mask_encodings import encoded_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes
@@ -35,6 +36,7 @@ class Photos:
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
+        self._known_names = KnownNames(store, settings)
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
@@ -136,7 +138,11 @@ class Photos:
         def read(index: SceneIndex, read_version: str) -> BestViewList:
             if query is None:
                 index.things.check_all(things)
-            thing_ids = tuple(dict.fromkeys(things)) if query is None else _answering(index, query)
+            thing_ids = (
+                tuple(dict.fromkeys(things))
+                if query is None
+                else _answering(index, self._known_names.asked(query, scene_id, index.ranked.names))
+            )
             if not thing_ids or not index.scene.cameras:
                 return BestViewList((), read_version)
             count, gaussians = max_views or _USUAL_VIEWS, len(index.scene.gaussians)
@@ -170,7 +176,7 @@ class Photos:
 def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
     """The ids of the things that answer a text."""
     (answer,) = index.answer(query)
-    if answer.verdict == "absent":
+    if answer.outcome == "not_here":
         return ()
     return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
 

@@ -1,4 +1,4 @@
-"""A store of costly values: each made once, the least recently used leave first."""
+"""Cache of costly values: each made once, the least recently used leave first."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Memory of answers, edits and scenes that open, admitted before it is allocated: estimated from the arguments, bounded
-for each and for all.
+"""Memory budget of answers, edits and scenes that open: estimated from the arguments, and admitted before it is
+allocated.
 
 The estimates are of what rendering and encoding hold at their peak beside the open scene, measured on the CPU
 backend with images of 4 and 16 million pixels and rounded up; a test compares them with a process's real peak.
@@ -116,7 +116,7 @@ class _Waiting:
 
 
 class MemoryBudget:
-    """Bytes that calls hold together in this process, first come, first served. Safe from any thread.
+    """Budget of the bytes that calls hold together in this process, first come, first served. Safe from any thread.
 
     Args:
         settings: the limits; those that are 0 follow from the machine's memory, or its control group's.

@@ -1,4 +1,4 @@
-"""Packages that only some formats and commands need, and that not every installation has."""
+"""Optional dependencies of some formats and commands."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class OptionalPackage:
     extra: str
 
 
-FOXGLOVE = OptionalPackage("foxglove-sdk", frozenset({"foxglove", "mcap", "mcap_protobuf"}), "foxglove")
+FOXGLOVE = OptionalPackage("mcap-protobuf-support", frozenset({"mcap", "mcap_protobuf"}), "foxglove")
 TORCHMETRICS = OptionalPackage("torchmetrics", frozenset({"torchmetrics"}), "evaluation")
 RERUN = OptionalPackage("rerun-sdk", frozenset({"rerun", "rerun_bindings", "pyarrow"}), "rerun")
 

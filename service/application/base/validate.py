@@ -1,4 +1,4 @@
-"""Limits on what a request may say, checked before any work."""
+"""Validation of requests before any work."""
 
 from __future__ import annotations
 

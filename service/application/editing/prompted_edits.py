@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.open_scenes import view_of
 from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
-from fastsplat.service.application.editing.warm_segmenter import WarmSegmenter
+from fastsplat.service.application.editing.segmenter_cache import SegmenterCache
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
@@ -49,14 +49,14 @@ class PromptedEdits:
 
     def __init__(self, settings: Settings, memory: MemoryBudget) -> None:
         self._settings = settings
-        self._segmenter = WarmSegmenter(settings, memory)
+        self._segmenter = SegmenterCache(settings, memory)
 
     def check(self, edits: Sequence[Edit]) -> None:
         """Raise unless all prompts can be looked at, and account for what they cost; before anything is done.
 
         Raises:
             InvalidInputError, LimitExceededError: with the field inside `edits`.
-            RateLimitedError, CallAgainError: as `charge`.
+            CallAgainError: as `charge`.
         """
         count = 0
         for number, edit in enumerate(edits):

@@ -1,4 +1,4 @@
-"""Versions as their rows say, and what a new one writes of its dictionary."""
+"""Database rows of versions: read as versions, and written with a new one's dictionary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edits as new versions of a scene: written beside the old one, shown at once, undone by pointing back."""
+"""Versioned edits of a scene: written beside the old version, shown at once, undone by pointing back."""
 
 from __future__ import annotations
 

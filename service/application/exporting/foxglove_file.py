@@ -1,6 +1,6 @@
 """A scene as an MCAP file for Foxglove: boxes with names, labelled points, cameras, photos, frames, floor map.
 
-This module needs the optional package foxglove-sdk, Foxglove's own writer with its own schemas.
+The package foxglove-sdk is Foxglove's own writer with its own schemas.
 
 Frames: the root is the world frame of the version, called by the name of the map that the scene was put into (`map` for
 a map without a name), or `scene`. `ROOT/trained` is the frame of the scene as it was trained, in units of this version;

@@ -1,6 +1,6 @@
 """A scene over Foxglove's WebSocket: what its MCAP file holds, as it is now.
 
-This module needs the optional packages foxglove-sdk and mcap.
+This module needs the optional package mcap-protobuf-support.
 
 The messages are those of `foxglove_file`; that is the one place where they are made. Here they get the time of the
 moment: what does not move is sent to who subscribes and again with each new version, and the cameras follow one another

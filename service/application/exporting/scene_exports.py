@@ -15,7 +15,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
-from fastsplat.service.application.base.optional_packages import FOXGLOVE, RERUN, needed
+from fastsplat.service.application.base.optional_packages import RERUN, needed
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.application.exporting.geometry_files import (
     ViewsOf,
@@ -25,10 +25,10 @@ from fastsplat.service.application.exporting.geometry_files import (
     splats_file,
     surface_bytes,
 )
-from fastsplat.service.application.exporting.kept_surfaces import KeptSurfaces
 from fastsplat.service.application.exporting.map_files import map_bytes, map_file, map_of
 from fastsplat.service.application.exporting.scene_page import scene_page
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
+from fastsplat.service.application.exporting.surface_cache import SurfaceCache
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
@@ -37,28 +37,8 @@ from fastsplat.service.scene.spz_writing import spz_bytes
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
-from fastsplat_contract.exports import ExportFormat, ExportRequest
+from fastsplat_contract.exports import FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal
-
-MEDIA_TYPES: Mapping[ExportFormat, str] = {
-    "ply": "application/x-ply",
-    "spz": "application/octet-stream",
-    "html": "text/html",
-    "points": "application/x-ply",
-    "glb": "model/gltf-binary",
-    "mesh": "model/gltf-binary",
-    "cameras": "application/zip",
-    "sog": "application/octet-stream",
-    "mcap": "application/octet-stream",
-    "map": "application/zip",
-    "rerun": "application/octet-stream",
-}
-"""Of each format, as HTTP names it."""
-
-UNREPEATABLE: frozenset[ExportFormat] = frozenset({"rerun"})
-"""Formats of which the same version is the same content, not the same bytes."""
-
-_WITH_CELLS: tuple[ExportFormat, ...] = ("points", "mesh", "cameras", "mcap", "map")
 
 ROBOT_RADIUS = 0.2
 """Metres, where a caller says none."""
@@ -78,7 +58,7 @@ class Exports:
         self._scenes = scenes
         self._memory = memory
         self._splats: LeastRecentlyUsed[tuple[str, str], bytes] = LeastRecentlyUsed(_CACHED_BYTES)
-        self._surfaces = KeptSurfaces(memory)
+        self._surfaces = SurfaceCache(memory)
 
     def over(self, store: Store, scenes: OpenScenes) -> Exports:
         """The same memory, with the scenes of another view of the store."""
@@ -101,11 +81,11 @@ class Exports:
                 format without cells, surfaces of a scene without cameras, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
-            MissingPackageError: mcap or rerun, where the package that it needs is not installed.
+            MissingPackageError: rerun, where the package that it needs is not installed.
             SceneFileError: a stored photo is damaged.
         """
         check_texts(replace(request, scene_id=""))
-        _check_cell(request)
+        _check(request)
         write = _WRITERS[request.format]
         return self._scenes.reading(
             request.scene_id, request.version, lambda index, version: write(self, index, version, request)
@@ -166,10 +146,6 @@ class Exports:
             return mask_ply(gaussians, every if rows is None else rows)
 
     def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        if request.things:
-            raise InvalidInputError(
-                "a page of some things alone", field="things", hint="Ask for the whole scene, or for another format."
-            )
         name = self._name(request)
         spz = self._spz(index, version, request)
         with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
@@ -196,8 +172,8 @@ class Exports:
             return splats_file(index, self._name(request), request.things)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with needed(FOXGLOVE, 'the format "mcap"'):
-            from fastsplat.service.application.exporting.foxglove_file import foxglove_file
+        from fastsplat.service.application.exporting.foxglove_file import foxglove_file  # loads with the first call
+
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
         floor, floor_missing = self._floor(index, version, request)
         with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
@@ -270,10 +246,6 @@ class Exports:
         raise NotFoundError(f"version {version!r} was removed meanwhile", field="version")
 
     def _map(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        if request.things:
-            raise InvalidInputError(
-                "a map of some things alone", field="things", hint="Ask for the whole scene, or for another format."
-            )
         with self._memory.reserve(map_bytes(index), "scene_id"):
             return map_file(index, request.cell, self._views_of(request, version))
 
@@ -299,12 +271,21 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
 }
 
 
-def _check_cell(request: ExportRequest) -> None:
+def _check(request: ExportRequest) -> None:
+    facts = FORMATS[request.format]
+    if request.things and facts.whole:
+        raise InvalidInputError(
+            f"{facts.whole} of some things alone",
+            field="things",
+            hint="Ask for the whole scene, or for another format.",
+        )
     if not (math.isfinite(request.cell) and request.cell >= 0):
         raise InvalidInputError(f"a cell of {request.cell}", field="cell", hint="Scene units, above 0.")
-    if request.cell and request.format not in _WITH_CELLS:
+    if request.cell and not facts.cell:
         raise InvalidInputError(
-            f'the format "{request.format}" has no cells', field="cell", hint=f"For {', '.join(_WITH_CELLS)} alone."
+            f'the format "{request.format}" has no cells',
+            field="cell",
+            hint=f"For {', '.join(name for name in FORMATS if FORMATS[name].cell)} alone.",
         )
 
 

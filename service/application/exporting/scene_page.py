@@ -42,9 +42,9 @@ def scene_page(index: SceneIndex, name: str, spz: bytes) -> bytes:
         NotFoundError: the viewer is not built in this installation.
     """
     before, after = _viewer()
-    entries = index.scene.dictionary.entries
-    present = [label_id for label_id in range(1, len(entries) + 1) if index.label_counts[label_id]]
-    present.sort(key=lambda label_id: -index.label_counts[label_id])
+    known, counts = index.ranked.names, index.label_counts
+    present = sorted(known.table, key=lambda label_id: -counts[label_id] if known.is_borne(label_id) else 1)
+    entries = known.dictionary.entries
     listed = [entries[label_id - 1] for label_id in present[:MAX_NAMES]]
     names = list(dict.fromkeys(text for entry in listed for text in (entry.label, *entry.aliases)))
     data: dict[str, Any] = {
@@ -72,11 +72,8 @@ def _answers(index: SceneIndex, names: list[str]) -> Iterator[dict[str, Any]]:
                 bits = np.packbits(index.mask3d(answer)).tobytes()
                 packed[answer.relevant_ids] = b64encode(gzip.compress(bits, _LEVEL, mtime=0)).decode()
             yield {
-                "verdict": answer.verdict,
-                "relation": answer.relation,
-                "relation_subject": answer.relation_subject,
-                "explanation": answer.explanation,
-                "probability": answer.probability,
+                "outcome": answer.outcome,
+                "sentence": answer.sentence,
                 "objects": [to_plain(thing) for thing in index.objects_of(answer)],
                 "rows": packed[answer.relevant_ids] if answer.relevant_ids else "",
             }

@@ -1,4 +1,4 @@
-"""What recordings of a scene for robotics viewers (Foxglove, Rerun) say, whatever their format."""
+"""Contents of a scene's recording for robotics viewers (Foxglove, Rerun), whatever its format."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _HUE_STEP = 0.618034
 
 @dataclass(frozen=True)
 class SceneRecording:
-    """What a recording says of a scene beside what is in its index.
+    """Contents of a recording beside what is in the scene's index.
 
     Attributes:
         scene_id, version, name: of the scene.

@@ -1,4 +1,4 @@
-"""Finished scenes trained further: orders are checked and queued here, and done by a worker."""
+"""Job requests to train finished scenes further: checked and queued here, and done by a worker."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ from collections.abc import Sequence
 
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.validate import check_request_id, check_seconds
 from fastsplat.service.application.editing.version_rows import version_of
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import place_order
-from fastsplat.service.application.jobs.train_more_orders import train_more_job
+from fastsplat.service.application.jobs.scene_orders import order_job, place_order
 from fastsplat.service.capture.photos.scene_photos import photo_folder
+from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.scene.changes import CHANGING, changed_views
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import SceneRecord
+from fastsplat.service.store.records import NewJob, SceneRecord
 from fastsplat.service.store.store import Store
-from fastsplat_contract.errors import NotReadyError
+from fastsplat_contract.errors import InvalidInputError, NotReadyError
+from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.scenes import SceneVersion
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -36,12 +38,14 @@ class FurtherTraining:
             NotFoundError: there is no such scene.
             NotReadyError: it is not ready, no photos are kept with it, or its current version shows what the photos do
                 not, as something was moved; the error names the version that can be trained.
-            InvalidInputError: an order that makes no sense, see `train_more_job`.
+            InvalidInputError: seconds and steps both, more steps than the settings allow, seconds that are none, or no
+                such preset.
+            LimitExceededError: more seconds than the settings allow.
             ConflictError: the request id was used before for another request.
             QuotaError: as many of the project's jobs wait or run as may.
         """
         version = self._scenes.version(scene_id, "")
-        job = train_more_job(scene_id, version, request, self._project, self._settings)
+        job = _job_of(scene_id, version, request, self._project, self._settings)
 
         def check() -> None:
             scene = self._store.scenes.scene(scene_id)
@@ -96,3 +100,26 @@ def _check_unchanged(scene: SceneRecord, version: str, versions: Sequence[SceneV
         field="version",
         hint=f"Restore version {last}, train that one further, then edit it again.",
     )
+
+
+def _job_of(scene_id: str, version: str, request: TrainMoreIn, project: str, settings: Settings) -> NewJob:
+    """The job that trains a scene further, beginning with `version`."""
+    check_request_id(request.request_id)
+    if request.seconds is not None and request.steps is not None:
+        raise InvalidInputError(
+            "seconds and steps at once", field="steps", hint="Send one of them, or neither for the preset's time."
+        )
+    limit = settings.training.iterations
+    if request.steps is not None and not 1 <= request.steps <= limit:
+        raise InvalidInputError(
+            f"{request.steps} steps",
+            field="steps",
+            limit=f"1 to {limit} (FASTSPLAT_TRAINING__ITERATIONS)",
+            hint="Train it further several times.",
+        )
+    if request.seconds is not None:
+        check_seconds(request.seconds, "seconds")
+    if request.preset is not None:
+        preset_name(request.preset)
+    order = to_plain(TrainMoreIn(request.seconds, request.steps, request.preset))
+    return order_job("train_more", scene_id, request.request_id, order, project, version=version)

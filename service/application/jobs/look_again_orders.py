@@ -1,4 +1,4 @@
-"""Orders to look again at a finished scene: checked here, done by a worker."""
+"""Job requests to look again at a finished scene: checked here, done by a worker."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fastsplat.service.application.jobs.scene_orders import order_job
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.things import checked_name
 from fastsplat.service.settings import Settings, StoreOptions
-from fastsplat.service.store.records import LOOK_AGAIN, NewJob
+from fastsplat.service.store.records import NewJob
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainIn
@@ -34,7 +34,7 @@ def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: 
     check_texts(request.texts, "texts")
     texts = _checked(request.texts, settings.store)
     _check_models(texts, settings)
-    return order_job(LOOK_AGAIN, scene_id, request.request_id, to_plain(LookAgainIn(texts)), project)
+    return order_job("look_again", scene_id, request.request_id, to_plain(LookAgainIn(texts)), project)
 
 
 def _checked(texts: Sequence[str], limits: StoreOptions) -> tuple[str, ...]:

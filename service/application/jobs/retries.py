@@ -1,4 +1,4 @@
-"""Failed and cancelled jobs tried again, with their whole upload or without some of its photos."""
+"""Retries of failed and cancelled jobs, with their whole upload or without some of its photos."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def retry(
     """
     record = store.scenes.operation(operation_id)
     if record.state in ("FAILED", "CANCELLED"):
-        if record.kind == "create_scene" and record.upload_id not in store.blobs.ids("uploads"):
+        if record.makes_scene and record.upload_id not in store.blobs.ids("uploads"):
             raise no_upload(operation_id)
         quotas.check_retry(project)
     paths = _checked(record, exclude, store) if exclude else ()
@@ -53,7 +53,7 @@ def retry(
 
 def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> tuple[str, ...]:
     """The paths of the photos to leave out of a job's upload."""
-    if record.kind != "create_scene":
+    if not record.makes_scene:
         raise InvalidInputError(
             f"a job of the kind {record.kind} reads no upload that photos could be left out of",
             field="exclude",

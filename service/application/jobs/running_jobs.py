@@ -1,4 +1,4 @@
-"""Jobs as those who wait for them see them: who works on one, what it shows of its scene, and how it ends early."""
+"""Running jobs, as those who wait for them see them: worker, previews, and an early end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Orders of work on finished scenes: an operation, done by a worker."""
+"""Job requests on finished scenes: an operation, done by a worker."""
 
 from __future__ import annotations
 

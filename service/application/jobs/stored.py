@@ -1,4 +1,4 @@
-"""Stored rows to what callers see."""
+"""Conversion of database rows to what callers see."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from datetime import UTC, datetime
 from itertools import islice
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +22,7 @@ from fastsplat.service.store.damaged_rows import decodes, each_readable
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
-from fastsplat_contract.look_again_messages import LookAgainResult
-from fastsplat_contract.operations import FINAL_STATES, Operation, OperationError, OperationKind, StageProgress
+from fastsplat_contract.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
 from fastsplat_contract.scenes import (
     DictionaryEntry,
@@ -33,9 +32,6 @@ from fastsplat_contract.scenes import (
     SceneScaling,
     SceneSummary,
 )
-from fastsplat_contract.train_more_messages import TrainMoreResult
-
-T = TypeVar("T")
 
 _LEFT_OUT = "left_out"
 _MAX_LEFT_OUT = 100
@@ -67,8 +63,6 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         stages=tuple(_stage_of(stage) for stage in record.stages),
         error=None if error is None else OperationError(**{**error, "photos": tuple(error.get("photos", ()))}),
         kind=record.kind,
-        look_again=_result_of(record, "look_again", LookAgainResult),
-        train_more=_result_of(record, "train_more", TrainMoreResult),
         attempt=record.attempt,
         worker=worker,
         seconds_left=left if left is not None and 0 <= left < math.inf else None,
@@ -77,11 +71,14 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
         left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
+        **_result_of(record),
     )
 
 
-def _result_of(record: OperationRecord, kind: OperationKind, result: type[T]) -> T | None:
-    return None if record.result is None or record.kind != kind else from_plain(result, dict(record.result))
+def _result_of(record: OperationRecord) -> dict[str, Any]:
+    """The field of an operation that says what came of it; its name is the kind's."""
+    result = RESULTS.get(record.kind)
+    return {} if record.result is None or result is None else {record.kind: from_plain(result, dict(record.result))}
 
 
 @decodes("scene")

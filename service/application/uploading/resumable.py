@@ -1,4 +1,4 @@
-"""Uploads that survive cuts: files that grow by acknowledged pieces until a scene is made of them.
+"""Resumable uploads: files that grow by acknowledged pieces until a scene is made of them.
 
 uploads/<id>/resumable.json   what was announced
 uploads/<id>/offset           how many bytes are durable: written only after the bytes themselves; when it was changed

@@ -1,4 +1,4 @@
-"""Bytes on their way to the end of a resumable upload: durable first, then counted."""
+"""Pieces of a resumable upload: durable first, then counted."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _DURABLE_BYTES = 1 << 24  # so much may have to be sent again after a crash
 
 
 class Piece:
-    """Bytes on their way to the end of an upload, see `ResumableUploads.begin_piece`. One thread at a time."""
+    """A piece on its way to the end of an upload, see `ResumableUploads.begin_piece`. One thread at a time."""
 
     def __init__(
         self,

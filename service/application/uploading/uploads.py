@@ -1,4 +1,4 @@
-"""One upload: files come in, bounded and safely named, and become a job or leave no trace."""
+"""Upload sessions: files come in, bounded and safely named, and become a job or leave no trace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many uploads are validated at a time, shared over their owners."""
+"""Semaphore of upload validations, shared fairly over their owners."""
 
 from __future__ import annotations
 

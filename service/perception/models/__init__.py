@@ -1,1 +1,1 @@
-"""The models that the software knows: their manifest, and how they are fetched, converted and checked."""
+"""The manifest of models that the software knows, and their files."""

@@ -32,6 +32,8 @@ T = TypeVar("T")
 _Sha256 = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 _Revision = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{40}$")]
 
+BUILT_IN_MANIFEST = Path(__file__).parent / "manifest.toml"
+
 PERMISSIVE = frozenset(
     {"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0", "LicenseRef-WordNet"}
 )
@@ -138,7 +140,7 @@ def load_manifest(path: Path | None = None) -> tuple[ModelEntry, ...]:
     Raises:
         ModelUnavailableError: the file is not a manifest; says where.
     """
-    path = path or Path(__file__).parent / "manifest.toml"
+    path = path or BUILT_IN_MANIFEST
     try:
         entries = _Manifest.model_validate(tomllib.loads(path.read_text("utf-8"))).model
     except (OSError, tomllib.TOMLDecodeError, ValidationError) as error:

@@ -14,8 +14,8 @@ from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geo
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things, ThingSemantics, semantics_of
-from fastsplat.service.splatting.blending import EvidenceBlend, ThingBlend, label_blend
+from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things
+from fastsplat.service.splatting.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, Rendering
@@ -30,7 +30,7 @@ class Renderer:
 
     def __init__(self, scene: Scene, settings: QuerySettings) -> None:
         gaussians = scene.gaussians
-        self._settings = settings
+        self._settings, self._codes = settings, gaussians.codes
         self._device = torch.device("cuda" if settings.backend == "cuda" else "cpu")
         self._splats = splats_of(gaussians, device=self._device)
         self._means = self._splats.means
@@ -38,20 +38,15 @@ class Renderer:
         self._degree = gaussians.sh_degree
         self._classes = len(scene.dictionary) + 1
         self._labels = label_blend(scene, self._device)
-        self._things = self._labels.things if isinstance(self._labels, ThingBlend) else None
+        self._things: LabelBlend | None = None
         self._parts: tuple[Parts, EvidenceBlend] | None = None
 
     def relabeled(self, scene: Scene) -> Renderer:
         """The renderer of a scene with the same Gaussians and other labels."""
         other = copy.copy(self)
         other._classes = len(scene.dictionary) + 1
-        semantics = semantics_of(scene)
-        drawn = self._things
-        if drawn and isinstance(semantics, ThingSemantics) and semantics.membership is drawn.evidence:
-            other._labels = ThingBlend(semantics, self._device, drawn)
-            return other
-        other._labels = label_blend(scene, self._device)
-        other._things = other._labels.things if isinstance(other._labels, ThingBlend) else None
+        other._labels = label_blend(scene, self._device, self._labels)
+        other._things = None
         return other
 
     def colors(self, posed: PosedCamera) -> NDArray[np.uint8]:
@@ -81,9 +76,10 @@ class Renderer:
             posed: the view.
             things: of the scene's Gaussians, the same at every call.
         """
-        if self._things is None:
-            classes = max((thing.id for thing in things.table), default=0) + 1
-            self._things = EvidenceBlend(things.membership, classes, self._device)
+        if isinstance(self._labels, ThingBlend):
+            return self._drawn_ids(self._labels.things, posed)
+        if self._things is None:  # of labels: they are kept nowhere else
+            self._things = things_blend(things, self._codes, self._device)
         return self._drawn_ids(self._things, posed)
 
     def part_map(self, posed: PosedCamera, parts: Parts) -> NDArray[np.uint16]:
@@ -99,7 +95,7 @@ class Renderer:
             known = self._parts = parts, EvidenceBlend(_with_rest(parts.membership), classes, self._device)
         return self._drawn_ids(known[1], posed)
 
-    def _drawn_ids(self, blend: EvidenceBlend, posed: PosedCamera) -> NDArray[np.uint16]:
+    def _drawn_ids(self, blend: LabelBlend, posed: PosedCamera) -> NDArray[np.uint16]:
         with torch.no_grad():
             drawn = blend.render(
                 replace(self._splats, features=self._means.new_zeros(len(self._means), 0)),

@@ -74,11 +74,12 @@ def _copied(before: Things, grown: Things, rows: Rows) -> Things:
     copies = tuple(replace(thing, id=int(new_ids[thing.id]), proposed_in=(), missed_in=()) for thing in originals)
     labels = np.concatenate([membership.labels[:start], new_ids[membership.labels[start:]]])
     entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
-    return Things(
-        (*before.table, *copies),
-        evidence_of(entries, labels, membership.counts, len(membership)),
-        first + len(originals),
-        None if before.parts is None else with_rows_of_no_part(before.parts, len(membership)),
+    return replace(
+        before,
+        table=(*before.table, *copies),
+        membership=evidence_of(entries, labels, membership.counts, len(membership)),
+        next_id=first + len(originals),
+        parts=None if before.parts is None else with_rows_of_no_part(before.parts, len(membership)),
     )
 
 

@@ -12,7 +12,7 @@ from fastsplat.service.query.edits.gaussian_edits import gaussians_of_rows, move
 from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene, Things
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
 if TYPE_CHECKING:
@@ -76,15 +76,15 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         scene,
         gaussians=_appended(scene.gaussians, part),
         evidence=None if scene.evidence is None else _longer(scene.evidence, len(rows)),
-        things=Things(
-            (*scene.things.table, *things),
-            _with_members(scene.things.membership, inside),
-            first + len(ids),
-            None
+        things=replace(
+            scene.things,
+            table=(*scene.things.table, *things),
+            membership=_with_members(scene.things.membership, inside),
+            next_id=first + len(ids),
+            parts=None
             if scene.things.parts is None
             else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
         ),
-        label_mode="things",
     )
 
 

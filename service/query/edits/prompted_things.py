@@ -92,7 +92,7 @@ def make_prompted_thing(
         check_seen([thing_id for thing_id in losers.tolist() if taken[thing_id]], edit.name, seen, before)
     if edit.aliases and edit.name is None:
         raise InvalidInputError("aliases without a name", field="aliases", hint="Send a name, or leave them out.")
-    scene, label = replace(index.things.scene, label_mode="things"), ""
+    scene, label = index.things.scene, ""
     if edit.name is not None:
         scene, label = with_label(index, scene, edit.name, edit.aliases)
     scene, new_id = with_new_thing(scene, piece)

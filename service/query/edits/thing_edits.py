@@ -53,7 +53,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
         raise InvalidInputError("name needs a name", field="name", hint="See the edit's fields.")
     ids = edited_things(index, edit)
     check_seen(ids[1:] if edit.action == "merge" else ids, edit.name, seen, before)
-    scene = actions[edit.action](index, replace(index.things.scene, label_mode="things"), ids, edit)
+    scene = actions[edit.action](index, index.things.scene, ids, edit)
     return with_look_alikes(scene, ids) if edit.action == "name" else scene
 
 

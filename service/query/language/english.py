@@ -5,6 +5,10 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Callable
+from typing import Literal
+
+NoQuestion = Literal["", "empty", "foreign", "unknown"]
+"""Why a text is no question in English; "" for one that is."""
 
 _WORD = re.compile(r"[^\W\d_]+")
 _ELSEWHERE = frozenset(
@@ -44,7 +48,7 @@ def names_nothing(text: str) -> bool:
     return all(word.casefold() in _CLOSED for word in re.findall(r"\w+", text))
 
 
-def no_question(text: str, is_word: Callable[[str], bool] | None) -> str:
+def no_question(text: str, is_word: Callable[[str], bool] | None) -> NoQuestion:
     """Why a text is no question in English: "empty", "foreign" or "unknown"; "" for one that is.
 
     Args:

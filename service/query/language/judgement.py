@@ -21,7 +21,7 @@ class Judgement:
         relevant: bool [N], the entries that the answer speaks of.
         leading: bool [N], those among them that lead whatever they score.
         named: whether the names alone decided.
-        suggested: whether the entries are merely suggested for things without a name.
+        suggested: whether nothing bears the names of the entries, and they are merely suggested.
     """
 
     verdict: Verdict

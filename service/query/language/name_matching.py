@@ -67,6 +67,10 @@ class NameIndex:
         for start in range(1 if not phrase.details else 0, len(words)):
             self._hyponyms[" ".join(words[start:])].append(label_id)
 
+    def has(self, text: str) -> bool:
+        """Whether a text as it stands is a name of the dictionary."""
+        return self._dictionary.id_of(text) is not None
+
     def match(self, text: str) -> NameMatch:
         """The entries that `text` names.
 

@@ -113,8 +113,14 @@ class PromptContexts:
 
     def _embed_labels(self, templates: tuple[str, ...]) -> NDArray[np.float32]:
         labels, encoder = self._labels, self._encoder
-        same = labels.text_encoder == (encoder.name, encoder.sha256) and labels.templates == templates
-        return labels.embeddings if same else embed_labels(labels.dictionary, encoder, templates)
+        known = labels.embeddings
+        if labels.text_encoder != (encoder.name, encoder.sha256) or labels.templates != templates:
+            return embed_labels(labels.dictionary, encoder, templates)
+        lacking = [entry.label for entry in labels.dictionary.entries[len(known) :]]
+        if not lacking:
+            return known
+        more = self._cache.embed(lacking, templates)
+        return np.concatenate([known, more]) if len(known) else more
 
     def _prepare(
         self, negatives: tuple[str, ...], templates: tuple[str, ...], labels: NDArray[np.float32]

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.language.calibration import calibration_key
 from fastsplat.service.query.language.embeddings import TextCaches, text_caches
-from fastsplat.service.query.language.english import names_nothing, no_question
-from fastsplat.service.query.language.explain import explain
+from fastsplat.service.query.language.english import NoQuestion, names_nothing, no_question
 from fastsplat.service.query.language.judgement import Judgement, Mask
 from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
@@ -30,11 +28,12 @@ from fastsplat.service.query.language.prompt_context import PromptContext, Promp
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
 from fastsplat.service.query.language.scene_labels import SceneLabels
+from fastsplat.service.query.language.sentences import Remarks
 from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER, unnamed_probability
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat_contract.queries import Answer, AnswerMethod, Match, Searched
+from fastsplat_contract.queries import Answer, AnswerMethod, Match
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -52,11 +51,18 @@ _FARTHEST = -1.0
 
 @dataclass(frozen=True)
 class Ranked:
-    """An answer, and the ids of those of its labels that name what was asked for, or a kind of it, and do not merely
-    serve in its place."""
+    """What is decided of a question, before it is put into words.
+
+    Attributes:
+        answer: without its outcome and its sentence.
+        standing: the ids of those of its labels that name what was asked for, or a kind of it, and do not merely serve
+            in its place.
+        remarks: what else the sentence says.
+    """
 
     answer: Answer
     standing: frozenset[int]
+    remarks: Remarks
 
 
 @dataclass(frozen=True)
@@ -77,14 +83,14 @@ class _Meant:
 
 
 class Ranker:
-    """One dictionary, one text encoder. Threads may share it.
+    """The names of one scene, one text encoder. Threads may share it.
 
     Args:
-        labels: of a scene.
-        counts: Gaussians of each dictionary id, 0 first.
+        labels: of a scene, with the names of `things.dictionary`.
+        things: what the names belong to: what nothing bears, and what is not even suggested, answers nothing.
+        counts: Gaussians of each label of the scene, 0 first.
         encoder: embeds queries, and labels where the scene's came from another encoder or other templates.
         settings: see `QuerySettings`.
-        things: those that the scene stores, or None.
         before: one with the same encoder, settings and lexicon, whose meanings are used again.
         lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
         caches: of the encoder and the settings, shared with other scenes; None: those of `before`, or its own.
@@ -97,28 +103,24 @@ class Ranker:
     def __init__(
         self,
         labels: SceneLabels,
+        things: ThingNames,
         counts: Sequence[int],
         encoder: TextEncoder,
         settings: QuerySettings,
-        things: ThingNames | None = None,
         before: Ranker | None = None,
         lexicon: Lexicon | None = None,
         caches: TextCaches | None = None,
     ) -> None:
         self._things = things
-        self._searched = Searched(None, 0, (), labels.searched) if things is None else things.searched
         self._settings = settings
-        self._counts = list(counts)
-        entries = labels.dictionary.entries
+        self._made_of = labels, counts, encoder, lexicon
+        entries, table = labels.dictionary.entries, things.table
+        self._counts = [*counts, *[0] * (1 + len(entries) - len(counts))]
         self._labels = [entry.label for entry in entries]
-        self._confidence = np.array([entry.confidence for entry in entries], dtype=np.float64)
-        self._present = np.ones(len(entries), dtype=np.bool_)
-        self._suggested = np.zeros(len(entries), dtype=np.bool_)
-        if things is not None and labels.mode == "things":
-            sure = {**things.probabilities, **{each: likely for each, (likely, _) in things.suggested.items()}}
-            self._confidence = np.array([sure.get(row + 1, 0.0) for row in range(len(entries))], dtype=np.float64)
-            self._present = np.array([row + 1 in sure for row in range(len(entries))], dtype=np.bool_)
-            self._suggested = np.array([row + 1 in things.suggested for row in range(len(entries))], dtype=np.bool_)
+        ids = range(1, len(entries) + 1)
+        self._confidence = np.array([table[i].probability if i in table else 0.0 for i in ids], dtype=np.float64)
+        self._present = np.array([i in table for i in ids], dtype=np.bool_)
+        self._suggested = np.array([i in table and table[i].suggested for i in ids], dtype=np.bool_)
         self._names = NameIndex(labels.dictionary)
         if caches is None:
             caches = text_caches(encoder, settings) if before is None else before._caches
@@ -133,6 +135,12 @@ class Ranker:
             if known is None or not known.is_of(labels.dictionary):
                 known = LabelMeanings(labels.dictionary, lexicon, caches)
             self._meanings = known
+
+    def suggesting(self, things: ThingNames) -> Ranker:
+        """One of the same scene, for which more names are suggested."""
+        labels, counts, encoder, lexicon = self._made_of
+        labels = replace(labels, dictionary=things.dictionary)
+        return Ranker(labels, things, counts, encoder, self._settings, self, lexicon, self._caches)
 
     @property
     def calibrated(self) -> bool:
@@ -157,11 +165,7 @@ class Ranker:
             self._meanings is not None and self._meanings.meaning(text).whole
         )
 
-    def rank(self, query: TextQuery) -> tuple[Answer, ...]:
-        """One answer per text, in order, see `rank_meant`."""
-        return tuple(ranked.answer for ranked in self.rank_meant(query))
-
-    def rank_meant(self, query: TextQuery) -> tuple[Ranked, ...]:
+    def rank(self, query: TextQuery) -> tuple[Ranked, ...]:
         """One answer per text, in order; every answer ranks the whole dictionary.
 
         Raises:
@@ -216,24 +220,24 @@ class Ranker:
         judged = self._without_doubtful(judged, standing, belief if meant is not None else None)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
         nothing = judged.verdict == "absent"
-        if belief is not None and nothing and self._searched.unnamed_things:
-            unnamed = unnamed_probability(self._searched)
+        searched = self._things.searched
+        if belief is not None and nothing and searched.unnamed_things:
+            unnamed = unnamed_probability(searched)
             belief = replace(belief, presence=1.0 - (1.0 - belief.presence) * (1.0 - unnamed))
-        likely_so, offered = self._offered(text) if nothing else (0.0, ())
         is_word = None if self._meanings is None else self._meanings.is_word
-        language = no_question(text, is_word) if nothing and not offered else ""
+        unread: NoQuestion = no_question(text, is_word) if nothing else ""
         probability = None if belief is None else belief.of_verdict(None if nothing else order[0])
+        if belief is None and judged.suggested and judged.named:
+            probability = float(self._confidence[order[0]])  # the very name: language adds no doubt
         doubted = probability is not None and probability < RATHER
         verdict = judged.verdict
-        if offered:
-            verdict, probability = "possible", likely_so
-        elif nothing and (language or doubted):
+        if nothing and (unread or doubted):
             verdict, probability = "undecided", None
         elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
         threshold = context.exact if judged.verdict == "exact" else context.related
         threshold = threshold if meant is None else meant.model.related
-        shown = verdict if verdict != "possible" else "exact" if offered else judged.verdict
+        shown = verdict if verdict != "possible" else judged.verdict
         relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
@@ -249,34 +253,26 @@ class Ranker:
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
-            matches=() if offered else self._matches(order, scores, context, judged.relevant, belief),
+            matches=self._matches(order, scores, context, judged.relevant, belief),
             masks=(),
             presence=None if belief is None else belief.presence,
-            searched=self._searched,
+            things=self._things.of_labels((order[judged.relevant[order]] + 1).tolist()),
+            searched=searched,
             relation=relation,
             relation_subject=subject,
             method=method,
-            things=offered,
         )
         unchecked = match.unchecked
         if comparison is not None and judged.verdict == "related":
             before = comparison.compounds.before.get(int(order[0]), "")
             unchecked = " ".join(words for words in (before, unchecked) if words)
-        may_be = offered
-        if self._things is not None and judged.suggested:
-            may_be = self._things.of_labels(answer.relevant_ids)
         ids = np.flatnonzero(standing & judged.relevant) + 1
-        explanation = explain(answer, unchecked, len(may_be), language)
-        return Ranked(replace(answer, explanation=explanation), frozenset(ids.tolist()))
-
-    def _offered(self, text: str) -> tuple[float, tuple[int, ...]]:
-        """The things without a name for which a text is suggested as one that the dictionary lacks, and how likely."""
-        names = {} if self._things is None else self._things.suggested_names
-        return names.get(label_key(text), (0.0, ()))
+        compared = context.related is not None or meant is not None
+        return Ranked(answer, frozenset(ids.tolist()), Remarks(unchecked, unread, calibrated=compared))
 
     def _without_doubtful(self, judged: Judgement, standing: Mask, belief: Belief | None) -> Judgement:
-        """A judgement in which names that are merely suggested for things without one stand back behind those that
-        things bear; alone they make an answer possible. What would merely serve in the place of what was asked for does
+        """A judgement in which names that are merely suggested stand back behind those that things bear; alone they
+        make an answer possible. What would merely serve in the place of what was asked for does
         so under a sure name alone: not under one that is suggested, nor, by the lexicon's model, under a doubtful one.
 
         Args:

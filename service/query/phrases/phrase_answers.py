@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
 from fastsplat.service.query.language.ranking import Ranked
-from fastsplat.service.query.phrases.phrase_sentences import phrase_sentence, surface_sentence
+from fastsplat.service.query.language.sentences import Remarks, doubt_of, quoted
 from fastsplat.service.query.phrases.phrase_solving import Named, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
@@ -42,24 +42,27 @@ class AskedScene:
     unit: str
 
 
-def answer_surface(plain: Answer, scene: AskedScene) -> Answer:
+def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
     """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
     is merely related to it ("plate" to "wall")."""
-    unnamed = plain.verdict in ("absent", "undecided") or (plain.verdict == "related" and plain.relation == "related")
-    kind = surface_kind(noun_phrase(plain.text)) if unnamed else ""
+    answer = plain.answer
+    unnamed = answer.verdict in ("absent", "undecided") or (
+        answer.verdict == "related" and answer.relation == "related"
+    )
+    kind = surface_kind(noun_phrase(answer.text)) if unnamed else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
     if not ids:
         return plain
     sure = kind != "horizontal surface"
-    return replace(
-        _about(plain, scene.things, ids),
+    about = replace(
+        _about(answer, scene.things, ids),
         verdict="exact" if sure else "possible",
         relation="same" if sure else "related",
-        explanation=surface_sentence(noun_phrase(plain.text), len(ids), sure=sure),
     )
+    return Ranked(about, frozenset(), Remarks(by_shape=True))
 
 
-def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, world_from_camera: F64 | None) -> Answer:
+def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
     """The answer to one such text.
 
     Args:
@@ -68,6 +71,7 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         scene: whom it is asked of.
         world_from_camera: float64 [4, 4] where the asker stands, OpenCV axes; None if nobody said that.
     """
+    text = plain.answer.text
     things = scene.things
     spoken = {name for reading in question.readings for name in _names_in(reading)}
     groups = sorted(spoken - {""})
@@ -83,12 +87,13 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
     solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit)
     solved = _agreed([solver.solve(reading) for reading in question.readings], question)
     reading = question.readings[0]
-    head = ranked[reading.group if solved.named.whole else reading.head].answer if reading.head else None
+    head = ranked[reading.group if solved.named.whole else reading.head] if reading.head else plain
     refusal = _refusal(question, solved)
-    nowhere = head is not None and head.verdict == "absent" and refusal == Refusal("not_named", reading.head)
+    nowhere = bool(reading.head) and head.answer.verdict == "absent" and refusal == Refusal("not_named", reading.head)
     if nowhere:
         refusal = None  # where nothing is that, nothing is that anywhere
-    counted = refusal is None and not (nowhere and plain.searched.unnamed_things)  # one without a name may be it
+    unnamed = plain.answer.searched.unnamed_things
+    counted = refusal is None and not (nowhere and unnamed)  # one without a name may be it
     phrase = PhraseAnswer(
         asks=question.asks,
         head=reading.head,
@@ -101,18 +106,18 @@ def answer_phrase(question: ParsedQuestion, plain: Answer, scene: AskedScene, wo
         refusal=refusal,
     )
     if refusal is not None:
-        if _is_of_the_meaning(refusal, question, plain, solved.named):
+        if _is_of_the_meaning(refusal, question, plain.answer, solved.named):
             return plain
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
-        explanation = phrase_sentence(phrase, things.called, may_be=may_be)
-        return replace(_about(plain, things, may_be), phrase=phrase, explanation=explanation)
-    if nowhere and head is not None:
-        ordered = tuple(match._replace(relevant=False) for match in head.matches)
-        return replace(head, text=plain.text, phrase=phrase, matches=ordered, things=())
+        return Ranked(replace(_about(plain.answer, things, may_be), phrase=phrase), frozenset(), Remarks())
+    if nowhere:
+        ordered = tuple(match._replace(relevant=False) for match in head.answer.matches)
+        answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, things=())
+        return Ranked(answer, frozenset(), replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     likely = min((each.likely for each in spoken_of), default=1.0)
-    taken = next((each.taken for each in spoken_of if each.taken), "")
-    return _decided(replace(head or plain, text=plain.text, phrase=phrase), things, likely, taken)
+    doubt = next((each.doubt for each in spoken_of if each.doubt), "")
+    return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
 
 
 def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
@@ -163,15 +168,15 @@ def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
     kind = "" if ids else surface_kind(name)
     if kind:
         surfaces = unnamed_surfaces(kind, scene.things.present, scene.open_measures())
-        taken = surface_sentence(name, len(surfaces), sure=False) if kind == "horizontal surface" else ""
-        return Named(surfaces, by_name=bool(surfaces), likely=1.0, taken=taken)
+        doubt = f"what is {quoted(name)} is told by shape and place" if kind == "horizontal surface" else ""
+        return Named(surfaces, by_name=bool(surfaces), likely=1.0, doubt=doubt)
     return Named(
         ids,
         by_name=answer.decided_by == "name" and answer.verdict != "undecided",
-        suggested=bool(ids) and not any(label_id in scene.things.by_label for label_id in labels),
+        suggested=bool(ids) and not any(map(scene.things.is_borne, labels)),
         whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
         likely=answer.probability if ids and answer.probability is not None else 1.0,
-        taken=answer.explanation.rstrip(".") if answer.verdict == "possible" and ids else "",
+        doubt=doubt_of(answer, scene.things) if answer.verdict == "possible" and ids else "",
     )
 
 
@@ -214,22 +219,21 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     )
 
 
-def _decided(answer: Answer, things: ThingNames, likely: float, taken: str) -> Answer:
+def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
     """The answer for the things that were decided on.
 
     Args:
         answer: to the head, with the phrase.
         things: of the scene.
         likely: 0..1, that the things it speaks of are called rightly; how probable the rest is, nobody has measured.
-        taken: what was taken for what the question calls them, though it is not sure; "" for nothing.
+        doubt: what was taken for what the question calls them, though it is not sure; "" for nothing.
     """
     assert answer.phrase is not None
     ids = answer.phrase.things
-    doubtful = bool(taken) or likely < RATHER
-    return replace(
+    decided = replace(
         _about(answer, things, ids),
-        verdict=("possible" if doubtful else "exact") if ids else "absent",
+        verdict=("possible" if doubt or likely < RATHER else "exact") if ids else "absent",
         relation="same" if ids else "absent",
         probability=likely if ids and likely < 1.0 else None,
-        explanation=phrase_sentence(answer.phrase, things.called, taken),
     )
+    return Ranked(decided, frozenset(), Remarks(doubt=doubt))

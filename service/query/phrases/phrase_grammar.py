@@ -135,7 +135,7 @@ def parsed_questions(
     a "can of paint" may be one."""
     parsed = []
     for text in texts:
-        question = parse_question(text, is_name)
+        question = None if names.has(text) else parse_question(text, is_name)
         if question is not None and question.asks == "things":
             match = names.match(text)
             question = None if match.exact and not match.unchecked else question

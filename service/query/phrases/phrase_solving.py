@@ -43,7 +43,7 @@ class Named:
         whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
         suggested: whether the name is merely suggested for them.
         likely: 0..1, that the things are called so.
-        taken: what is taken for what the group calls, where that is not sure; "" where it is.
+        doubt: what is taken for what the group calls, where that is not sure; "" where it is.
     """
 
     ids: tuple[int, ...]
@@ -51,7 +51,7 @@ class Named:
     whole: bool = False
     suggested: bool = False
     likely: float = 1.0
-    taken: str = ""
+    doubt: str = ""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels
 from fastsplat.service.query.things.objects import Instance
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import NameSource, Scene, Thing, Things
+from fastsplat.service.scene.types import CodeSemantics, NameSource, Scene, Thing, Things, semantics_of
 
 _SURE_PX = 16
 """Membership of a Gaussian whose label is certain, pixels."""
@@ -23,8 +23,9 @@ _MAX_THINGS = 65535
 def labeled_things(scene: Scene, instances: Sequence[Instance], labels: GaussianLabels) -> Things:
     """The objects of the labels as things, numbered in their order, so that the same scene always has the same ids.
 
-    A thing bears the name of its label. Gaussians of the label that are too faint, or too few, to be an object belong
-    to the thing of that label that they lie in or beside; those with none so near are strays, and belong to no thing.
+    A thing bears the name of its label, and the codes that were trained on the labels, if any, decide whose a pixel is.
+    Gaussians of the label that are too faint, or too few, to be an object belong to the thing of that label that they
+    lie in or beside; those with none so near are strays, and belong to no thing.
 
     Args:
         scene: one that stores no things.
@@ -52,7 +53,9 @@ def labeled_things(scene: Scene, instances: Sequence[Instance], labels: Gaussian
     rows = np.arange(len(owner))
     # What has no label says so in the masks, as long as anybody has seen it.
     seen = (owner > 0) | (labels.confidence > 0)
-    return Things(tuple(table), evidence_of(rows[seen], owner[seen], counts[seen], len(owner)))
+    members = evidence_of(rows[seen], owner[seen], counts[seen], len(owner))
+    coded = isinstance(semantics_of(scene), CodeSemantics) and scene.gaussians.codes.shape[1] > 0
+    return Things(tuple(table), members, head=scene.head if coded else None)
 
 
 def with_things(scene: Scene, things: Things) -> Scene:

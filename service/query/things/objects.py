@@ -16,7 +16,7 @@ from fastsplat.service.query.things.visibility import best_views
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.things import part_rows, thing_rows
-from fastsplat.service.scene.types import F32, Gaussians, Scene, Things
+from fastsplat.service.scene.types import F32, Gaussians, Scene
 from fastsplat_contract.poses import vector3
 from fastsplat_contract.scenes import SceneObject
 
@@ -111,18 +111,6 @@ def _describe(scene: Scene, field: GaussianLabels, thing_ids: set[int], known: d
                 groups.append(_Part(1, 1, thing_id, rows))
         visible = {instance.object.thing_id: instance for instance in _instances(scene, field, groups, areas)}
         known.update({thing_id: visible.get(thing_id, known.get(thing_id)) for thing_id in thing_ids})
-
-
-def numbered_as_things(instances: Sequence[Instance], things: Things | None) -> tuple[Instance, ...]:
-    """The instances with the ids of the things that most of their Gaussians belong to, 0 for none; as they are without
-    things."""
-    if things is None:
-        return tuple(instances)
-    owner = thing_rows(things)
-    return tuple(
-        instance._replace(object=replace(instance.object, thing_id=int(np.bincount(owner[instance.rows]).argmax())))
-        for instance in instances
-    )
 
 
 def solid_rows(gaussians: Gaussians) -> NDArray[np.int64]:

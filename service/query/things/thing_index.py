@@ -124,8 +124,7 @@ class SceneThings:
     def names(self) -> ThingNames:
         """Their names, without anything that has a row for each Gaussian, and without pictures."""
         present, parts = (
-            tuple(replace(thing, appearance=b"", picture=b"") for thing in things)
-            for things in (self.present, self.present_parts)
+            tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
         return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
 

@@ -1,16 +1,38 @@
-"""The things of one scene by their names, without their Gaussians."""
+"""The names of one scene and what they belong to, without its Gaussians: the hash table that everything is asked of."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
-from fastsplat.service.common.dictionary import Dictionary, label_key
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
+from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.names_by_looks import NameFromScene
+from fastsplat.service.scene.types import NameSource, Scene, Thing
 from fastsplat_contract.queries import Searched
 
 _MAX_UNNAMED = 100
+_SETTLED: tuple[NameSource, ...] = ("given", "person")
+"""Beside a name by one of these no suggestion counts."""
+
+
+@dataclass(frozen=True)
+class Name:
+    """One name, and what it belongs to.
+
+    Attributes:
+        label: as it is shown.
+        things: ids of the things, then of the parts, that bear it; where none does, those for which it is suggested by
+            at least half of `probability`, the likeliest first.
+        probability: 0..1, the largest with which it belongs to one of them.
+        suggested: whether nothing bears it, neither a thing nor, by themselves, Gaussians.
+    """
+
+    label: str
+    things: tuple[int, ...]
+    probability: float
+    suggested: bool
 
 
 @dataclass(frozen=True)
@@ -18,71 +40,115 @@ class ThingNames:
     """Names of things. Threads may share it.
 
     Attributes:
-        dictionary: of the scene.
+        labels: the scene's dictionary.
         present: the things that have Gaussians, by id.
         parts: those of them that have Gaussians, by the ids of the things, then by their own.
         searched_names: how many names were looked for; None if nobody noted it.
+        marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
+            where labels are the names of things.
+        stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
+            of its labels.
     """
 
-    dictionary: Dictionary
+    labels: Dictionary
     present: tuple[Thing, ...]
     parts: tuple[Thing, ...]
     searched_names: int | None
+    marked: Mapping[int, float] = field(default_factory=dict)
+    stored: bool = True
+
+    @cached_property
+    def dictionary(self) -> Dictionary:
+        """The keys: the scene's labels, then names that it lacks and that are suggested."""
+        lacking = [DictionaryEntry(name) for name, _ in self._suggestions.values() if self.labels.id_of(name) is None]
+        room = MAX_LABELS - len(self.labels)
+        return Dictionary((*self.labels.entries, *lacking[:room])) if lacking else self.labels
+
+    @cached_property
+    def table(self) -> Mapping[int, Name]:
+        """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
+        those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
+        sureness = {thing.id: thing.probability for thing in self._everything}
+        suggested = {self.dictionary.id_of(name): own for name, own in self._suggestions.values()}
+        names: dict[int, Name] = {}
+        for label_id in range(1, len(self.dictionary) + 1):
+            bearing, own = self.by_label.get(label_id, ()), suggested.get(label_id, {})
+            borne = bool(bearing) or label_id in self.marked
+            if borne or own:
+                most = max(own.values(), default=0.0)
+                likely = sorted((each for each in own if 2 * own[each] >= most), key=lambda each: -own[each])
+                sure = max((sureness[each] for each in bearing), default=self.marked.get(label_id, 0.0))
+                label = self.dictionary.label_of(label_id)
+                names[label_id] = Name(label, bearing or tuple(likely), sure if borne else most, suggested=not borne)
+        order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
+        return {label_id: names[label_id] for label_id in order}
 
     @cached_property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:
         """The ids of the things and parts that bear each label, things first; of labels that one bears."""
         ids: dict[int, tuple[int, ...]] = {}
-        for thing in (*self.present, *self.parts):
-            if thing.name and (label_id := self.dictionary.id_of(thing.name)):
+        for thing in self._everything:
+            if thing.name and (label_id := self.labels.id_of(thing.name)):
                 ids[label_id] = (*ids.get(label_id, ()), thing.id)
         return ids
 
     @cached_property
-    def probabilities(self) -> Mapping[int, float]:
-        """For each label that a thing or a part bears the largest probability of their names."""
-        sure = {thing.id: thing.probability for thing in (*self.present, *self.parts)}
-        return {label_id: max(sure[thing_id] for thing_id in ids) for label_id, ids in self.by_label.items()}
+    def _suggestions(self) -> Mapping[int | str, tuple[str, dict[int, float]]]:
+        """Names that are suggested for things and parts, and how likely for which; by label id, or by key where the
+        scene's dictionary lacks them."""
+        likely: dict[int | str, tuple[str, dict[int, float]]] = {}
+        for thing in self._everything:
+            for name, probability in () if thing.source in _SETTLED else thing.suggestions:
+                _, own = likely.setdefault(self.labels.id_of(name) or label_key(name), (name, {}))
+                own[thing.id] = max(probability, own.get(thing.id, 0.0))
+        return likely
 
-    @cached_property
-    def suggested(self) -> Mapping[int, tuple[float, tuple[int, ...]]]:
-        """For each label that nothing bears and that is suggested for things without a name: the largest probability,
-        and those of these things for which it is at least half as large, the likeliest first."""
-        by_id = {self.dictionary.id_of(name): each for name, each in self.suggested_names.items()}
-        return {label_id: each for label_id, each in by_id.items() if label_id and label_id not in self.by_label}
-
-    @cached_property
-    def suggested_names(self) -> Mapping[str, tuple[float, tuple[int, ...]]]:
-        """As `suggested`, of all names that are suggested, by their keys: the dictionary need not have them."""
-        likely: dict[str, dict[int, float]] = {}
-        for thing in self.present:
-            for name, probability in () if thing.name else thing.suggestions:
-                likely.setdefault(label_key(name), {})[thing.id] = probability
-        ranked = {name: sorted(own.items(), key=lambda each: -each[1]) for name, own in likely.items()}
-        return {
-            name: (own[0][1], tuple(thing_id for thing_id, each in own if 2 * each >= own[0][1]))
-            for name, own in ranked.items()
-        }
+    @property
+    def _everything(self) -> tuple[Thing, ...]:
+        return (*self.present, *self.parts)
 
     def of_labels(self, label_ids: Sequence[int]) -> tuple[int, ...]:
-        """The things that bear these labels, or for which those are suggested that nothing bears, in the order of the
-        labels."""
-        ids = [
-            thing_id
-            for label_id in label_ids
-            for thing_id in self.by_label.get(label_id) or self.suggested.get(label_id, (0.0, ()))[1]
-        ]
+        """The things that these names belong to, in the order of the names."""
+        ids = [thing_id for each in label_ids if each in self.table for thing_id in self.table[each].things]
         return tuple(dict.fromkeys(ids))
+
+    def suggesting(self, elsewhere: Mapping[int, NameFromScene]) -> ThingNames:
+        """The same with names that other scenes suggest for some things, by their ids."""
+
+        def suggested(thing: Thing) -> Thing:
+            name = elsewhere[thing.id]
+            own = [each for each in thing.suggestions if label_key(each[0]) != label_key(name.name)]
+            return replace(thing, suggestions=((name.name, name.probability), *own))
+
+        return replace(
+            self, present=tuple(suggested(thing) if thing.id in elsewhere else thing for thing in self.present)
+        )
+
+    def is_borne(self, label_id: int) -> bool:
+        """Whether anything bears a name."""
+        return label_id in self.table and not self.table[label_id].suggested
 
     @cached_property
     def called(self) -> Mapping[int, str]:
-        """What a sentence calls each thing and part: its name, or "" for none."""
-        return {thing.id: thing.name for thing in (*self.present, *self.parts)}
+        """The name of each thing and part, or "" for none."""
+        return {thing.id: thing.name for thing in self._everything}
 
     @cached_property
     def searched(self) -> Searched:
         """What this scene was searched for."""
         unnamed = [thing.id for thing in self.present if not thing.name]
-        return Searched(
-            len(self.present) - len(unnamed), len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names
-        )
+        named = len(self.present) - len(unnamed) if self.stored else None
+        return Searched(named, len(unnamed), tuple(unnamed[:_MAX_UNNAMED]), self.searched_names)
+
+
+def names_of(scene: Scene, of_things: ThingNames | None, counts: Sequence[int]) -> ThingNames:
+    """The names that a scene can be asked for.
+
+    Args:
+        scene: its labels.
+        of_things: those of the things that it stores; None: it stores none.
+        counts: Gaussians of each label, 0 first.
+    """
+    names = of_things or ThingNames(scene.dictionary, (), (), searched_names(scene), stored=False)
+    entries = () if scene.label_mode == "things" else enumerate(scene.dictionary.entries, start=1)
+    return replace(names, marked={label_id: entry.confidence for label_id, entry in entries if counts[label_id]})

@@ -1,4 +1,4 @@
-"""What alembic runs for every command: the migrations, within the transaction of `migrate`."""
+"""Alembic environment: the migrations, within the transaction of `migrate`."""
 
 from __future__ import annotations
 

@@ -64,7 +64,6 @@ def finished(make_world: MakeWorld, tmp_path: Path) -> tuple[Scene, Path]:
         "ARBITRARY",
         quality=scene_quality(trained, labelling, capture, Provenance()),
         things=things,
-        label_mode="things",
     )
     return scene, folder
 

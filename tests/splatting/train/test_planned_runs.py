@@ -14,7 +14,9 @@ from fastsplat.service.splatting.train import train
 
 def test_the_size_of_a_capture_is_that_of_its_largest_image(world) -> None:
     capture, labelling = world
-    assert scene_size(capture, len(labelling.dictionary)) == SceneSize(12, 64, 48, len(capture.points), 3)
+    assert scene_size(capture, len(labelling.dictionary)) == SceneSize(12, 64, 48, len(capture.points), 0)
+    given = dataclasses.replace(capture, given_labels=capture.views[0].image_path.parent)
+    assert scene_size(given, len(labelling.dictionary)).labels == 3, "codes learn what came with the capture alone"
     assert scene_size(dataclasses.replace(capture, views=()), 0).width == 0
 
 

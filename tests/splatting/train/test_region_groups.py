@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 import pytest
@@ -13,7 +13,19 @@ from hypothesis import strategies as st
 
 from fastsplat.service.splatting import region_groups
 from fastsplat.service.splatting.raster.types import LabelSums
-from fastsplat.service.splatting.region_groups import Region, group_regions
+from fastsplat.service.splatting.region_groups import greedy_groups, lift_regions, one_piece_each, overlaps_of
+
+Region = tuple[int, int]  # view and region number, 1 the first
+
+
+def group_regions(sums: Iterable[LabelSums], counts: Sequence[int], overlap: float = 0.5) -> list[tuple[Region, ...]]:
+    """Groups as discovery makes them, of regions that do not overlap in their view."""
+    overlaps = overlaps_of(
+        lift_regions(own, one_piece_each(count, own)) for own, count in zip(sums, counts, strict=True)
+    )
+    regions = [(view, region) for view, count in enumerate(counts) for region in range(1, count + 1)]
+    groups = greedy_groups(overlaps, overlaps.agreement(overlap), overlap)
+    return [tuple(regions[row] for row in members) for members in groups]
 
 
 def made_sums(

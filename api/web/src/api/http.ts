@@ -1,7 +1,7 @@
 import { signal } from "@preact/signals";
 
-import { shareKey } from "../app/share";
-import { isPhone, linkRefused, uploadKey } from "../app/uploadLink";
+import { shareKey } from "../address/share";
+import { isPhone, linkRefused, uploadKey } from "../address/uploadLink";
 import { texts } from "../texts";
 import type { Problem } from "./types";
 

@@ -1,5 +1,7 @@
 import { useEffect, useRef } from "preact/hooks";
 
+import { route } from "../address/router";
+import { isShared } from "../address/share";
 import { accessKey, isOnline, signInReason, signOut } from "../api/http";
 import { ScenePage } from "../scene/ScenePage";
 import { ScenesPage } from "../scenes/ScenesPage";
@@ -7,8 +9,6 @@ import { ServerPage } from "../server/ServerPage";
 import { texts } from "../texts";
 import { PhonePage } from "../upload/PhonePage";
 import { UploadPage } from "../upload/UploadPage";
-import { route } from "./router";
-import { isShared } from "./share";
 import { SignIn } from "./SignIn";
 
 /** The whole page: the header, and what the address names. */

@@ -2,13 +2,13 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { Match, SceneObject } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
-import { knownLabels } from "./knownLabels";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "./askParts";
+import { knownNames } from "./knownNames";
 
 const TYPING_MS = 350;
 const SHOWN_MATCHES = 6;
@@ -44,7 +44,7 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
-  const labels = knownLabels(state.scene.value?.dictionary ?? [], state.things.value).slice(0, SHOWN_LABELS);
+  const labels = knownNames(state.things.value ?? []).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
       <h2 id="ask-title">{texts.ask.title}</h2>
@@ -56,7 +56,7 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
       {answer && (
         <>
           <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
-          {answer.verdict !== "absent" && answer.verdict !== "undecided" && (
+          {(answer.outcome === "here" || answer.outcome === "probably_here") && (
             <BestPhotos state={state} text={answer.text} />
           )}
           <Matches matches={answer.matches.slice(0, SHOWN_MATCHES)} onAsk={type} />

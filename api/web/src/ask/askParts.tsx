@@ -1,6 +1,5 @@
 import type { Answer, SceneObject } from "../api/types";
 import { texts } from "../texts";
-import { relationWord } from "./relationWord";
 
 /** The parts of a question that a page with a server and a file without one share. */
 
@@ -40,21 +39,9 @@ export function QuestionForm({
   );
 }
 
-/** Whether it is here, why, and how likely what is said is right. */
-export function Verdict({
-  answer,
-}: {
-  answer: Pick<Answer, "verdict" | "relation" | "relation_subject" | "explanation" | "probability">;
-}) {
-  return (
-    <div class={`verdict ${answer.verdict}`}>
-      <p class="verdict-word">{relationWord(answer)}</p>
-      <p>{answer.explanation}</p>
-      {answer.probability !== null && (
-        <p class="hint">{texts.ask.likely[answer.verdict === "absent" ? "absent" : "here"](answer.probability)}</p>
-      )}
-    </div>
-  );
+/** The sentence that the server says. */
+export function Verdict({ answer }: { answer: Pick<Answer, "outcome" | "sentence"> }) {
+  return <p class={`verdict ${answer.outcome}`}>{answer.sentence}</p>;
 }
 
 /** The objects of an answer, to fly to. */

@@ -1,12 +1,13 @@
 import { useEffect, useRef } from "preact/hooks";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import type { Motion } from "../viewer/motions";
+import { withAxis } from "../viewer/motions";
+import type { Point } from "../viewer/projection";
+import { Projection } from "../viewer/projection";
 import type { Vec } from "../viewer/vectors";
-import { add, dot, length, subtract } from "../viewer/vectors";
-import type { Motion } from "./motions";
-import { withAxis } from "./motions";
-import { projected } from "./projection";
+import { add, dot, length, scale, subtract } from "../viewer/vectors";
 
 const AXES: readonly Vec[] = [
   [1, 0, 0],
@@ -16,8 +17,6 @@ const AXES: readonly Vec[] = [
 const SHARE = 0.16; // of the distance to the thing: how long the handles' axes are
 const NUDGE = 0.02; // the same, of one press of an arrow key
 const TURN = Math.PI / 36;
-
-type Point = { x: number; y: number };
 
 /** Three handles to shift the selected things along the world's axes, and three to turn them about these. */
 export function Gizmo({ state }: { state: SceneState }) {
@@ -32,15 +31,16 @@ export function Gizmo({ state }: { state: SceneState }) {
   if (!view || !motion || !size.width) return null;
   const center = add(motion.pivot, motion.shift);
   const reach = SHARE * length(subtract(center, view.position));
-  const middle = projected(view, size, center);
+  const projection = new Projection(view, size);
+  const middle = projection.point(center);
   if (!middle) return null;
   const set = (next: Motion) => (change.motion.value = next);
   const handles = AXES.flatMap((axis, number) => {
-    const far = projected(view, size, add(center, [axis[0] * reach, axis[1] * reach, axis[2] * reach]));
-    const near = projected(view, size, add(center, [axis[0] * -reach, axis[1] * -reach, axis[2] * -reach]));
+    const far = projection.point(add(center, scale(axis, reach)));
+    const near = projection.point(add(center, scale(axis, -reach)));
     if (!far || !near) return [];
-    const along = { x: (far.x - middle.x) / reach, y: (far.y - middle.y) / reach }; // pixels a unit
-    const pixels = along.x ** 2 + along.y ** 2;
+    const along = [(far[0] - middle[0]) / reach, (far[1] - middle[1]) / reach] as const; // pixels a unit
+    const pixels = along[0] ** 2 + along[1] ** 2;
     const towards = dot(axis, subtract(view.position, center)) > 0 ? -1 : 1; // the screen's y points down
     const shifted = (from: Motion, by: number) => ({
       ...from,
@@ -50,7 +50,7 @@ export function Gizmo({ state }: { state: SceneState }) {
       ...from,
       angles: withAxis(from.angles, number, (from.angles[number] ?? 0) + by),
     });
-    const bearing = (point: Point) => Math.atan2(point.y - middle.y, point.x - middle.x);
+    const bearing = (point: Point) => Math.atan2(point[1] - middle[1], point[0] - middle[0]);
     return [
       {
         kind: "shift",
@@ -59,7 +59,7 @@ export function Gizmo({ state }: { state: SceneState }) {
         label: texts.change.shiftAlong(AXIS_NAMES[number] ?? ""),
         nudge: (sign: number) => set(shifted(motion, sign * NUDGE * (reach / SHARE))),
         move: (from: Motion, start: Point, now: Point) =>
-          pixels > 1 && set(shifted(from, ((now.x - start.x) * along.x + (now.y - start.y) * along.y) / pixels)),
+          pixels > 1 && set(shifted(from, ((now[0] - start[0]) * along[0] + (now[1] - start[1]) * along[1]) / pixels)),
       },
       {
         kind: "turn",
@@ -75,7 +75,7 @@ export function Gizmo({ state }: { state: SceneState }) {
     <div class="gizmo" ref={first}>
       <svg aria-hidden="true" viewBox={`0 0 ${size.width} ${size.height}`}>
         {handles.map(({ kind, number, at }) => (
-          <line key={`${kind}${number}`} class={`axis-${number}`} x1={middle.x} y1={middle.y} x2={at.x} y2={at.y} />
+          <line key={`${kind}${number}`} class={`axis-${number}`} x1={middle[0]} y1={middle[1]} x2={at[0]} y2={at[1]} />
         ))}
       </svg>
       {handles.map(({ kind, number, at, label, nudge, move }) => (
@@ -84,7 +84,7 @@ export function Gizmo({ state }: { state: SceneState }) {
           type="button"
           class={`handle ${kind} axis-${number}`}
           aria-label={label}
-          style={{ left: `${at.x}px`, top: `${at.y}px` }}
+          style={{ left: `${at[0]}px`, top: `${at[1]}px` }}
           onPointerDown={(event) => {
             event.currentTarget.setPointerCapture(event.pointerId);
             drag.current = { from: inside(event), motion };
@@ -112,5 +112,5 @@ export const AXIS_NAMES = ["x", "y", "z"] as const;
 
 function inside(event: PointerEvent & { currentTarget: EventTarget }): Point {
   const frame = (event.currentTarget as HTMLElement).parentElement?.getBoundingClientRect();
-  return { x: event.clientX - (frame?.left ?? 0), y: event.clientY - (frame?.top ?? 0) };
+  return [event.clientX - (frame?.left ?? 0), event.clientY - (frame?.top ?? 0)];
 }

@@ -2,8 +2,7 @@ import { computed, signal, useSignalEffect } from "@preact/signals";
 import { useEffect, useMemo } from "preact/hooks";
 
 import type { SceneThing } from "../api/types";
-import type { SceneState } from "../scene/sceneState";
-import { titleOf } from "../things/ThingPanel";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
@@ -47,7 +46,7 @@ export function LookAlikes({ state, onFly }: Properties) {
   const { box } = next;
   return (
     <section class="note look-alikes" aria-label={texts.change.lookAlikes(name)}>
-      <p role="status">{texts.change.lookAlike(titleOf(next), name, probability)}</p>
+      <p role="status">{texts.change.lookAlike(texts.things.titleOf(next), name, probability)}</p>
       <div class="buttons">
         <button type="button" class="primary" disabled={state.busy.value} onClick={() => round.confirm([next])}>
           {texts.change.lookAlikeYes}

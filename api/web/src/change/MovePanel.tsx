@@ -1,7 +1,7 @@
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { isRest, poseOf, withAxis } from "../viewer/motions";
 import { AXIS_NAMES } from "./Gizmo";
-import { isRest, poseOf, withAxis } from "./motions";
 
 const DEGREE = Math.PI / 180;
 

@@ -1,12 +1,11 @@
 import { useState } from "preact/hooks";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
-import type { Vec } from "../viewer/vectors";
-import { projected } from "./projection";
+import { Projection } from "../viewer/projection";
+import { MiddleButton } from "./MiddleButton";
 import { addPlace, endRuler } from "./ruler";
-import { MiddleButton } from "./ToolNote";
 import { parsePoint } from "./typedPoint";
 
 /** The places on show, and the line between them. */
@@ -15,14 +14,15 @@ export function RulerLine({ state }: { state: SceneState }) {
   const [ruler, view, size] = [change.ruler.value, change.view.value, change.size.value];
   if (!ruler?.measured || !view || !size.width) return null;
   const { places, distance, meters } = ruler.measured;
-  const ends = places.map(({ point }) => projected(view, size, [point.x, point.y, point.z] as Vec));
+  const projection = new Projection(view, size);
+  const ends = places.map(({ point }) => projection.point([point.x, point.y, point.z]));
   const [from, to] = ends;
   return (
     <svg class="ruler" aria-hidden="true" viewBox={`0 0 ${size.width} ${size.height}`}>
-      {from && to && <line x1={from.x} y1={from.y} x2={to.x} y2={to.y} />}
-      {ends.map((end, number) => end && <circle key={number} cx={end.x} cy={end.y} r="6" />)}
+      {from && to && <line x1={from[0]} y1={from[1]} x2={to[0]} y2={to[1]} />}
+      {ends.map((end, number) => end && <circle key={number} cx={end[0]} cy={end[1]} r="6" />)}
       {from && to && distance && (
-        <text x={(from.x + to.x) / 2} y={(from.y + to.y) / 2 - 12}>
+        <text x={(from[0] + to[0]) / 2} y={(from[1] + to[1]) / 2 - 12}>
           {texts.change.length(distance, meters)}
         </text>
       )}

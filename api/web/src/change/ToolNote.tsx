@@ -1,6 +1,7 @@
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
+import { MiddleButton } from "./MiddleButton";
 import { endPrompt } from "./prompts";
 import { RulerLine, RulerNote } from "./Ruler";
 import { ComparedNote } from "./VersionsPanel";
@@ -17,22 +18,6 @@ export function ToolNote({ state }: { state: SceneState }) {
       <RulerLine state={state} />
       {takesPlaces && <div class="crosshair" aria-hidden="true" />}
     </>
-  );
-}
-
-/** Says where the crosshair is, for a keyboard that has moved the camera. */
-export function MiddleButton({ state }: { state: SceneState }) {
-  return (
-    <button
-      type="button"
-      disabled={state.busy.value}
-      onClick={() => {
-        const place = state.change.middle();
-        if (place) state.change.onPlace.value?.(place);
-      }}
-    >
-      {texts.change.middle}
-    </button>
   );
 }
 

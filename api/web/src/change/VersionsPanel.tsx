@@ -1,7 +1,7 @@
 import { useEffect } from "preact/hooks";
 
 import type { SceneVersion } from "../api/types";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { undoKeys } from "./shortcuts";
 import { describeVersion, lineOf } from "./versionTexts";

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
+import type { SeenPlace } from "../state/changeState";
 import { cameraOf } from "../viewer/poses";
-import type { SeenPlace } from "./changeState";
 import { promptOf } from "./prompts";
 
 const here = cameraOf({ position: [0, -3, 1], target: [0, 0, 0], up: [0, 0, 1] }, 64, 48);

@@ -1,16 +1,6 @@
-import type { SceneState } from "../scene/sceneState";
+import type { PromptTool, SeenPlace } from "../state/changeState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import type { SeenPlace } from "./changeState";
-
-/** A thing that is being split, or one that is missing, by clicks in the view. */
-export interface PromptTool {
-  kind: "split" | "add";
-  /** Of the thing that is split; 0 for a missing one. */
-  thing: number;
-  /** What the clicks so far have made; null before the first. */
-  made: { id: number; count: number; version: string } | null;
-  places: readonly SeenPlace[];
-}
 
 /** Begins to take clicks; until the person ends it, a click says where the thing is. */
 export function beginPrompt(state: SceneState, kind: PromptTool["kind"], thing = 0): void {

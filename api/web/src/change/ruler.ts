@@ -1,16 +1,8 @@
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
-import type { Measurement, Place } from "../api/types";
-import type { SceneState } from "../scene/sceneState";
-import type { SeenPlace } from "./changeState";
-
-/** Two places that are measured between, as they were picked, and what the server says of them. */
-export interface RulerTool {
-  places: readonly Place[];
-  measured: Measurement | null;
-  error: unknown;
-  waiting: boolean;
-}
+import type { Place } from "../api/types";
+import type { RulerTool, SeenPlace } from "../state/changeState";
+import type { SceneState } from "../state/sceneState";
 
 const EMPTY: RulerTool = { places: [], measured: null, error: null, waiting: false };
 

@@ -1,4 +1,4 @@
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 
 /** Whether a key is for the field that has the focus, which undoes its own typing. */

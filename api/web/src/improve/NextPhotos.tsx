@@ -3,13 +3,12 @@ import { useEffect, useState } from "preact/hooks";
 
 import { getJson } from "../api/http";
 import type { NextPhotoList, PosedCamera } from "../api/types";
-import type { LookState } from "../look/lookState";
-import { drawnDepth } from "../look/lookState";
-import type { Point } from "../look/projection";
-import { frustumOf, Projection } from "../look/projection";
+import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
+import type { Point } from "../viewer/projection";
+import { drawnDepth, frustumOf, Projection } from "../viewer/projection";
 import "./improve.css";
 
 /** Cameras that no photo was taken with yet, while their list is open. */

@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { followOperation } from "./followOperation";
 
 /** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew once it is done. */

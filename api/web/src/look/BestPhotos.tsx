@@ -1,11 +1,11 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 
 import { isAbort } from "../api/http";
-import type { SceneState } from "../scene/sceneState";
+import type { BestView } from "../api/photoCalls";
+import { bestViews, photoAddress } from "../api/photoCalls";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { decodeRle, outlinePixels } from "./outline";
-import type { BestView } from "./photoCalls";
-import { bestViews, photoAddress } from "./photoCalls";
 
 const FOUND = [255, 176, 32] as const;
 

@@ -1,11 +1,10 @@
 import { useMemo } from "preact/hooks";
 
+import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
+import type { Point } from "../viewer/projection";
+import { drawnDepth, frustumOf, Projection } from "../viewer/projection";
 import { length, subtract } from "../viewer/vectors";
-import type { LookState } from "./lookState";
-import { drawnDepth } from "./lookState";
-import type { Point } from "./projection";
-import { frustumOf, Projection } from "./projection";
 
 const HANDLE = 12; // pixels: what a finger can hit
 

@@ -1,10 +1,9 @@
 import { useMemo } from "preact/hooks";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { titleOf } from "../things/ThingPanel";
-import type { LegendEntry } from "./colors";
-import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, MODES, NOTHING } from "./colors";
+import type { LegendEntry } from "../viewer/colors";
+import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, MODES, NOTHING } from "../viewer/colors";
 
 const SHOWN_ENTRIES = 40;
 
@@ -65,7 +64,7 @@ export function Legend({ state }: { state: SceneState }) {
   const { look } = state;
   const [mode, things, depths] = [look.mode.value, state.things.value, look.depths.value];
   const entries = useMemo((): readonly LegendEntry[] => {
-    if (mode === "things") return coloringByThing(things ?? [], titleOf).legend;
+    if (mode === "things") return coloringByThing(things ?? [], texts.things.titleOf).legend;
     if (mode === "normals") return texts.look.axes.map((name, index) => ({ name, color: AXES[index] ?? NOTHING }));
     return mode === "labels" ? coloringByLabel(things ?? []).legend : [];
   }, [mode, things]);

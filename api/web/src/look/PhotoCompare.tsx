@@ -1,11 +1,11 @@
 import { useEffect, useState } from "preact/hooks";
 
 import { isAbort } from "../api/http";
-import type { SceneState } from "../scene/sceneState";
+import { photoAddress } from "../api/photoCalls";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
-import { photoAddress } from "./photoCalls";
-import { photoRect } from "./projection";
+import { photoRect } from "../viewer/projection";
 
 /** The photo of the camera where the view stands, over the scene's own picture of it; a slider says how much of which. */
 export function PhotoCompare({ state }: { state: SceneState }) {

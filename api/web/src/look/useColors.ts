@@ -1,9 +1,9 @@
 import type { Signal } from "@preact/signals";
 import { useSignalEffect } from "@preact/signals";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
+import { coloringByLabel, coloringByThing, tintsOf } from "../viewer/colors";
 import type { SplatView } from "../viewer/splatView";
-import { coloringByLabel, coloringByThing, tintsOf } from "./colors";
 import { middleOf, normalTints } from "./normals";
 
 /** Gives the Gaussians on show the colors that the look asks for. */

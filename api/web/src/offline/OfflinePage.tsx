@@ -33,7 +33,7 @@ export function OfflinePage({ data }: { data: SceneData }) {
   };
   useEffect(() => {
     let gone = false;
-    if (!answer?.rows || answer.verdict === "absent") setFound(null);
+    if (!answer?.rows || answer.outcome === "not_here") setFound(null);
     else
       void unzipped(fromBase64(answer.rows)).then((bits) => {
         if (!gone) setFound(unpackBits(bits, data.gaussians));

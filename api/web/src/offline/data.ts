@@ -21,11 +21,8 @@ export interface OfflineName {
 
 /** What the server said when it was asked for that name. */
 export interface OfflineAnswer {
-  verdict: Answer["verdict"];
-  relation: Answer["relation"];
-  relation_subject: Answer["relation_subject"];
-  explanation: string;
-  probability: number | null;
+  outcome: Answer["outcome"];
+  sentence: string;
   objects: SceneObject[];
   /** Which Gaussians: packed bits, gzip, base64; empty for none. */
   rows: string;

@@ -1,7 +1,6 @@
 import type { Scene } from "../api/types";
+import { LeftOutFiles } from "../jobs/LeftOutFiles";
 import { texts } from "../texts";
-import { LeftOutFiles } from "../upload/LeftOutFiles";
-import { Withheld } from "../upload/WithholdPeople";
 
 /** How large and how good the scene is. */
 export function SceneFacts({ scene }: { scene: Scene }) {
@@ -18,4 +17,11 @@ export function SceneFacts({ scene }: { scene: Scene }) {
       <Withheld quality={scene.quality} />
     </section>
   );
+}
+
+/** What a scene's photos withhold, in a sentence; nothing where nobody looked for any. */
+function Withheld({ quality }: { quality: Readonly<Record<string, unknown>> }) {
+  const report = quality.withheld as { privacy: string | null; photos: number; share: number } | null | undefined;
+  if (!report) return null;
+  return <p class="hint">{texts.privacy.withheld(report.privacy === "people", report.photos, report.share)}</p>;
 }

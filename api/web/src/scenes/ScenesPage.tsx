@@ -1,6 +1,6 @@
+import { sceneAddress } from "../address/router";
 import { listScenes } from "../api/calls";
 import type { SceneSummary } from "../api/types";
-import { sceneAddress } from "../app/router";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";

@@ -1,6 +1,6 @@
 import type { ServerStatus } from "../api/types";
 import { texts } from "../texts";
-import { bytesText } from "../upload/choose";
+import { bytesText } from "../ui/bytes";
 
 /** Release, models, workers, limits, and how much room the project has left. */
 export function Abilities({ status }: { status: ServerStatus }) {

@@ -1,14 +1,14 @@
 import { useState } from "preact/hooks";
 
+import { sceneAddress } from "../address/router";
 import { cancelOperation, listScenes, retryOperation } from "../api/calls";
+import { listOperations } from "../api/serverCalls";
 import type { Operation } from "../api/types";
-import { sceneAddress } from "../app/router";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
-import { listOperations } from "./serverCalls";
 
 const STEP = 25;
 const BUSY_MS = 3_000;

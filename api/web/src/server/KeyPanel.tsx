@@ -1,11 +1,11 @@
 import { useRef, useState } from "preact/hooks";
 
+import { rolesUpTo } from "../api/roles";
+import { createKey, listKeys, revokeKey } from "../api/serverCalls";
 import type { AccessKey, NewKey, Role } from "../api/types";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
-import { rolesUpTo } from "./roles";
-import { createKey, listKeys, revokeKey } from "./serverCalls";
 
 const DAY_S = 86_400;
 const LIFETIMES = { never: null, day: DAY_S, month: 30 * DAY_S, year: 365 * DAY_S };

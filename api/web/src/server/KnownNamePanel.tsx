@@ -1,10 +1,10 @@
 import { useState } from "preact/hooks";
 
-import { sceneAddress } from "../app/router";
+import { sceneAddress } from "../address/router";
+import { deleteKnownName, listKnownNames } from "../api/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
-import { deleteKnownName, listKnownNames } from "./serverCalls";
 
 /** What people named in the project's scenes and is suggested in others. */
 export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {

@@ -1,3 +1,5 @@
+import { mayDo } from "../api/roles";
+import { serverStatus } from "../api/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
@@ -5,8 +7,6 @@ import { Abilities } from "./Abilities";
 import { JobList } from "./JobList";
 import { KeyPanel } from "./KeyPanel";
 import { KnownNamePanel } from "./KnownNamePanel";
-import { mayDo } from "./roles";
-import { serverStatus } from "./serverCalls";
 
 const PAUSE_MS = 10_000;
 

@@ -1,7 +1,7 @@
 import type { Signal } from "@preact/signals";
 import { useSignalEffect } from "@preact/signals";
 
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import type { ServerView } from "./ServerView";
 
 /** Whether this browser can draw a splat itself. */

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 
-import { sceneAddress } from "../app/addresses";
+import { sceneAddress } from "../address/addresses";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";

@@ -1,6 +1,5 @@
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { titleOf } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
@@ -23,7 +22,7 @@ export function SharedThing({ state, onFly }: { state: SceneState; onFly: (middl
         ];
         return (
           <div class="thing-card" key={thing.id}>
-            <h2>{titleOf(thing)}</h2>
+            <h2>{texts.things.titleOf(thing)}</h2>
             <p class="hint">{facts.filter(Boolean).join(" · ")}</p>
             {box && (
               <button type="button" onClick={() => onFly(centerOf(box), boxSize(box))}>

@@ -1,16 +1,15 @@
 import { useState } from "preact/hooks";
 
-import type { ExportFormat } from "../api/calls";
+import { isShared } from "../address/share";
 import { exportPath } from "../api/calls";
 import type { Scene } from "../api/types";
-import { isShared } from "../app/share";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { titleOf } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
 import { fileName } from "./fileName";
+import type { FileNaming } from "./save";
 import { save } from "./save";
 import { SharePanel } from "./SharePanel";
 
@@ -21,19 +20,8 @@ const SIZES = [
   [2048, 2048],
 ] as const;
 
-const ENDINGS: Record<ExportFormat, string> = {
-  ply: "ply",
-  spz: "spz",
-  html: "html",
-  points: "points.ply",
-  glb: "glb",
-  mesh: "mesh.glb",
-  cameras: "cameras.zip",
-  sog: "sog",
-  mcap: "mcap",
-  map: "map.zip",
-  rerun: "rrd",
-};
+const { formats: FORMATS, kinds: KINDS } = texts.take;
+const names = <Key extends string>(labels: Record<Key, string>) => Object.keys(labels) as Key[];
 
 interface Properties {
   state: SceneState;
@@ -58,7 +46,7 @@ export function TakeAway({ state, scene, view }: Properties) {
   const answer = state.answer.value;
   const named = (ending: string, of = scene.name, fallback = "scene") => fileName(of, fallback, ending);
 
-  const take = (label: string, name: string, address: string, body?: unknown) => {
+  const take = (label: string, name: FileNaming, address: string, body?: unknown) => {
     setError(null);
     setRunning({ label, bytes: 0, of: 0 });
     const progress = (bytes: number, of: number) => setRunning({ label, bytes, of });
@@ -70,7 +58,7 @@ export function TakeAway({ state, scene, view }: Properties) {
       .catch(setError)
       .finally(() => setRunning(null));
   };
-  const item = (label: string, name: string, address: string, body?: () => unknown) => (
+  const item = (label: string, name: FileNaming, address: string, body?: () => unknown) => (
     <li key={label}>
       <button type="button" disabled={running !== null} onClick={() => take(label, name, address, body?.())}>
         {label}
@@ -79,7 +67,6 @@ export function TakeAway({ state, scene, view }: Properties) {
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
-  const formats: ExportFormat[] = ["ply", "spz", "sog", "html", "points", "mesh", "glb", "mcap", "map"];
   return (
     <details class="take">
       <summary>{texts.take.title}</summary>
@@ -92,18 +79,16 @@ export function TakeAway({ state, scene, view }: Properties) {
       {error !== null && <ErrorNote error={error} />}
       <h3>{texts.take.whole}</h3>
       <ul class="chips">
-        {formats.map((format) =>
-          item(texts.take.formats[format], named(ENDINGS[format]), exportPath(scene.id, format, version)),
-        )}
+        {names(FORMATS).map((format) => item(FORMATS[format], named, exportPath(scene.id, format, version)))}
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
-          <h3>{titleOf(thing)}</h3>
+          <h3>{texts.things.titleOf(thing)}</h3>
           <ul class="chips">
-            {(["ply", "spz", "sog", "points", "mesh", "glb"] as const).map((format) =>
+            {names(KINDS).map((format) =>
               item(
-                texts.take.alone(titleOf(thing), texts.take.kinds[format]),
-                named(ENDINGS[format], titleOf(thing), "thing"),
+                texts.take.alone(texts.things.titleOf(thing), KINDS[format]),
+                (ending) => named(ending, texts.things.titleOf(thing), "thing"),
                 exportPath(scene.id, format, version, [thing.id]),
               ),
             )}
@@ -159,7 +144,7 @@ export function TakeAway({ state, scene, view }: Properties) {
       <ul class="chips">
         {item(texts.take.transforms, "transforms.json", `${path}/cameras?format=transforms`)}
         {item(texts.take.colmap, named("colmap.zip"), `${path}/cameras?format=colmap`)}
-        {item(texts.take.formats.cameras, named("cameras.zip"), exportPath(scene.id, "cameras", version))}
+        {item(texts.take.camerasWithPoints, named, exportPath(scene.id, "cameras", version))}
         {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
       </ul>
       {!isShared && (

@@ -1,6 +1,10 @@
 import { send } from "../api/http";
 
 const KEEP_MS = 60_000;
+
+/** A file's name, or what makes it of the ending that the server gives the file. */
+export type FileNaming = string | ((ending: string) => string);
+
 /**
  * Fetches a file with the caller's key, and saves it. A link of its own could not send the key; the browser collects
  * the bytes in a blob, which it keeps on disk where it is large.
@@ -9,7 +13,7 @@ const KEEP_MS = 60_000;
  */
 export async function save(
   path: string,
-  name: string,
+  name: FileNaming,
   progress: (bytes: number, of: number) => void,
   options: Parameters<typeof send>[1] = {},
 ): Promise<void> {
@@ -25,7 +29,8 @@ export async function save(
     },
   });
   const body = response.body?.pipeThrough(counter) ?? null;
-  keep(await new Response(body).blob(), name);
+  const ending = /filename="[^."]*\.([^"]+)"/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? "bin";
+  keep(await new Response(body).blob(), typeof name === "string" ? name : name(ending));
 }
 
 /** Saves what is here already. */

@@ -1,3 +1,4 @@
+import type { ExportFormat } from "../api/calls";
 import { plural } from "./plural";
 
 /** Taking a scene away, links to it, and the file that needs no server. */
@@ -11,14 +12,19 @@ export const takeTexts = {
       sog: "SOG, smallest",
       html: "One HTML file",
       points: "Labelled points, PLY",
-      glb: "Splat with things, GLB",
       mesh: "Labelled mesh, GLB",
-      cameras: "Both, with points, ZIP",
+      glb: "Splat with things, GLB",
       mcap: "For Foxglove, MCAP",
-      rerun: "For Rerun, RRD",
       map: "Floor map for robots, ZIP",
-    },
-    kinds: { ply: "PLY", spz: "SPZ", sog: "SOG", points: "points", glb: "GLB", mesh: "mesh" },
+    } satisfies Partial<Record<ExportFormat, string>>,
+    kinds: {
+      ply: "PLY",
+      spz: "SPZ",
+      sog: "SOG",
+      points: "points",
+      mesh: "mesh",
+      glb: "GLB",
+    } satisfies Partial<Record<ExportFormat, string>>,
     alone: (name: string, kind: string) => `Only ${name} as ${kind}`,
     masks: (text: string) => `What answers “${text}”`,
     maskPly: "Its Gaussians as PLY",
@@ -33,6 +39,7 @@ export const takeTexts = {
     cameras: "Cameras",
     transforms: "nerfstudio transforms.json",
     colmap: "COLMAP model",
+    camerasWithPoints: "Both, with points, ZIP",
     camerasJson: "JSON",
     running: (label: string, bytes: number, of: number) =>
       of > 0 ? `${label}: ${Math.round((100 * bytes) / of)} %` : `${label}: ${(bytes / 1e6).toFixed(1)} MB`,

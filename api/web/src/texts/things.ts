@@ -1,5 +1,7 @@
 import { plural } from "./plural";
 
+const unnamed = (id: number) => `Thing ${id}, no name`;
+
 /** Questions and things. */
 export const thingsTexts = {
   ask: {
@@ -7,21 +9,7 @@ export const thingsTexts = {
     label: "What are you looking for?",
     placeholder: "Where is the mug?",
     clear: "Clear the question",
-    relations: {
-      same: "Here it is",
-      kind_of: "A kind of it",
-      part_of: "A part of it",
-      related: "Closest match",
-      absent: "Not here",
-      undecided: "Cannot say",
-    },
-    probably: "Probably here",
-    possibly: "Possibly here",
-    likely: {
-      here: (probability: number) => `That this is what you asked for is ${Math.round(100 * probability)} % likely.`,
-      absent: (probability: number) => `That it is not here is ${Math.round(100 * probability)} % likely.`,
-    },
-    matches: "Labels, best match first",
+    matches: "Names, best match first",
     others: "Other labels",
     askFor: (label: string) => `Ask for ${label}`,
     objects: "Where",
@@ -31,7 +19,9 @@ export const thingsTexts = {
   things: {
     title: "Things",
     none: "No things were found in this scene.",
-    unnamed: (id: number) => `Thing ${id}, no name`,
+    unnamed,
+    /** The name of a thing, or what stands for it. */
+    titleOf: ({ name, id }: { name: string; id: number }) => name || unnamed(id),
     unnamedCount: (count: number) =>
       count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
     nameNext: "Name the next one",

@@ -1,12 +1,11 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
+import { isShared } from "../address/share";
 import type { SceneThing } from "../api/types";
-import { isShared } from "../app/share";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
-import { titleOf } from "./ThingPanel";
 
 interface Properties {
   state: SceneState;
@@ -62,7 +61,7 @@ export function ThingList({ state, onFly }: Properties) {
           <li key={thing.id}>
             <input
               type="checkbox"
-              aria-label={texts.things.tick(titleOf(thing))}
+              aria-label={texts.things.tick(texts.things.titleOf(thing))}
               checked={state.selected.value.includes(thing.id)}
               onChange={() => open(thing, true)}
             />
@@ -74,7 +73,7 @@ export function ThingList({ state, onFly }: Properties) {
               onPointerEnter={() => (state.hovered.value = thing.id)}
               onPointerLeave={() => (state.hovered.value = 0)}
             >
-              {titleOf(thing)}
+              {texts.things.titleOf(thing)}
             </button>
           </li>
         ))}

@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 
 import type { SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
-import type { SceneState } from "../scene/sceneState";
+import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
@@ -42,7 +42,7 @@ export function ThingPanel({ state, onFly }: Properties) {
       {things.length > 1 && (
         <div class="thing-card">
           <h2>{texts.things.selected(things.length)}</h2>
-          <p>{things.map(titleOf).join(", ")}</p>
+          <p>{things.map(texts.things.titleOf).join(", ")}</p>
           <div class="buttons">
             <button type="button" class="primary" disabled={state.busy.value} onClick={merge}>
               {texts.things.merge}
@@ -58,10 +58,6 @@ export function ThingPanel({ state, onFly }: Properties) {
   );
 }
 
-export function titleOf(thing: SceneThing): string {
-  return thing.name || texts.things.unnamed(thing.id);
-}
-
 function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   // What is typed belongs to the name it was typed over: no effect, which would run after the first keys of a fast typist.
   const [draft, setDraft] = useState({ over: thing.name, text: thing.name });
@@ -75,7 +71,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   };
   return (
     <div class="thing-card">
-      <h2>{titleOf(thing)}</h2>
+      <h2>{texts.things.titleOf(thing)}</h2>
       <form
         onSubmit={(event) => {
           event.preventDefault();

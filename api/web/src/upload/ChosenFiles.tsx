@@ -1,8 +1,9 @@
 import { useState } from "preact/hooks";
 
 import { texts } from "../texts";
+import { bytesText } from "../ui/bytes";
 import type { ChosenFile } from "./choose";
-import { bytesText, remarkOn, totalBytes } from "./choose";
+import { remarkOn, totalBytes } from "./choose";
 
 interface Properties {
   files: readonly ChosenFile[];

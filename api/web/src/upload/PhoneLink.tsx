@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 
+import { isLoopback, linkFor } from "../address/uploadLink";
+import { createUploadKey } from "../api/serverCalls";
 import type { NewKey } from "../api/types";
-import { isLoopback, linkFor } from "../app/uploadLink";
-import { createUploadKey } from "../server/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { QrCode } from "./QrCode";

@@ -1,13 +1,13 @@
+import { linkRefused, uploadKey } from "../address/uploadLink";
 import { getOperation } from "../api/calls";
-import { linkRefused, uploadKey } from "../app/uploadLink";
+import { serverStatus } from "../api/serverCalls";
+import { LeftOutFiles } from "../jobs/LeftOutFiles";
 import { duration, stageCountdown } from "../jobs/timing";
 import { useTimeLeft } from "../jobs/useTimeLeft";
-import { serverStatus } from "../server/serverCalls";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
-import { LeftOutFiles } from "./LeftOutFiles";
 import { UploadPage } from "./UploadPage";
 
 const PAUSE_MS = 2_000;

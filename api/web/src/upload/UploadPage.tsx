@@ -1,14 +1,15 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
+import { go, sceneAddress } from "../address/router";
 import { newRequestId } from "../api/calls";
 import { isAbort, OfflineError, send } from "../api/http";
+import { serverStatus } from "../api/serverCalls";
 import type { Operation, ServerStatus } from "../api/types";
-import { go, sceneAddress } from "../app/router";
-import { serverStatus } from "../server/serverCalls";
 import { texts } from "../texts";
+import { bytesText } from "../ui/bytes";
 import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
-import { bytesText, chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
+import { chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
 import { ChosenFiles } from "./ChosenFiles";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";

@@ -14,10 +14,3 @@ export function WithholdPeople() {
     </div>
   );
 }
-
-/** What a scene's photos withhold, in a sentence; nothing where nobody looked for any. */
-export function Withheld({ quality }: { quality: Readonly<Record<string, unknown>> }) {
-  const report = quality.withheld as { privacy: string | null; photos: number; share: number } | null | undefined;
-  if (!report) return null;
-  return <p class="hint">{texts.privacy.withheld(report.privacy === "people", report.photos, report.share)}</p>;
-}

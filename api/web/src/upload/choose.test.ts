@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import type { ChosenFile } from "./choose";
-import { bytesText, problemOf, remarkOn, sorted } from "./choose";
+import { problemOf, remarkOn, sorted } from "./choose";
 
 const file = (path: string, size = 10): ChosenFile => ({ file: { size } as File, path });
 const paths = (files: ChosenFile[]) => files.map(({ path }) => path);
@@ -40,14 +40,6 @@ test("what cannot become one scene is said before it is sent", () => {
   const many = Array.from({ length: 5 }, (_, number) => file(`${number}.jpg`, 1));
   expect(problemOf(many, limits)).toContain("5 images");
 });
-
-test.each([
-  [0, "0 B"],
-  [999, "999 B"],
-  [1500, "1.5 kB"],
-  [250e6, "250 MB"],
-  [3e12, "3000 GB"],
-])("%d bytes are %s", (bytes, text) => expect(bytesText(bytes)).toBe(text));
 
 test("few photos are remarked on, photos with poses and archives are not", () => {
   const photos = Array.from({ length: 20 }, (_, number) => file(`${number}.jpg`));

@@ -1,4 +1,5 @@
 import { texts } from "../texts";
+import { bytesText } from "../ui/bytes";
 import type { Limits } from "./limits";
 
 /** A file and the name under which it is sent: with the folders it was chosen in. */
@@ -50,14 +51,6 @@ export function remarkOn(files: readonly ChosenFile[]): string {
 
 export function totalBytes(files: readonly ChosenFile[]): number {
   return files.reduce((sum, { file }) => sum + file.size, 0);
-}
-
-/** Bytes as people say them. */
-export function bytesText(bytes: number): string {
-  const units = ["B", "kB", "MB", "GB"];
-  const power = Math.min(units.length - 1, Math.floor(Math.log10(Math.max(bytes, 1)) / 3));
-  const value = bytes / 1000 ** power;
-  return `${value >= 100 || power === 0 ? Math.round(value) : value.toFixed(1)} ${units[power] ?? ""}`;
 }
 
 /** The files of a list from an <input>. */

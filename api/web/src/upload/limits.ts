@@ -1,5 +1,5 @@
+import { mayDo } from "../api/roles";
 import type { ServerStatus } from "../api/types";
-import { mayDo } from "../server/roles";
 import { texts } from "../texts";
 
 /** What an upload may be, as the server said. */

@@ -12,18 +12,18 @@ import {
   TONEMAP_NONE,
 } from "playcanvas";
 
-import type { Motion } from "../change/motions";
-import { matrixOf, turnOf } from "../change/motions";
-import { DEPTH_STOPS } from "../look/colors";
+import { DEPTH_STOPS } from "./colors";
 import { DepthRange } from "./depthRange";
 import { draftOf, ofRows } from "./draft";
 import type { Tint } from "./glow";
 import { DIMMED, TINTS } from "./glow";
 import { Layer } from "./layer";
+import type { Motion } from "./motions";
+import { matrixOf, turnOf } from "./motions";
 import { Pace } from "./pace";
-import type { SplatColumns } from "./spz";
 import type { LookAt } from "./poses";
 import { axesOf, FIELD_OF_VIEW } from "./poses";
+import type { SplatColumns } from "./spz";
 import { length, subtract } from "./vectors";
 
 const vec3 = (values: readonly number[]): string => `vec3(${values.map((value) => value.toFixed(4)).join(", ")})`;

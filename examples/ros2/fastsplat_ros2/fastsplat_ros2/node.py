@@ -85,7 +85,7 @@ class SceneNode(Node):  # type: ignore[misc]  # rclpy has no types
         except FastSplatError as error:
             response.message = f"{error.reason}: {error.message}. {error.hint}"
             return response
-        response.success, response.message, response.verdict = True, answer.explanation, answer.verdict
+        response.success, response.message, response.outcome = True, answer.sentence, answer.outcome
         response.version = answer.version
         if answer.probability is not None:
             response.probability = answer.probability

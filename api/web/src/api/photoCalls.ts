@@ -1,0 +1,61 @@
+import { getJson, send } from "./http";
+import type { components } from "./schema";
+
+export type BestView = components["schemas"]["BestView"];
+type BestViewList = components["schemas"]["BestViewList"];
+type PhotoList = components["schemas"]["PhotoList"];
+
+const PAGE_SIZE = 500;
+const KEPT_PHOTOS = 60;
+
+const path = (sceneId: string) => `v1/scenes/${encodeURIComponent(sceneId)}`;
+
+/** Names of the cameras whose photos are stored with a scene. */
+export async function listPhotos(sceneId: string, version: string, signal: AbortSignal): Promise<Set<string>> {
+  const views = new Set<string>();
+  let token = "";
+  do {
+    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
+    const page = await getJson<PhotoList>(`${path(sceneId)}/photos?${query}`, signal);
+    for (const photo of page.photos) views.add(photo.view);
+    token = page.next_page_token;
+  } while (token);
+  return views;
+}
+
+/** The cameras that show some things, or the answer to a text, best. */
+export async function bestViews(
+  sceneId: string,
+  version: string,
+  of: { things: readonly number[] } | { text: string },
+  signal: AbortSignal,
+): Promise<BestView[]> {
+  const query = new URLSearchParams({ version });
+  if ("text" in of) query.set("text", of.text);
+  else for (const id of of.things) query.append("things", String(id));
+  return (await getJson<BestViewList>(`${path(sceneId)}/views?${query}`, signal)).views;
+}
+
+const photos = new Map<string, Promise<string>>(); // object URLs: a photo of a scene never changes
+
+/** An address of a photo, or of the scene's picture from a camera without one, that an `<img>` may show. */
+export function photoAddress(sceneId: string, version: string, view: string, stored: boolean): Promise<string> {
+  const key = JSON.stringify([sceneId, view, stored ? "" : version]);
+  const known = photos.get(key);
+  if (known) return known;
+  const query = new URLSearchParams({ view, version });
+  const loading = send(`${path(sceneId)}/${stored ? "photo.jpg" : "rgb.png"}?${query}`)
+    .then((response) => response.blob())
+    .then((blob) => URL.createObjectURL(blob));
+  photos.set(key, loading);
+  loading.catch(() => photos.delete(key)); // the next one who asks tries again
+  for (const [oldest, address] of photos) {
+    if (photos.size <= KEPT_PHOTOS) break;
+    photos.delete(oldest);
+    address.then(
+      (url) => URL.revokeObjectURL(url),
+      () => undefined,
+    );
+  }
+  return loading;
+}

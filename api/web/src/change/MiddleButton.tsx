@@ -1,0 +1,18 @@
+import type { SceneState } from "../state/sceneState";
+import { texts } from "../texts";
+
+/** Says where the crosshair is, for a keyboard that has moved the camera. */
+export function MiddleButton({ state }: { state: SceneState }) {
+  return (
+    <button
+      type="button"
+      disabled={state.busy.value}
+      onClick={() => {
+        const place = state.change.middle();
+        if (place) state.change.onPlace.value?.(place);
+      }}
+    >
+      {texts.change.middle}
+    </button>
+  );
+}

@@ -1,0 +1,248 @@
+import { useSignal, useSignalEffect } from "@preact/signals";
+import type { MutableRef } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+
+import { isShared } from "../address/share";
+import { exportPath } from "../api/calls";
+import { isAbort, send } from "../api/http";
+import { ChangeMenu } from "../change/ChangeMenu";
+import { Gizmo } from "../change/Gizmo";
+import { ToolNote } from "../change/ToolNote";
+import { HollowCameras } from "../improve/NextPhotos";
+import { Frusta } from "../look/Frusta";
+import { Legend, LookMenu } from "../look/LookMenu";
+import { PhotoCompare } from "../look/PhotoCompare";
+import { useColors } from "../look/useColors";
+import { ServerView } from "../serverView/ServerView";
+import { hasWebGL, useServerView } from "../serverView/useServerView";
+import type { SceneState } from "../state/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { CameraMotion } from "../viewer/cameraMotion";
+import { Controls } from "../viewer/controls";
+import { LoadedSplats } from "../viewer/loadedSplats";
+import type { LookAt } from "../viewer/poses";
+import { firstView, parseView, rescaled } from "../viewer/poses";
+import { readSplat } from "../viewer/readSplat";
+import type { SplatView } from "../viewer/splatView";
+import { statesOf } from "../viewer/states";
+import { Pointing } from "./pointing";
+
+/** What other parts of the page may ask of the 3D view. */
+export interface ViewerHandle {
+  /** Moves the camera to where `aim` says, seen from where it is. */
+  flyTo(aim: (now: LookAt) => LookAt): void;
+}
+
+interface Properties {
+  state: SceneState;
+  /** The view of the address; empty: from the scene's first camera. */
+  first: string;
+  handle: MutableRef<ViewerHandle | null>;
+  onView: (view: LookAt) => void;
+}
+
+/** The scene in 3D, with what was found, pointed at and selected in colors of their own. */
+export function Viewer({ state, first, handle, onView }: Properties) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const splatView = useSignal<SplatView | null>(null);
+  const loaded = useSignal(0); // Gaussians on show
+  const [share, setShare] = useState<number | null>(0);
+  const [error, setError] = useState<unknown>(null);
+  const serverView = useSignal<ServerView | null>(null); // where the browser cannot draw
+  const motion = useRef<CameraMotion | null>(null);
+  const splats = useMemo(() => new LoadedSplats(), []);
+  const home = useRef<LookAt | null>(null);
+  const shownUnit = useRef(1); // meters by a unit of the trained scene
+  const latest = useRef(onView);
+  latest.current = onView;
+
+  useEffect(() => {
+    const element = canvas.current;
+    const scene = state.scene.peek();
+    if (!element || !scene) return;
+    const start = firstView(scene.cameras);
+    home.current = start;
+    shownUnit.current = scene.scaling?.meters_per_unit ?? 1;
+    let view: SplatView | null = null;
+    let gone = false;
+    const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
+      view?.setView(now, resting);
+      serverView.peek()?.setView(now, resting);
+      state.look.moved(now, resting);
+      state.change.view.value = now;
+      if (resting) latest.current(now);
+    });
+    motion.current = camera;
+    handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
+    const controls = new Controls(element, camera, () => camera.flyTo(home.current ?? start));
+    const pointing = new Pointing(element, state, () => camera.view);
+    state.look.attach({
+      canvas: element,
+      level: start.up,
+      fly: (goal) => camera.flyTo(goal),
+      jump: (goal) => camera.set(goal),
+      changed: () => latest.current(camera.view),
+    });
+    state.look.moved(camera.view, false);
+    state.change.view.value = camera.view;
+    const resize = () => {
+      state.look.resized({ width: element.clientWidth, height: element.clientHeight });
+      state.change.size.value = { width: element.clientWidth, height: element.clientHeight };
+      const ratio = Math.min(window.devicePixelRatio, 2);
+      view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
+      serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
+    };
+    const letServerDraw = () => {
+      setShare(null);
+      const drawn = new ServerView(element, state.sceneId, (shown, problem) => {
+        setError(problem);
+        if (shown) markShown(element, state.geometry.peek(), shown.found.length > 0, shown.hovered);
+      });
+      serverView.value = drawn;
+      drawn.setView(camera.view, true);
+      resize();
+    };
+    const observer = new ResizeObserver(resize);
+    observer.observe(element);
+    if (hasWebGL())
+      // The engine is large: the page is there before it.
+      import("../viewer/splatView")
+        .then(({ SplatView, NoWebGLError }) =>
+          SplatView.create(element).catch((problem: unknown) => {
+            if (problem instanceof NoWebGLError) return null;
+            throw problem;
+          }),
+        )
+        .then(
+          (made) => {
+            if (gone) made?.destroy();
+            else if (made) {
+              view = made;
+              view.setView(camera.view);
+              resize();
+              splatView.value = made;
+            } else letServerDraw();
+          },
+          (problem: unknown) => setError(problem),
+        );
+    else letServerDraw();
+    return () => {
+      gone = true;
+      observer.disconnect();
+      controls.destroy();
+      pointing.destroy();
+      camera.stop();
+      state.look.detach();
+      handle.current = null;
+      view?.destroy();
+      serverView.peek()?.destroy();
+      splatView.value = serverView.value = null;
+    };
+  }, [state]); // eslint-disable-line react-hooks/exhaustive-deps -- handle and signals live as long as the viewer
+
+  // Load the Gaussians of the version on show.
+  useSignalEffect(() => {
+    const [view, version] = [splatView.value, state.geometry.value];
+    if (!view || !version) return;
+    const controller = new AbortController();
+    setShare(0);
+    setError(null);
+    const fetched = () => load(state.sceneId, version, controller.signal, setShare);
+    splats.get(`${state.sceneId}/${version}`, fetched).then(
+      (splat) => {
+        if (controller.signal.aborted) return;
+        const unit = state.scene.peek()?.scaling?.meters_per_unit ?? 1;
+        const at = motion.current;
+        if (at && home.current && unit !== shownUnit.current) {
+          const factor = unit / shownUnit.current;
+          home.current = rescaled(home.current, factor);
+          at.set(rescaled(at.view, factor));
+        }
+        shownUnit.current = unit;
+        loaded.value = 0; // another splat of as many Gaussians has none of the looks of the one before
+        view.setSplat(splat);
+        loaded.value = splat.count;
+        setShare(null);
+      },
+      (problem: unknown) => {
+        if (!controller.signal.aborted && !isAbort(problem)) setError(problem);
+      },
+    );
+    return () => controller.abort();
+  });
+
+  useSignalEffect(() => {
+    const [view, count, found] = [splatView.value, loaded.value, state.found.value];
+    if (!view || !count) return;
+    const mask = found?.length === count ? found : null;
+    const owners = state.owners.value?.length === count ? state.owners.value : null;
+    view.setStates(
+      // Where a picture takes long, not every thing that the pointer passes is worth one.
+      statesOf(count, mask, owners, view.isSlow ? 0 : state.hovered.value, state.selected.value, (thing) =>
+        state.change.shows(thing),
+      ),
+      mask !== null || state.selected.value.length > 0,
+    );
+    if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
+  });
+  useServerView(serverView, state);
+
+  useColors(state, splatView, loaded, canvas);
+
+  useSignalEffect(() => {
+    const motion = state.change.motion.value;
+    if (loaded.value) splatView.value?.setMotion(motion);
+  });
+
+  return (
+    <section class="viewer" aria-label={texts.scene.canvas}>
+      <canvas
+        ref={canvas}
+        tabIndex={0}
+        role="application"
+        aria-label={texts.scene.canvas}
+        aria-describedby="canvas-help"
+      />
+      <Frusta look={state.look} />
+      <HollowCameras look={state.look} />
+      <PhotoCompare state={state} />
+      <Legend state={state} />
+      {share !== null && error === null && (
+        <p class="viewer-note" role="status">
+          {texts.scene.loading3d(Math.round(share * 100))}
+        </p>
+      )}
+      <ToolNote state={state} />
+      <Gizmo state={state} />
+      {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
+      {error !== null && (
+        <div class="viewer-note">
+          <ErrorNote error={error} />
+        </div>
+      )}
+      <div class="viewer-tools">
+        <button type="button" onClick={() => home.current && motion.current?.flyTo(home.current)}>
+          {texts.scene.home}
+        </button>
+        <LookMenu state={state} />
+        {!isShared && <ChangeMenu state={state} />}
+        <details>
+          <summary>{texts.scene.help}</summary>
+          <p id="canvas-help">{texts.scene.canvasHelp}</p>
+        </details>
+      </div>
+    </section>
+  );
+}
+
+/** Says of a canvas what it shows, for who tests the page. */
+function markShown(canvas: HTMLCanvasElement, geometry: string, answered: boolean, hovered: number): void {
+  canvas.dataset["shown"] = `${geometry} ${answered ? "answer" : "plain"}`;
+  canvas.dataset["hovered"] = String(hovered);
+}
+
+async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
+  const response = await send(exportPath(sceneId, "spz", version), { signal });
+  return readSplat(response.body ?? new ReadableStream(), progress, signal);
+}

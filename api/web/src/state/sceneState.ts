@@ -1,0 +1,213 @@
+import { batch, computed, signal } from "@preact/signals";
+
+import * as calls from "../api/calls";
+import { isAbort } from "../api/http";
+import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
+import { poseOf } from "../viewer/poses";
+import { fromBase64, unpackBits } from "../viewer/states";
+import { ChangeState } from "./changeState";
+import { LookState } from "./lookState";
+import { geometryVersion } from "./versions";
+
+/** A scene on show: what the server says of it, what was asked, and which things are selected. */
+export class SceneState {
+  readonly scene = signal<Scene | null>(null);
+  readonly operation = signal<Operation | null>(null);
+  readonly versions = signal<readonly SceneVersion[]>([]);
+  readonly things = signal<readonly SceneThing[] | null>(null);
+  readonly owners = signal<Uint16Array | null>(null);
+  readonly error = signal<unknown>(null);
+  readonly actionError = signal<unknown>(null);
+  readonly message = signal("");
+  readonly busy = signal(false);
+
+  /** The version that the address asks for; empty: the current one. */
+  readonly askedVersion = signal("");
+  readonly text = signal("");
+  readonly answer = signal<Answer | null>(null);
+  readonly answerError = signal<unknown>(null);
+  readonly asking = signal(false);
+
+  /** How the scene is looked at. */
+  readonly look = new LookState(this);
+
+  readonly selected = signal<readonly number[]>([]);
+  readonly hovered = signal(0);
+
+  readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
+  /** What the person is changing on show. */
+  readonly change = new ChangeState();
+  /** The version that the last edit made. */
+  readonly made = signal<SceneVersion | null>(null);
+  /** Another version that the 3D view shows meanwhile; empty for none. */
+  readonly compared = signal("");
+  readonly geometry = computed(() => geometryVersion(this.versions.value, this.compared.value || this.version.value));
+  readonly isCurrent = computed(() => this.version.value === this.scene.value?.version);
+  readonly found = computed(() => {
+    const answer = this.answer.value;
+    return answer?.mask3d && (answer.things.length > 0 || answer.matches.some((match) => match.relevant))
+      ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
+      : null;
+  });
+  readonly selectedThings = computed(() =>
+    this.selected.value.flatMap((id) => this.things.value?.filter((thing) => thing.id === id) ?? []),
+  );
+  readonly canUndo = computed(() => {
+    const current = this.versions.value.find((version) => version.current);
+    return this.isCurrent.value && Boolean(current?.parent);
+  });
+  readonly canRedo = computed(() => {
+    const current = this.scene.value?.version;
+    return this.isCurrent.value && this.versions.value.some((version) => version.parent === current);
+  });
+
+  #loads = new AbortController();
+  #question = new AbortController();
+
+  constructor(readonly sceneId: string) {}
+
+  /** Asks the server for the scene, and for its job while that is not done. */
+  async refresh(): Promise<void> {
+    const { signal } = this.#loads;
+    try {
+      const scene = await calls.getScene(this.sceneId, signal);
+      const versions = scene.state === "READY" ? await calls.listVersions(this.sceneId) : [];
+      const operation = scene.state === "READY" ? null : await calls.getOperation(scene.operation_id, signal);
+      if (signal.aborted) return;
+      batch(() => {
+        this.scene.value = scene;
+        this.operation.value = operation;
+        this.versions.value = versions;
+        this.error.value = null;
+      });
+    } catch (error) {
+      if (!signal.aborted && !isAbort(error)) this.error.value = error;
+    }
+  }
+
+  /** Loads the things of the version on show, and which Gaussians are theirs. */
+  async loadThings(): Promise<void> {
+    const version = this.version.value;
+    const { signal } = this.#loads;
+    try {
+      const [things, owners] = await Promise.all([
+        calls.listThings(this.sceneId, version),
+        calls.thingsOfGaussians(this.sceneId, version, signal),
+      ]);
+      if (signal.aborted || version !== this.version.value) return;
+      batch(() => {
+        this.things.value = things;
+        this.owners.value = owners;
+        const ids = new Set(things.map((thing) => thing.id));
+        this.selected.value = this.selected.value.filter((id) => ids.has(id));
+      });
+    } catch (error) {
+      if (!signal.aborted && !isAbort(error)) this.actionError.value = error;
+    }
+  }
+
+  /** Answers a text; an older question that is still on its way is given up. */
+  async ask(text: string): Promise<void> {
+    this.#question.abort();
+    this.#question = new AbortController();
+    const { signal } = this.#question;
+    const [trimmed, version] = [text.trim(), this.version.value];
+    this.text.value = text;
+    if (!trimmed || !version) {
+      batch(() => {
+        this.answer.value = this.answerError.value = null;
+        this.asking.value = false;
+      });
+      return;
+    }
+    this.asking.value = true;
+    try {
+      const view = this.change.view.peek();
+      const answer = await calls.ask(this.sceneId, version, trimmed, view && poseOf(view), signal);
+      if (signal.aborted) return;
+      batch(() => {
+        this.answer.value = answer;
+        this.answerError.value = null;
+      });
+    } catch (error) {
+      if (signal.aborted || isAbort(error)) return;
+      batch(() => {
+        this.answer.value = null;
+        this.answerError.value = error;
+      });
+    } finally {
+      if (!signal.aborted) this.asking.value = false;
+    }
+  }
+
+  pick(camera: PosedCamera, pixel: { x: number; y: number }, signal: AbortSignal): Promise<PickedThing> {
+    return calls.pick(this.sceneId, this.version.value, camera, pixel, signal);
+  }
+
+  /** Selects a thing; with `more`, beside those selected, or no longer. */
+  select(id: number, more = false): void {
+    const before = this.selected.value;
+    const others = before.filter((each) => each !== id);
+    this.actionError.value = null;
+    if (!more) this.selected.value = [id];
+    else this.selected.value = others.length < before.length ? others : [...before, id];
+  }
+
+  clearSelection(): void {
+    this.selected.value = [];
+  }
+
+  /** Makes a new version; true if the server took the edit. */
+  async edit(edit: Partial<Edit>, message: string): Promise<boolean> {
+    const made = async () => (this.made.value = await calls.edit(this.sceneId, this.version.value, [edit]));
+    return this.#change(made, message);
+  }
+
+  async undo(message: string): Promise<boolean> {
+    return this.#change(() => calls.undo(this.sceneId, this.version.value), message);
+  }
+
+  async redo(message: string): Promise<boolean> {
+    return this.#change(() => calls.redo(this.sceneId, this.version.value), message);
+  }
+
+  /** Makes any version the current one, and shows it. */
+  async restore(version: string, message: string): Promise<boolean> {
+    const current = this.scene.value?.version ?? "";
+    return this.#change(() => calls.restore(this.sceneId, version, current), message);
+  }
+
+  async #change(call: () => Promise<SceneVersion>, message: string): Promise<boolean> {
+    this.busy.value = true;
+    this.actionError.value = null;
+    this.message.value = "";
+    try {
+      await call();
+      await this.refresh();
+      await this.loadThings();
+      if (this.text.value) await this.ask(this.text.value);
+      this.message.value = message;
+      return true;
+    } catch (error) {
+      this.actionError.value = error;
+      return false;
+    } finally {
+      this.busy.value = false;
+    }
+  }
+
+  /** Notices a version that somebody else has made; true if there was one. */
+  async notice(): Promise<boolean> {
+    if (this.busy.value || this.scene.value?.state !== "READY") return false;
+    const versions = await calls.listVersions(this.sceneId);
+    const current = versions.find((version) => version.current)?.version;
+    if (!current || current === this.scene.value.version) return false;
+    await this.refresh();
+    return true;
+  }
+
+  close(): void {
+    this.#loads.abort();
+    this.#question.abort();
+  }
+}

@@ -1,0 +1,165 @@
+"""One run of a command that asks a service: its client, ids in short, and how it prints."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from fastsplat.cli.connection import (
+    Address,
+    is_data_folder,
+    local_store,
+    open_client,
+)
+from fastsplat.cli.short_ids import whole_id
+from fastsplat.cli.tables import duration
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.operations import Operation
+
+if TYPE_CHECKING:
+    from fastsplat.service.store.store import Store
+    from fastsplat_client import Client
+
+_ID_LENGTH = 32
+_POLL_S = 0.5
+
+
+class Session:
+    """One run of a command.
+
+    Args:
+        address: which service it asks, once it asks.
+        as_json: whether it prints JSON.
+    """
+
+    def __init__(self, address: Address, *, as_json: bool) -> None:
+        self.address = address
+        self.as_json = as_json
+        self._opened = ExitStack()
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._opened.close()
+
+    @cached_property
+    def client(self) -> Client:
+        """Of the service; see `open_client`."""
+        return self._opened.enter_context(open_client(self.address))
+
+    def scene(self, text: str) -> str:
+        """The whole id of a scene, of an argument `SceneId`.
+
+        Raises:
+            NotFoundError, InvalidInputError: as `whole_id`.
+            NotReadyError: the scene of a folder has not been trained to its end.
+        """
+        first = "client" not in vars(self)  # a later argument is of the same folder
+        if first and not self.address.server and not self.address.data and is_data_folder(text):
+            self.address = replace(self.address, data=text)
+            scene = next(self.client.scenes(), None)
+            if scene is None:
+                raise NotFoundError(f"there is no scene in {text}", field="SCENE")
+            if scene.state != "READY":
+                raise NotReadyError(f"the scene in {text} has not been trained to its end", field="SCENE")
+            return scene.id
+        return self._whole(text, "scene", lambda: (each.id for each in self.client.scenes()))
+
+    def job(self, text: str) -> str:
+        """The whole id of a job; errors as `whole_id`."""
+        return self._whole(text, "job", lambda: (each.id for each in self.client.operations()))
+
+    def key(self, text: str) -> str:
+        """The whole id of a key of the project; errors as `whole_id`."""
+        return whole_id("key", text, (each.id for each in self.client.keys.all()))
+
+    def version(self, scene_id: str, text: str) -> str:
+        """The whole name of a version of a scene, "" for "": the current one; errors as `whole_id`."""
+        return text and whole_id("version", text, (each.version for each in self.client.versions(scene_id)))
+
+    def current(self, scene_id: str) -> str:
+        """The name of the version that is current."""
+        return next(each.version for each in self.client.versions(scene_id) if each.current)
+
+    @contextmanager
+    def store(self) -> Iterator[Store]:
+        """Of the data folder, for what servers have no call for.
+
+        Raises:
+            InvalidInputError: a server was named.
+        """
+        if self.address.url:
+            raise InvalidInputError(
+                "servers have no call for this", field="--server", hint="Run it on the server's machine, without."
+            )
+        with local_store(self.address.data) as store:
+            yield store
+
+    def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
+        """Print a value of the contract.
+
+        Args:
+            value: as JSON, as REST would send it; None for what has no content.
+            text: for people.
+            nothing: said on stderr where there is no text.
+        """
+        if self.as_json:
+            if value is not None:
+                typer.echo(json.dumps(to_plain(value), indent=2, ensure_ascii=False))
+        elif text:
+            typer.echo(text)
+        elif nothing:
+            typer.echo(nothing, err=True)
+
+    def tell_job(self, operation: Operation, text: Callable[[Operation], str], *, watch: bool) -> None:
+        """Print a job that was queued, or with `watch` what came of it; what happens meanwhile are lines on stderr.
+
+        Args:
+            operation: as it was queued.
+            text: what came of one that succeeded, for people.
+            watch: whether to wait for its end.
+
+        Raises:
+            typer.Exit: it was watched, and did not succeed.
+        """
+        queued = f"job {operation.id} of scene {operation.scene_id} is {operation.state}"
+        if not watch:
+            self.tell(operation, queued)
+            return
+        typer.echo(queued, err=True)
+        shown = ""
+        while True:
+            if (line := progress(operation)) != shown:
+                typer.echo(shown := line, err=True)
+            if operation.done:
+                break
+            time.sleep(_POLL_S)
+            operation = self.client.operation(operation.id)
+        succeeded = operation.state == "SUCCEEDED"
+        self.tell(operation, text(operation) if succeeded else "")
+        if not succeeded:
+            raise typer.Exit(1)
+
+    def _whole(self, text: str, noun: str, ids: Callable[[], Any]) -> str:
+        return text if len(text) == _ID_LENGTH else whole_id(noun, text, ids())
+
+
+def progress(operation: Operation) -> str:
+    """Where a job stands, in one line."""
+    if operation.error is not None:
+        hint = operation.error.details.get("hint", "")
+        return f"{operation.error.stage}: {operation.error.reason}: {operation.error.message}. {hint}".rstrip()
+    if operation.done or not operation.stages:
+        return str(operation.state)
+    last = operation.stages[-1]
+    left = "" if operation.seconds_left is None else f", about {duration(operation.seconds_left)} left in all"
+    return f"{last.stage} {last.fraction:.0%} {last.message}{left}"

@@ -1,0 +1,162 @@
+"""Capabilities of this server, as one of its callers may know them."""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import time
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import get_args
+
+from fastsplat.service.application.admin.project_keys import as_key
+from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
+from fastsplat.service.query.language.meaning import model_for, weighs_meanings
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.keys import Role
+from fastsplat_contract.server_status import ModelRole, ModelStatus, QuotaStatus, ServerStatus
+
+_SOMEWHERE = ("192.0.2.1", 9)
+"""An address of the documentation's (RFC 5737), to which nothing is sent."""
+
+
+def server_status(store: Store, settings: Settings, project: str, role: Role, key_id: str) -> ServerStatus:
+    """The status as a caller of this role may know it.
+
+    Args:
+        store: of all projects.
+        settings: of this server.
+        project: whose quotas are told.
+        role: the caller's.
+        key_id: the caller's; "" without keys.
+
+    Raises:
+        DatabaseError: the database does not answer.
+    """
+    now = time.time()
+    record = store.keys.find(key_id) if key_id else None
+    key = None if record is None else as_key(record, now)
+    usage, quotas = store.quota_usage.of(project), settings.quotas
+    live_since = now - settings.jobs.stalled_worker_timeout_s
+    return ServerStatus(
+        version=version("fastsplat"),
+        project=project,
+        role=role,
+        key_expires_at=None if key is None else key.expires_at,
+        upload_operation="" if key is None else key.operation_id,
+        models=() if role == "uploader" else _models(settings),
+        backend=settings.query.backend,
+        training_backend=settings.training.backend,
+        workers=sum(worker.heartbeat_at >= live_since for worker in store.workers.list_workers()),
+        quotas=()
+        if role == "uploader"
+        else (
+            QuotaStatus("scenes", usage.scenes, quotas.scenes or None),
+            QuotaStatus("bytes", usage.stored_bytes, quotas.stored_bytes or None),
+            QuotaStatus("jobs", usage.queued_jobs, quotas.queued_jobs or None),
+        ),
+        max_upload_bytes=settings.capture.max_upload_bytes,
+        max_images=settings.capture.max_images,
+        addresses=() if role in ("uploader", "reader") else page_addresses(settings),
+    )
+
+
+def page_addresses(settings: Settings) -> tuple[str, ...]:
+    """Where other machines reach the page: the address of the settings, or this machine's own in its network.
+
+    Empty where it listens on loopback alone, on a port that the system chose, or in no network.
+    """
+    if settings.page_address:
+        return (settings.page_address.rstrip("/") + "/",)
+    if not settings.http_port:
+        return ()
+    try:
+        host = ipaddress.ip_address(settings.host.strip("[]"))
+    except ValueError:  # a name: localhost, or one that the network knows
+        if settings.host.lower() == "localhost":
+            return ()
+        return (_url(settings, settings.host),)
+    if host.is_unspecified:
+        own = _own_address()
+        return (_url(settings, own),) if own else ()
+    return () if host.is_loopback else (_url(settings, f"[{host}]" if host.version == 6 else str(host)),)
+
+
+def _url(settings: Settings, host: str) -> str:
+    scheme = "http" if settings.tls_cert is None else "https"
+    return f"{scheme}://{host}:{settings.http_port}{settings.root_path}/"
+
+
+def _own_address() -> str:
+    """The address with which this machine would begin a connection to elsewhere; "" without a network."""
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(_SOMEWHERE)
+            address = str(probe.getsockname()[0])
+    except OSError:
+        return ""
+    return "" if ipaddress.ip_address(address).is_loopback else address
+
+
+def _models(settings: Settings) -> tuple[ModelStatus, ...]:
+    perception = settings.perception
+    return tuple(_model(role, getattr(perception, role), settings) for role in get_args(ModelRole))
+
+
+def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
+    from fastsplat.service.perception.models.model_manifest import find_model  # as in `Admin`
+
+    if not name:
+        return ModelStatus(role, "", "unset", None)
+    try:
+        _, inside = find_model(name, role)
+        folder = settings.models / inside
+        ready = folder.is_dir() and any(folder.iterdir())
+    except (FastSplatError, OSError):
+        ready = False
+    calibrated = None
+    if role == "text_encoder" and ready:
+        query = settings.query
+        calibrated = _calibrated(name, settings.models, query.score, query.templates, query.negatives)
+    if role == "lexicon" and ready:
+        calibrated = weighed_with_encoder(settings)
+    return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
+
+
+def weighed_with_encoder(settings: Settings) -> bool:
+    """Whether answers weigh what the lexicon of the settings says: whether it was measured with their text encoder,
+    templates and score, and no threshold of cosines is set."""
+    query, perception = settings.query, settings.perception
+    digest = _digest(perception.text_encoder, settings.models)
+    return (
+        digest is not None
+        and weighs_meanings(query)
+        and model_for(calibration_key(perception.text_encoder, digest), perception.lexicon, query.templates) is not None
+    )
+
+
+def _calibrated(
+    name: str, models: Path, score: Score, templates: Sequence[str], negatives: Sequence[str]
+) -> bool | None:
+    """Whether answers by this encoder have measured probabilities; None if it cannot be opened."""
+    digest = _digest(name, models)
+    return None if digest is None else calibration_for(name, digest, score, templates, negatives) is not None
+
+
+def _digest(name: str, models: Path) -> str | None:
+    """The hash of an encoder's weights; None if it cannot be opened, now."""
+    try:
+        return _opened_digest(name, models)
+    except FastSplatError:
+        return None
+
+
+@cache
+def _opened_digest(name: str, models: Path) -> str:
+    from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+
+    return open_text_encoder(name, models).sha256

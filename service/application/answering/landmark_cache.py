@@ -1,0 +1,127 @@
+"""Cache of scenes' landmarks between requests to localize photos."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.formats.kept_capture import kept_lenses
+from fastsplat.service.capture.photos.scene_photos import photo_folder, photo_path
+from fastsplat.service.capture.untrusted.image_decoding import reduce, reduced_size
+from fastsplat.service.common.radial_lens import middle_lens
+from fastsplat.service.localization.landmarks import (
+    BYTES_PER_LANDMARK,
+    KEYPOINTS_PER_PHOTO,
+    MAX_LANDMARK_VIEWS,
+    Landmarks,
+    Photo,
+    find_landmarks,
+)
+from fastsplat.service.localization.settings import LocalizationSettings
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.store.blobs import Blobs
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import NotReadyError, SceneFileError
+
+_KEPT = 2
+"""Versions."""
+
+
+class LandmarkCache:
+    """Cache of the landmarks of the versions that photos were last localized in, until others need the memory. Threads
+    may share it.
+
+    Args:
+        settings: how they are found.
+        memory: counts what is kept.
+    """
+
+    def __init__(self, settings: LocalizationSettings, memory: MemoryBudget) -> None:
+        self._settings = settings
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._counted = False
+        self._kept: LeastRecentlyUsed[tuple[str, str], Landmarks] = LeastRecentlyUsed(_KEPT * self._largest)
+
+    def of(self, scene_id: str, version: str, index: SceneIndex, folder: Path, blobs: Blobs) -> Landmarks:
+        """The landmarks of a version: found by the first request, which takes some tenths of a second a photo.
+
+        Args:
+            scene_id: of which scene.
+            version: its name.
+            index: of that version.
+            folder: of that version.
+            blobs: whose digests the photos are checked by.
+
+        Raises:
+            NotReadyError: no photo is kept with the scene.
+            SceneFileError: a photo is damaged.
+            CancelledError: see `service.common.cancellation`.
+        """
+
+        def find() -> Landmarks:
+            photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
+            lens = middle_lens(kept_lenses(photo_folder(folder)))
+            return find_landmarks(photos, index.geometry, lens)
+
+        landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)
+        with self._lock:
+            uncounted, self._counted = not self._counted, True
+        if uncounted and not self._memory.keep(_KEPT * self._largest, self._drop):
+            self._drop()
+        return landmarks
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._kept.drop(lambda key: key[0] == scene_id)
+
+    @property
+    def _largest(self) -> int:
+        return BYTES_PER_LANDMARK * KEYPOINTS_PER_PHOTO * MAX_LANDMARK_VIEWS
+
+    def _drop(self) -> None:
+        with self._lock:
+            self._counted = False
+        self._kept.drop(lambda _: True)
+
+
+def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Blobs | None = None) -> list[Photo]:
+    """The photos that are kept with a version, to be read one by one.
+
+    Args:
+        cameras: of the scene, in order.
+        folder: of the version.
+        side: they are reduced to so many pixels on the longer side.
+        blobs: whose digests they are checked by; None: by none.
+
+    Raises:
+        NotReadyError: there are none.
+        SceneFileError: one is damaged.
+    """
+    paths = [(posed, photo_path(folder, number)) for number, posed in enumerate(cameras)]
+    there = [(posed, path) for posed, path in paths if path.is_file()]
+    if not there:
+        raise NotReadyError(
+            "no photos are kept with this scene, so that others cannot find their place in it",
+            field="scene",
+            hint="Photos stay with scenes that are made of photos while FASTSPLAT_PHOTOS__KEEP is on.",
+        )
+    if blobs is not None:
+        blobs.check_version(folder, *(path.relative_to(folder).as_posix() for _, path in there))
+    return [(posed, partial(_read, path, side)) for posed, path in there]
+
+
+def _read(path: Path, side: int) -> NDArray[np.uint8]:
+    try:
+        pixels = load_rgb(path)
+    except OSError as error:
+        raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
+    return reduce(pixels, reduced_size(pixels.shape[1], pixels.shape[0], side))

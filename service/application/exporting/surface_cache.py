@@ -1,0 +1,53 @@
+"""Cache of a scene's surface views between exports: all files of one version that show surfaces use the same."""
+
+from __future__ import annotations
+
+import threading
+
+from fastsplat.service.application.base.cache import LeastRecentlyUsed
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_views
+
+
+class SurfaceCache:
+    """Cache of the surface views of the version that was last asked for, until others need the memory. Threads may
+    share it.
+
+    Args:
+        memory: counts what is kept.
+    """
+
+    def __init__(self, memory: MemoryBudget) -> None:
+        self._memory = memory
+        self._lock = threading.Lock()
+        self._counted = False
+        self._views: LeastRecentlyUsed[tuple[str, str], tuple[SurfaceView, ...]] = LeastRecentlyUsed(0)
+
+    def views(self, scene_id: str, version: str, index: SceneIndex) -> tuple[SurfaceView, ...]:
+        """What `surface_views` returns of a version; kept if there is room for as much as the settings allow.
+
+        Args:
+            scene_id: of which scene.
+            version: its name.
+            index: of that version.
+
+        Raises:
+            InvalidInputError, CancelledError: as `surface_views`.
+        """
+        views = self._views.get((scene_id, version), lambda: 1, lambda: surface_views(index))
+        with self._lock:
+            uncounted, self._counted = not self._counted, True
+        largest = BYTES_PER_PIXEL * index.settings.surface_views * index.settings.surface_side**2
+        if uncounted and not self._memory.keep(largest, self._drop):
+            self._drop()
+        return views
+
+    def forget(self, scene_id: str) -> None:
+        """Let go of one scene."""
+        self._views.drop(lambda key: key[0] == scene_id)
+
+    def _drop(self) -> None:
+        with self._lock:
+            self._counted = False
+        self._views.drop(lambda _: True)

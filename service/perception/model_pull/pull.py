@@ -1,0 +1,200 @@
+"""The pull of models into the model directory: fetch, checksum, conversion, trial, and one rename at the end."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import stat
+import tempfile
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from fastsplat.service.perception.model_pull.convert import convert
+from fastsplat.service.perception.model_pull.model_check import check_model
+from fastsplat.service.perception.model_pull.sources import fetch_file
+from fastsplat.service.perception.models.model_files import RECEIPT
+from fastsplat.service.perception.models.model_manifest import BUILT_IN_MANIFEST, ModelEntry, load_manifest
+from fastsplat.service.perception.onnx_session import file_sha256
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
+
+ModelState = Literal["ready", "unverified", "damaged", "absent"]
+
+_WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+_ELSEWHERE = "Allow writing (chmod u+w), or name another directory with --models or FASTSPLAT_MODELS."
+
+
+@dataclass(frozen=True)
+class Step:
+    """Progress of a pull: `done` of `total` bytes, both 0 where nothing can be counted."""
+
+    model: str
+    what: str
+    done: int = 0
+    total: int = 0
+
+
+def pull(
+    models: Path,
+    names: Sequence[str] = (),
+    *,
+    report: Callable[[Step], None],
+    manifest: Path | None = None,
+    allow_licenses: Collection[str] = (),
+    revision: str | None = None,
+) -> None:
+    """Put models into the model directory; those already there are left alone if they work.
+
+    A model appears in one rename, after its files have matched their sha256, its conversion has run, and its adapter
+    has opened it and solved a drawn exercise; a failure leaves nothing behind.
+
+    Args:
+        models: the model directory; made if need be.
+        names: manifest entries; none: the defaults.
+        report: hears every step.
+        manifest: another manifest than the built-in one.
+        allow_licenses: SPDX names to accept beyond the permissive ones.
+        revision: commit for Hugging Face repositories that the manifest pins none for.
+
+    Raises:
+        InvalidInputError: an unknown name, or a license that needs a yes; nothing has been fetched then.
+        ResourceError: the directory, or a folder to be replaced, is marked read-only, or cannot be written; nothing has
+            been fetched then.
+        ModelUnavailableError: a source, a checksum, a conversion or a trial failed.
+    """
+    source = manifest or BUILT_IN_MANIFEST
+    entries = {entry.name: entry for entry in load_manifest(source)}
+    selected = list(names) or [entry.name for entry in entries.values() if entry.default]
+    for name in selected:
+        if name not in entries:
+            raise InvalidInputError(
+                f'the manifest has no model "{name}"', field="name", hint=f"Choose among {', '.join(entries)}."
+            )
+        entry = entries[name]
+        if not entry.permissive and entry.license not in allow_licenses:
+            raise InvalidInputError(
+                f"model {name} is under {entry.license}, which is not a permissive license",
+                field="license",
+                hint=f"If its terms suit you, repeat with --allow-license {entry.license}.",
+            )
+    missing = []
+    for name in selected:
+        if not _is_there(entries[name], models, report):
+            missing.append(entries[name])
+    if not missing:
+        return
+    _check_writable(models)
+    for entry in missing:
+        if (models / entry.name).is_dir():
+            _check_writable(models / entry.name)
+    with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
+        for entry in missing:
+            _pull_one(entry, models, Path(work), source.parent, revision, report)
+
+
+def model_state(entry: ModelEntry, models: Path) -> ModelState:
+    """What the model directory holds of an entry; reads every file once.
+
+    "unverified": all files are there, and nothing says what their bytes should be (put there by hand).
+    """
+    folder = models / entry.name
+    expected = {file.name: file.sha256 for file in entry.files}
+    if (folder / RECEIPT).is_file():
+        try:
+            expected |= json.loads((folder / RECEIPT).read_text("utf-8"))["sha256"]
+        except (ValueError, KeyError, TypeError):
+            return "damaged"
+    present = [name for name in expected if (folder / name).is_file()]
+    if len(present) < len(expected):
+        # A folder filled by hand may use other file names: adapters look for parts, not names.
+        by_hand = folder.is_dir() and any(path.suffix in (".onnx", ".ort", ".npz") for path in folder.iterdir())
+        return "damaged" if present else "unverified" if by_hand else "absent"
+    if any(digest and file_sha256(folder / name) != digest for name, digest in expected.items()):
+        return "damaged"
+    return "ready" if all(expected.values()) else "unverified"
+
+
+def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -> bool:
+    state = model_state(entry, models)
+    if state == "unverified":
+        # Somebody put it there by hand: theirs to keep, if it works.
+        report(Step(entry.name, "trying out what is there"))
+        try:
+            check_model(entry, models)
+        except ModelUnavailableError:
+            return False
+    elif state != "ready":
+        return False
+    report(Step(entry.name, "already there"))
+    return True
+
+
+def _check_writable(folder: Path) -> None:
+    """Make a folder if need be, and see that models may be put there.
+
+    The marks count for root, too, whom they do not stop: a folder is marked read-only because others use it as it is.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        marked = not folder.stat().st_mode & _WRITABLE
+    except OSError as error:
+        raise ResourceError(
+            f"the folder {folder} cannot be made: {error.strerror}", field="models", hint=_ELSEWHERE
+        ) from error
+    if marked:
+        raise ResourceError(f"the folder {folder} is marked read-only", field="models", hint=_ELSEWHERE)
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ResourceError(f"the folder {folder} cannot be written", field="models", hint=_ELSEWHERE)
+
+
+def _pull_one(
+    entry: ModelEntry, models: Path, work: Path, base: Path, revision: str | None, report: Callable[[Step], None]
+) -> None:
+    staged = work / "models" / entry.name
+    staged.mkdir(parents=True)
+    carriers = work / f"{entry.name}-carriers"
+    carriers.mkdir()
+    conversion = entry.conversion
+    jobs = [(file, staged) for file in entry.files if file.sources or conversion is None]
+    jobs += [(file, carriers) for file in (conversion.carriers if conversion else ())]
+    for file, folder in jobs:
+        report(Step(entry.name, f"fetching {file.name}"))
+
+        def on_bytes(done: int, total: int, what: str = file.name) -> None:
+            report(Step(entry.name, f"verifying {what}", done, total))
+
+        fetch_file(file, folder / file.name, cache=work, base=base, revision=revision, on_bytes=on_bytes)
+    if conversion:
+        report(Step(entry.name, f"converting ({conversion.kind})"))
+        convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
+    report(Step(entry.name, "trying it out"))
+    check_model(entry, work / "models")
+    _put_in_place(staged, models / entry.name, entry)
+    file_sha256.cache_clear()  # under these paths are other files now
+    report(Step(entry.name, "ready"))
+
+
+def _put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
+    missing = [file.name for file in entry.files if not (staged / file.name).is_file()]
+    if missing:
+        raise ModelUnavailableError(f"model {entry.name}: its conversion made no {', '.join(missing)}")
+    receipt = {
+        "model": entry.name,
+        "license": entry.license,
+        "sha256": {file.name: file_sha256(staged / file.name) for file in entry.files},
+    }
+    (staged / RECEIPT).write_text(json.dumps(receipt, indent=1) + "\n", "utf-8")
+    for path in staged.iterdir():
+        with path.open("rb") as stream:
+            os.fsync(stream.fileno())
+    aside = staged.parent / f"{entry.name}-before"
+    if target.exists():
+        target.rename(aside)  # goes with the temporary folder
+    try:
+        staged.rename(target)
+    except OSError:
+        if aside.exists():
+            shutil.move(aside, target)
+        raise

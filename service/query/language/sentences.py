@@ -1,0 +1,233 @@
+"""What an answer says in one sentence; every way to ask prints exactly this one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.english import NoQuestion
+from fastsplat.service.query.things.absence import RATHER
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
+from fastsplat_contract.queries import Answer, Outcome, Relation, RelationSubject
+
+MOST_NAMED = 3
+"""Things and names that a sentence calls; the others are counted."""
+_MAX_QUOTED = 60
+InWords = Callable[[Sequence[int]], str]
+"""What some things are called, see `ThingWords.listed`."""
+
+_OPENINGS: Mapping[Outcome, str] = {
+    "here": "Here",
+    "probably_here": "Probably here",
+    "not_here": "Not here",
+    "not_seen": "Not seen",
+    "cannot_say": "Cannot say",
+}
+_RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
+    ("kind_of", "label"): "a kind of {text}",
+    ("kind_of", "question"): "the closest to {text}, which is a kind of it",
+    ("part_of", "label"): "a part of {text}",
+    ("part_of", "question"): "of which {text} is a part",
+    ("related", None): "related to {text}",
+}
+_NO_QUESTIONS: Mapping[NoQuestion, str] = {
+    "empty": "{text} names nothing that could be looked for; name a thing",
+    "foreign": "only English is understood, and {text} is of another language; no name in this scene is written so",
+    "unknown": "only English is understood, and {text} is no word that is known here; no name in this scene is written "
+    "so",
+}
+_REFUSALS: Mapping[RefusalReason, str] = {
+    "not_understood": "{part} was not understood",
+    "ambiguous": "{part} can be read in several ways, with different answers",
+    "pose_needed": "{part} depends on where you stand",
+    "vertical_unknown": "{part} needs to know what is up, and the scene does not tell",
+    "too_close": "{part} is too close to call",
+    "out_of_view": "{part} is of what the asker faces, and some of it is behind or too near",
+    "indirect": "it rests on something else, and only that is {part}",
+    "ambiguous_referent": "several things here may be meant in {part}, with different answers",
+    "referent_absent": "no {part} is here",
+    "nothing_to_compare": "there is only one, so nothing says whether it is {part}",
+    "not_measured": "nothing here measures {part}",
+    "not_named": "nothing here is named {part}",
+}
+_CHOICES: Mapping[RefusalReason, str] = {
+    "ambiguous": "say it in another way",
+    "pose_needed": "send the asker's pose",
+    "vertical_unknown": "align the scene",
+    "out_of_view": "ask from another place",
+    "ambiguous_referent": "say which",
+    "not_named": "name it",
+}
+"""What makes a phrase decidable."""
+
+
+@dataclass(frozen=True)
+class Remarks:
+    """What a sentence says beside what the answer's members hold.
+
+    Attributes:
+        unchecked: words of the question that nothing here was checked for, see `NameMatch.unchecked`.
+        no_question: why the text is no question in English.
+        doubt: what is taken for something that a phrase speaks of, where that is not sure.
+        head: what alone a phrase was looked up by, because nothing here is that; "" otherwise.
+        by_shape: whether surfaces without a name answer, by their shape and place.
+        calibrated: whether other words than names were compared.
+    """
+
+    unchecked: str = ""
+    no_question: NoQuestion = ""
+    doubt: str = ""
+    head: str = ""
+    by_shape: bool = False
+    calibrated: bool = True
+
+
+def quoted(text: str) -> str:
+    """A text of somebody in a sentence."""
+    return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
+
+
+def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
+    """'A, B and C'; with `more`, "and 2 more" behind them."""
+    every = [*items, f"{more} more"] if more else list(items)
+    return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
+
+
+def outcome_of(answer: Answer) -> Outcome:
+    """Whether what was asked for is here. "not_seen" is never said yet: nothing counts the views of a place where
+    nothing is."""
+    if answer.verdict == "absent":
+        return "not_here"
+    if answer.verdict == "undecided":
+        return "cannot_say"
+    meant = (answer.relation, answer.relation_subject) in (("same", None), ("kind_of", "label"))
+    sure = answer.probability is None or answer.probability >= RATHER
+    if answer.verdict == "exact" or (answer.verdict == "related" and meant and sure):
+        return "here"
+    return "probably_here"
+
+
+def spoken(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> Answer:
+    """The answer with its outcome and its sentence.
+
+    Args:
+        answer: complete but for these.
+        remarks: what else there is to say.
+        names: of the scene.
+        in_words: see there.
+    """
+    outcome = outcome_of(answer)
+    if outcome == "cannot_say":
+        said = f"Cannot say{_unsaid(answer, remarks, names, in_words)}."
+    else:
+        if outcome == "not_here":
+            what = _missing(answer, remarks, names, in_words)
+        elif answer.phrase is not None:
+            what = _decided(answer, answer.phrase, remarks, names, in_words)
+        else:
+            what = _found(answer, remarks, names, in_words)
+        said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
+    return replace(answer, outcome=outcome, sentence=said, explanation=said)
+
+
+def percent(probability: float | None) -> str:
+    """ " (19 %)"; "" of what nobody has measured, and of what is certain."""
+    if probability is None or probability == 1.0:
+        return ""
+    return f" ({min(max(round(100 * probability), 1), 99)} %)" if probability else " (0 %)"
+
+
+def doubt_of(answer: Answer, names: ThingNames) -> str:
+    """What is not sure of the name that a probable answer shows."""
+    match = answer.matches[0]
+    return f"that it is {quoted(match.label)} is {'not sure' if names.is_borne(match.label_id) else 'only suggested'}"
+
+
+def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+    """What answers a name or a description."""
+    question = quoted(answer.text)
+    if remarks.by_shape:
+        taken = "" if answer.verdict == "exact" else f", taken for {question}"
+        return f"{in_words(answer.things)}{taken}, by shape and place"
+    ids = answer.relevant_ids
+    labels = {match.label_id: match.label for match in answer.matches if match.relevant}
+    remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
+    kind = f", a kind of {question}" if answer.relation == "kind_of" and answer.relation_subject == "label" else ""
+    if answer.relation == "same" and answer.decided_by == "score":
+        kind = f", the same as {question}"
+    if answer.verdict == "possible" and not any(map(names.is_borne, ids)):
+        may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
+        return f"{in_words(answer.things)} may be {may_be}{kind}{remark}"
+    if answer.verdict in ("exact", "possible"):
+        doubt = "" if answer.verdict == "exact" else ", but that name is not sure"
+        return f"{_belonging(ids, labels, names, in_words)}{kind}{doubt}{remark}"
+    first = _belonging(ids[:1], labels, names, in_words)
+    relation = _RELATIONS[answer.relation, answer.relation_subject].format(text=question)
+    then = f"; then {_belonging(ids[1:], labels, names, in_words)}" if ids[1:] else ""
+    return f"{first}, {relation}{then}{remark}"
+
+
+def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:
+    """The things of some names; the names themselves, where labels of Gaussians are no names of things."""
+    if all(label_id in names.by_label for label_id in label_ids):
+        return in_words(names.of_labels(label_ids))
+    shown = [quoted(labels[label_id]) for label_id in label_ids]
+    return enumerated(shown[:MOST_NAMED], max(0, len(shown) - MOST_NAMED))
+
+
+def _decided(answer: Answer, phrase: PhraseAnswer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+    """The things that a phrase means."""
+    shown = in_words(answer.things)
+    count = f"{phrase.count} ({shown})" if phrase.count is not None else shown
+    other = any(label_key(names.called.get(each, "")) != label_key(phrase.head) for each in answer.things)
+    head = f" for {quoted(phrase.head)}" if phrase.head and other else ""
+    return ", ".join((f"{count}{head}", *phrase.conditions)) + _left_open(phrase, remarks, in_words)
+
+
+def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+    """Of what it was said that it is not here."""
+    if answer.phrase is not None and not remarks.head:
+        return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
+    only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
+    count, question = len(names.table), quoted(remarks.head or answer.text)
+    searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {question}"}
+    none = searched.get(count, f"none of the {count} names in this scene is {question}")
+    return f"{none}{_unnamed(answer)}{only}"
+
+
+def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+    """Why it cannot be said, and what would help."""
+    question, phrase = quoted(answer.text), answer.phrase
+    if remarks.no_question:
+        return f": {_NO_QUESTIONS[remarks.no_question].format(text=question)}"
+    if phrase is not None and phrase.refusal is not None:
+        reason = _REFUSALS[phrase.refusal.reason].format(part=quoted(phrase.refusal.part))
+        understood = ""
+        if phrase.refusal.reason == "not_understood" and (phrase.head or phrase.conditions):
+            understood = f"; understood was {_asked(phrase)}"
+        may_be = f"; it may be {in_words(answer.things)}" if answer.things else ""
+        choice = _CHOICES.get(phrase.refusal.reason, "")
+        return f": {reason}{understood}{may_be}" + (f"; {choice}" if choice else "")
+    unnamed = answer.searched.unnamed_things
+    if not unnamed:
+        return f" whether {question} is here: something here may be it, and no name says so; ask by another word"
+    have = "one thing has no name" if unnamed == 1 else f"{unnamed} things have no name"
+    named = "no thing here has a name yet" if not names.table else f"no name here is it, and {have}"
+    return f" whether {question} is here: {named}; name what it is"
+
+
+def _left_open(phrase: PhraseAnswer, remarks: Remarks, in_words: InWords) -> str:
+    undecided = f"; undecided: {in_words(phrase.undecided)}" if phrase.undecided else ""
+    return undecided + (f"; {remarks.doubt}" if remarks.doubt else "")
+
+
+def _asked(phrase: PhraseAnswer) -> str:
+    head = [quoted(phrase.head)] if phrase.head else []
+    return ", ".join([*head, *phrase.conditions]) or "anything"
+
+
+def _unnamed(answer: Answer) -> str:
+    count = answer.searched.unnamed_things
+    return f"; {count} {'thing has' if count == 1 else 'things have'} no name" if count else ""

@@ -1,0 +1,102 @@
+"""Codes of things: which thing each class of the affine map stands for, as names are given, things merged and cut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.scene.types import F32, SemanticHead
+
+_CHUNK_LOGITS = 4 << 20
+_CANDIDATES = 1_024
+"""Random directions of which a new class takes the one farthest from all others."""
+_SEED = 11
+
+
+@dataclass(frozen=True)
+class ThingCodes:
+    """What a composited code says of things.
+
+    Attributes:
+        codes: float32 [G, D].
+        head: one logit per class, C of them; class 0 is no thing.
+        ids: int32 [C], the id of the thing that each class stands for, 0 for none.
+    """
+
+    codes: F32
+    head: SemanticHead
+    ids: NDArray[np.int32]
+
+
+def codes_of_things(codes: F32, head: SemanticHead, owner: NDArray[np.int32]) -> ThingCodes:
+    """The codes as they were trained, and what they stand for now.
+
+    A class stands for the thing that most of its Gaussians belong to: merging and discarding things change no code. A
+    thing that no class stands for, because it was cut out, added or copied since, gets a class of its own, as far from
+    the others as a random search finds, and its Gaussians that code.
+
+    Args:
+        codes: float32 [G, D], D at least 1.
+        head: that they were trained with; [C, D].
+        owner: int32 [G], the id of the thing that each Gaussian belongs to now, 0 for none.
+    """
+    classes, _ = classes_of_codes(codes, head)
+    ids = np.zeros(len(head.bias), np.int32)
+    coded = codes.any(axis=1)  # what came from another scene has no code of this one
+    pairs, counts = np.unique(np.stack([classes, owner], axis=1)[coded], axis=0, return_counts=True)
+    for row in np.argsort(counts, kind="stable"):  # the largest count is written last
+        ids[pairs[row, 0]] = pairs[row, 1]
+    ids[0] = 0
+    new = np.setdiff1d(owner, np.append(ids, 0))
+    if not len(new):
+        return ThingCodes(codes, head, ids)
+    directions, norms = _separate_directions(head.weight, len(new)), np.linalg.norm(codes, axis=1)
+    strength = float(np.median(np.linalg.norm(head.weight, axis=1)))
+    length = float(np.median(norms[norms > 0])) if (norms > 0).any() else 1.0
+    codes = np.array(codes)
+    for thing_id, direction in zip(new.tolist(), directions, strict=True):
+        codes[owner == thing_id] = length * direction
+    weight = np.concatenate([head.weight, strength * directions]).astype(np.float32)
+    bias = np.concatenate([head.bias, np.full(len(new), np.median(head.bias))]).astype(np.float32)
+    return ThingCodes(codes, SemanticHead(weight, bias), np.concatenate([ids, new]).astype(np.int32))
+
+
+def classes_of_codes(codes: F32, head: SemanticHead) -> tuple[NDArray[np.int32], F32]:
+    """The class with the largest softmax(W·code + b) of each code [G, D], int32 [G], ties to the lower; and its
+    probability, float32 [G].
+
+    With a single class (a scene without labels) nothing was learnt by the codes, and the probability is 0. Works
+    through bounded pieces: a million Gaussians and a thousand classes need 16 MiB beside the result.
+    """
+    classes = np.zeros(len(codes), dtype=np.int32)
+    confidence = np.zeros(len(codes), dtype=np.float32)
+    class_count = len(head.bias)
+    if class_count == 1:
+        return classes, confidence
+    rows = max(1, _CHUNK_LOGITS // class_count)
+    for start in range(0, len(codes), rows):
+        piece = slice(start, start + rows)
+        logits = codes[piece] @ head.weight.T
+        logits += head.bias
+        classes[piece] = logits.argmax(axis=1)
+        logits -= logits.max(axis=1, keepdims=True)
+        confidence[piece] = 1 / np.exp(logits, out=logits).sum(axis=1)
+    return classes, confidence
+
+
+def _separate_directions(weight: F32, count: int) -> F32:
+    """float32 [count, D], unit vectors: one after the other the candidate whose largest cosine with the rows of
+    `weight`, and with those before it, is smallest."""
+    rng = np.random.default_rng(_SEED)
+    candidates = rng.normal(size=(_CANDIDATES, weight.shape[1]))
+    candidates /= np.linalg.norm(candidates, axis=1, keepdims=True)
+    lengths = np.linalg.norm(weight, axis=1, keepdims=True)
+    nearest = (candidates @ (weight / np.maximum(lengths, 1e-12)).T).max(axis=1)
+    chosen = []
+    for _ in range(count):
+        best = int(nearest.argmin())
+        chosen.append(candidates[best])
+        nearest = np.maximum(nearest, candidates @ candidates[best])
+    return np.stack(chosen).astype(np.float32)

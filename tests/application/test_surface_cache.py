@@ -1,0 +1,58 @@
+"""Views of surfaces: rendered once for points, mesh and cameras, and gone when others need their memory."""
+
+from __future__ import annotations
+
+import pytest
+
+from fastsplat.service.application.base.memory import MemoryBudget
+from fastsplat.service.application.exporting import surface_cache
+from fastsplat.service.application.exporting.geometry_files import cameras_file, mesh_file, points_file
+from fastsplat.service.application.exporting.surface_cache import SurfaceCache
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.surfaces.surface_views import SurfaceView, surface_views
+from fastsplat.service.settings import CallSettings
+from tests.query.wall import wall_index
+
+_GIB = 1 << 30
+
+
+@pytest.fixture
+def rendered(monkeypatch: pytest.MonkeyPatch) -> list[SceneIndex]:
+    """The scenes whose surfaces were rendered, in turn."""
+    scenes = []
+
+    def counting(index: SceneIndex) -> tuple[SurfaceView, ...]:
+        scenes.append(index)
+        return surface_views(index)
+
+    monkeypatch.setattr(surface_cache, "surface_views", counting)
+    return scenes
+
+
+def test_points_mesh_and_cameras_share_one_rendering_and_are_what_they_are_alone(rendered: list[SceneIndex]) -> None:
+    memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB), _GIB)
+    kept, index = SurfaceCache(memory), wall_index()
+    for file in (points_file, mesh_file, cameras_file):
+        assert file(index, "wall", (), 0.05, lambda one: kept.views("wall", "1", one)) == file(index, "wall", (), 0.05)
+    assert len(rendered) == 1 and memory.kept > 0
+    other = wall_index()
+    kept.views("wall", "2", other)  # what an edit changed
+    kept.views("wall", "2", other)
+    assert rendered == [index, other]
+    kept.forget("wall")
+    kept.views("wall", "2", other)
+    assert len(rendered) == 3
+
+
+def test_they_leave_for_a_call_that_needs_their_memory(rendered: list[SceneIndex]) -> None:
+    memory = MemoryBudget(CallSettings(answer_memory_bytes=_GIB, request_memory_bytes=_GIB), _GIB)
+    kept, index = SurfaceCache(memory), wall_index()
+    first = kept.views("wall", "1", index)
+    with memory.reserve(_GIB, "scene_id"):
+        assert memory.kept == 0
+        assert kept.views("wall", "1", index) is not first  # no room to keep these
+        kept.views("wall", "1", index)
+    assert len(rendered) == 3
+    kept.views("wall", "1", index)
+    kept.views("wall", "1", index)
+    assert len(rendered) == 4 and memory.kept > 0

@@ -1,0 +1,247 @@
+"""Laws of every command that asks a service: it says the same of a data folder and of a running server, in the words of
+REST, within 80 columns, and takes ids in short."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import httpx
+import pytest
+import typer
+from rich.cells import cell_len
+from typer.testing import CliRunner, Result
+
+from fastsplat.cli.main import app
+from fastsplat.cli.tables import WIDTH
+from fastsplat.service.application.service import open_service
+from fastsplat.service.settings import load_settings
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.photo_verdicts import PhotoVerdict
+from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
+from tests.api.served import serving
+from tests.api.training_job import add_cancelled_job
+from tests.api.upright_scene import add_upright_scene
+from tests.cli.conftest import FREE_PORTS, configured
+from tests.scenes import queued_job
+
+LONG = "a name that nobody should give, 名前 " * 10
+"""More letters than any terminal has columns."""
+_SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
+_GROUPS = ("scenes", "things", "jobs", "keys", "projects")
+_ENDLESS = {("scenes", "foxglove"), ("mcp",)}
+"""They go on until they are stopped, and print no value."""
+
+
+class Home(NamedTuple):
+    """A data folder, a server over it, and what is there, by short names."""
+
+    url: str
+    key: str
+    ids: dict[str, str]
+    folder: Path
+
+    def run(self, words: str, *more: str, server: bool = False) -> Result:
+        """A command, asked of the folder or of the server; `$scene` in it is an id."""
+        typed = [self.ids[word[1:]] if word.startswith("$") else word for word in words.split()]
+        options = ["--server", self.url] if server else []
+        return CliRunner().invoke(app, [*typed, *more, *options], env={"FASTSPLAT_KEY": self.key})
+
+    def json(self, words: str, *more: str, server: bool = False) -> Any:
+        """What a command prints as JSON."""
+        done = self.run(words, *more, "--json", server=server)
+        assert done.exit_code == 0, (done.output, done.exception)
+        return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
+    folder = tmp_path_factory.mktemp("home")
+    with configured(folder):
+        settings = load_settings().model_copy(update=FREE_PORTS)
+        with open_service(settings) as service:
+            ids = {"scene": add_scene(service, settings, LONG[:200]), "upright": add_upright_scene(service, settings)}
+            job = queued_job()
+            service._store.scenes.create(job)
+            claim = service._store.jobs.claim(job.operation_id)
+            assert claim is not None
+            lost = PhotoVerdict(LONG, False, "no_overlap", ("blurred",), "", 0.3, 0.8, 0, LONG)
+            service._store.jobs.record_photos(claim, [to_plain(lost)])
+            error = {"kind": "INTERNAL", "reason": "X", "message": LONG, "stage": "training", "details": {}}
+            service._store.jobs.fail(claim, error)
+            ids |= {"failed": job.operation_id, "failed_scene": job.scene_id}
+            ids["cancelled"] = add_cancelled_job(service, "a.jpg")
+            ids["name"] = add_known_name(service, ids["scene"], LONG[:200])
+            record, _ = service.admin.keys.create(LONG[:200], "reader", 9_000.0)
+            _, key = service.admin.keys.create("boss", "operator")
+            ids["key"] = record.id
+            (folder / "plain.png").write_bytes(PLAIN_PNG)
+            with serving(service, settings) as ports:
+                yield Home(f"http://127.0.0.1:{ports.http}", key, ids, folder)
+
+
+LOOKING = (
+    "scenes list",
+    "scenes show $scene",
+    "scenes show $failed_scene",
+    "scenes photos $failed_scene",
+    "scenes photos $scene",
+    "scenes next-photos $scene",
+    "jobs list",
+    "jobs list --state failed --limit 1",
+    "jobs show $failed",
+    "jobs show $cancelled",
+    "keys list",
+    "things list $scene",
+    "things list $scene --parts",
+    "things detections $upright",
+    "things goal $upright 1",
+    "things goal $scene 1",
+    "things pick $scene --view front.png --pixel 15.5 18.5",
+    "things measure $scene 1 2",
+    "things measure $scene 1",
+    "things versions $scene",
+    "things known",
+    "ask $scene mug",
+    "ask $scene elephant ball --from front.png",
+    "status",
+)
+"""Commands that change nothing."""
+TABLES = ("list", "photos", "versions", "detections", "known")
+BY_REST = {
+    "scenes list": "/v1/scenes",
+    "scenes show $scene": "/v1/scenes/{scene}",
+    "scenes photos $failed_scene": "/v1/scenes/{failed_scene}/photo-verdicts",
+    "scenes next-photos $scene": "/v1/scenes/{scene}/next-photos",
+    "jobs list": "/v1/operations",
+    "jobs show $failed": "/v1/operations/{failed}",
+    "keys list": "/v1/keys",
+    "things list $scene": "/v1/scenes/{scene}/things",
+    "things detections $upright": "/v1/scenes/{upright}/detections",
+    "things versions $scene": "/v1/scenes/{scene}/versions",
+    "things known": "/v1/known-names",
+    "status": "/v1/server/status",
+}
+
+
+def _commands() -> dict[tuple[str, ...], Any]:
+    """Every command by its words."""
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), typer.main.get_command(app))]
+    ends = {}
+    while waiting:
+        words, command = waiting.pop()
+        inner = getattr(command, "commands", None)
+        if inner is None:
+            ends[words] = command
+        else:
+            waiting += [((*words, name), each) for name, each in inner.items()]
+    return ends
+
+
+def test_every_command_about_what_is_stored_takes_a_server_a_folder_and_json() -> None:
+    commands = {words: each for words, each in _commands().items() if words[0] in (*_GROUPS, "ask", "status", "mcp")}
+    assert len(commands) > 40
+    for words, command in commands.items():
+        options = {name for parameter in command.params for name in parameter.opts}
+        assert options >= _SERVICE, words
+        assert ("--json" in options) != (words in _ENDLESS), words
+
+
+@pytest.mark.parametrize("words", LOOKING)
+def test_a_folder_and_a_server_are_told_of_alike_and_tables_fit(words: str, home: Home) -> None:
+    here, there = home.run(words), home.run(words, server=True)
+    assert (here.exit_code, here.stdout, here.stderr) == (there.exit_code, there.stdout, there.stderr)
+    assert str(here.exception) == str(there.exception) and type(here.exception) is type(there.exception)
+    assert here.exit_code == 0 or isinstance(here.exception, FastSplatError), here.exception
+    if words.split()[:2][-1] in TABLES:
+        assert all(cell_len(line) <= WIDTH for line in here.stdout.splitlines())
+
+
+def _close(one: Any, other: Any) -> bool:
+    """Equal, but for the last digits of numbers: whoever reads a rotation makes it one of length 1."""
+    if isinstance(one, dict) and isinstance(other, dict):
+        return one.keys() == other.keys() and all(_close(one[name], other[name]) for name in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(_close, one, other))
+    return bool(one == pytest.approx(other, rel=1e-12, abs=1e-12) if isinstance(one, float) else one == other)
+
+
+@pytest.mark.parametrize("words", BY_REST)
+def test_json_is_that_of_rest(words: str, home: Home) -> None:
+    path = BY_REST[words].format(**home.ids)
+    sent = httpx.get(home.url + path, headers={"Authorization": f"Bearer {home.key}"}, params={"page_size": 500})
+    assert _close(home.json(words, server=True), sent.json())
+
+
+def test_files_are_the_same_of_a_folder_and_of_a_server(home: Home) -> None:
+    for name in ("a.ply", "b.spz"):
+        written = [home.folder / f"{server}-{name}" for server in (False, True)]
+        for server, file in enumerate(written):
+            assert home.run("scenes export $scene", str(file), server=bool(server)).exit_code == 0
+        assert written[0].read_bytes() == written[1].read_bytes() != b""
+
+
+def test_a_photo_without_a_place_is_said_and_ends_with_1(home: Home) -> None:
+    for server in (False, True):
+        done = home.run("scenes localize $scene", str(home.folder / "plain.png"), server=server)
+        assert done.exit_code == 1 and done.stdout.startswith("plain.png: "), done.exception
+
+
+def test_ids_are_taken_in_short_and_ambiguous_ones_are_refused(home: Home) -> None:
+    whole = home.json("scenes show $scene")
+    for server in (False, True):
+        assert home.json("scenes show", home.ids["scene"][:8], server=server) == whole
+    assert home.json("jobs show", home.ids["failed"][:8], server=True)["id"] == home.ids["failed"]
+    share = home.json("keys share", home.ids["scene"][:8], server=True)
+    revoked = home.json("keys revoke", share["key"]["id"][:8], server=True)
+    assert (revoked["state"], revoked["scene_id"]) == ("REVOKED", home.ids["scene"])
+    assert isinstance(home.run("scenes show zzzz", server=True).exception, NotFoundError)
+    assert isinstance(home.run("jobs show", home.ids["failed"][:1], server=True).exception, InvalidInputError)
+
+
+def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> None:
+    ids = home.ids
+    assert home.run("scenes rename $upright desk", server=True).exit_code == 0
+    assert home.json("scenes show $upright")["name"] == "desk"
+    version = home.json("things name $upright violin 1", server=True)["version"]
+    assert home.json("things list $upright")["things"][0]["name"] == "violin"
+    undone = home.run("things undo $upright --version", version[:6], server=True)
+    assert undone.exit_code == 0 and undone.stdout.endswith("is current\n")
+    again = home.run("things redo $upright")
+    assert again.stdout == f"version {version} is current\n"
+    home.run("things undo $upright", server=True)
+    assert home.json("jobs retry $cancelled --exclude", "another.jpg", server=True)["state"] == "QUEUED"
+    assert home.json("jobs cancel $cancelled")["state"] == "CANCELLED"
+    made = home.json("keys create robot --role reader", server=True)
+    assert {key["id"]: key["state"] for key in home.json("keys list")["keys"]}[made["key"]["id"]] == "VALID"
+    assert home.json("keys expire", made["key"]["id"][:6], "--days", "1")["expires_at"]
+    assert home.run("scenes delete $failed_scene", server=True).exit_code == 1  # nobody said yes
+    assert home.run("scenes delete $failed_scene --yes", server=True).exit_code == 0
+    assert isinstance(home.run("scenes show", ids["failed_scene"]).exception, NotFoundError)
+
+
+def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
+    answers = home.json("ask $scene mug elephant")["answers"]
+    said = home.run("ask $scene mug elephant").stdout.splitlines()
+    assert said[0] == answers[0]["explanation"] and answers[1]["explanation"] in said[1:]
+    assert said[1].startswith("  thing 1, mug, at (")
+
+
+def test_what_servers_have_no_call_for_is_refused_of_a_server_and_told_of_a_folder(home: Home) -> None:
+    names = [project["name"] for project in home.json("projects list")["projects"]]
+    assert names == ["default"] and "default" in home.run("projects list").stdout
+    for words in ("projects list", "projects create kitchen", "jobs log $failed"):
+        refused = home.run(words, server=True).exception
+        assert isinstance(refused, InvalidInputError) and refused.field == "--server"
+
+
+def test_what_names_no_service_is_refused(home: Home, tmp_path: Path) -> None:
+    both = home.run("scenes list --data", str(tmp_path), server=True)
+    assert isinstance(both.exception, InvalidInputError) and both.exception.field == "--data"
+    assert isinstance(home.run("scenes list --data", str(tmp_path / "none")).exception, NotFoundError)
+    assert not (tmp_path / "none").exists()
+    no_key = home.run("scenes list --key-file", str(tmp_path / "none"), server=True)
+    assert isinstance(no_key.exception, InvalidInputError) and no_key.exception.field == "--key-file"

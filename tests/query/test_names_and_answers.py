@@ -1,0 +1,184 @@
+"""What a scene shows as a name can be asked for: names and suggestions are one list, and no answer denies any of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from benchmarks.relations.drawing import Room, box, scene_of, table
+from fastsplat.service.common.dictionary import dictionary_of, label_key
+from fastsplat.service.query.language.query_text import check_query
+from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.names_by_looks import NameFromScene
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Scene, Thing, Things
+from tests.query.conftest import DrawnEncoder, calibrated
+from tests.scenes import labelled_scene
+
+_NAMES = (
+    *("mug", "vase", "dining table", "wall", "wine glass", "glass", "coffee machine", "red scissors", "Teppich"),
+    *("how many cups", "mug on the table", "no chair", "of the", "wo ist", "?!", "茶壶", "🧸", "the largest", "xqzw"),
+)
+_PROBABILITY = st.floats(0.05, 1.0)
+_SUGGESTIONS = st.lists(st.tuples(st.sampled_from(_NAMES), _PROBABILITY), max_size=3)
+
+
+@st.composite
+def _things(draw: Callable[..., Any]) -> tuple[Thing, ...]:
+    """Up to five things with and without names, named by anybody, with suggestions."""
+    made = []
+    for number in range(draw(st.integers(1, 5))):
+        suggestions = tuple(draw(_SUGGESTIONS))
+        name = draw(st.sampled_from(("", "", *_NAMES)))
+        if name:
+            source = draw(st.sampled_from(("given", "detected", "person")))
+            thing = Thing(2 * number + 1, name, source, draw(_PROBABILITY), suggestions=suggestions)
+        else:
+            thing = Thing(2 * number + 1, suggestions=suggestions)
+        made.append(thing)
+    return tuple(made)
+
+
+def _scene(things: tuple[Thing, ...], looked_for: list[str]) -> Scene:
+    """Four Gaussians a thing; the dictionary has their names, and others that were looked for in vain."""
+    count = 4 * len(things)
+    dictionary = dictionary_of([*looked_for, *(thing.name for thing in things if thing.name)])
+    rows = np.arange(count)
+    owner = np.repeat([thing.id for thing in things], 4)
+    membership = evidence_of(rows, owner, np.full(count, 16 * UNIT), count)
+    means = np.stack([rows // 4, rows % 4 / 10, rows % 2 / 10], axis=1)
+    return labelled_scene(
+        means, np.zeros(count, int), dictionary, things=Things(things, membership), label_mode="things"
+    )
+
+
+def _shown(things: tuple[Thing, ...]) -> Mapping[str, set[int]]:
+    """By the names that a list of the things shows, those that bear or may bear them."""
+    shown: dict[str, set[int]] = {}
+    for thing in things:
+        suggested = [] if thing.source in ("given", "person") else [name for name, _ in thing.suggestions]
+        for name in (thing.name, *suggested):
+            if name:
+                shown.setdefault(name, set()).add(thing.id)
+    return shown
+
+
+@settings(deadline=None)  # the first one loads what is loaded once
+@given(
+    things=_things(),
+    looked_for=st.lists(st.sampled_from(_NAMES), max_size=6, unique=True),
+    encoder=st.sampled_from((calibrated(), DrawnEncoder())),
+)
+def test_no_name_that_is_shown_is_denied(
+    things: tuple[Thing, ...], looked_for: list[str], encoder: DrawnEncoder
+) -> None:
+    index = SceneIndex(_scene(things, looked_for), encoder, QuerySettings(backend="reference"))
+    shown = _shown(things)
+    table = index.ranked.names.table
+    assert {label_key(name.label) for name in table.values()} == {label_key(name) for name in shown}
+    borne = [not name.suggested for name in table.values()]
+    assert borne == sorted(borne, reverse=True)
+    for answer in index.ask(_NAMES):
+        assert answer.outcome != "not_seen" and answer.explanation == answer.sentence
+        assert sum(answer.sentence.count(f'"{match.label}"') for match in answer.matches if match.relevant) > 0 or (
+            answer.outcome not in ("here", "probably_here") or not answer.relevant_ids
+        )
+        bearing = set().union(*(ids for name, ids in shown.items() if label_key(name) == label_key(answer.text)))
+        if bearing:
+            assert answer.outcome in ("here", "probably_here") and set(answer.things) <= bearing and answer.things
+        if answer.outcome == "not_here":
+            assert not answer.things and not answer.relevant_ids
+            others = [match.label for match in answer.matches if match.label not in answer.text]
+            assert not any(f'"{label}"' in answer.sentence for label in others)
+
+
+@settings(deadline=None)
+@given(things=_things())
+def test_what_is_suggested_alone_is_as_probable_as_its_likeliest_thing(things: tuple[Thing, ...]) -> None:
+    index = SceneIndex(_scene(things, []), calibrated(), QuerySettings(backend="reference"))
+    named = {label_key(thing.name) for thing in things if thing.name}
+    for name in _shown(things):
+        if label_key(name) not in named:
+            likely = {
+                thing.id: max(p for each, p in thing.suggestions if label_key(each) == label_key(name))
+                for thing in things
+                if thing.source not in ("given", "person")
+                and any(label_key(each) == label_key(name) for each, _ in thing.suggestions)
+            }
+            (answer,) = index.ask([name])
+            assert answer.outcome == "probably_here"
+            assert answer.probability == pytest.approx(max(likely.values()))
+            assert answer.things[0] in [each for each in likely if likely[each] == max(likely.values())]
+            assert (index.mask3d(answer) == index.things.rows(answer.things)).all()
+
+
+def test_a_label_that_nothing_bears_is_no_name_of_the_scene(drawn_encoder: Callable[..., Any]) -> None:
+    index = SceneIndex(_scene((Thing(1),), ["vase"]), drawn_encoder(), QuerySettings(backend="reference"))
+    (vase,) = index.ask(["vase"])
+    assert not index.ranked.names.table and vase.outcome == "not_here"
+    assert vase.sentence.startswith("Not here: nothing in this scene has a name; 1 thing has no name")
+
+
+def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder: Callable[..., Any]) -> None:
+    things = (Thing(1, suggestions=(("jar", 0.4),)), Thing(3, "vase", "person", 1.0))
+    index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
+    query = replace(
+        check_query(("my samovar", "jar", "vase"), index.settings), elsewhere={1: NameFromScene("samovar", 0.85, "s")}
+    )
+    samovar, jar, vase = index.answer(query)
+    assert (samovar.outcome, samovar.probability, samovar.things) == ("probably_here", 0.85, (1,))
+    assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
+    assert index.ask(["samovar"])[0].outcome == "not_here"  # of this scene alone
+    assert index.ranked.suggesting(query.elsewhere) is index.ranked.suggesting(dict(query.elsewhere))
+
+
+@pytest.fixture
+def room(drawn_encoder: Callable[..., Any]) -> SceneIndex:
+    """A lamp, an unnamed thing beside it, an unnamed one far away, and four mugs that are unnamed, too."""
+    room = Room()
+    white = (0.95, 0.95, 0.93)
+    names = ["table", "lamp", *[""] * 2, "cup", "cup"]
+    room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.3, white)
+    room.place("lamp", box((0.15, 0.15, 0.4)), (0.2, 0.1, 0.75), 0.2, white)
+    room.place("x", box((0.09, 0.09, 0.1)), (0.42, 0.1, 0.75), 0.2, white)
+    room.place("x", box((0.09, 0.09, 0.1)), (6.0, 0, 0), 0.2, white)
+    room.place("cup", box((0.09, 0.09, 0.1)), (-0.3, 0.1, 0.75), 0.2, white)
+    room.place("cup", box((0.09, 0.09, 0.1)), (-0.4, -0.1, 0.75), 0.2, white)
+    scene = scene_of(room, 0, np.eye(4))
+    assert scene.things is not None
+    suggested = {3: (("kettle", 0.19),), 4: (("kettle", 0.15), ("stool", 0.3))}
+    rows = tuple(
+        Thing(thing.id, name, "person" if name else None, float(bool(name)), suggestions=suggested.get(thing.id, ()))
+        for thing, name in zip(scene.things.table, names, strict=True)
+    )
+    scene = replace(scene, things=replace(scene.things, table=rows))
+    return SceneIndex(scene, drawn_encoder(), QuerySettings(backend="cpu"))
+
+
+def test_things_are_called_by_their_names_or_by_what_is_beside_them(room: SceneIndex) -> None:
+    kettle, stool, cups, all_of_it = room.ask(["kettle", "stool", "cups", "what is on the table?"])
+    assert kettle.sentence == (
+        'Probably here (19 %): the unnamed thing beside the "lamp" and an unnamed thing may be "kettle".'
+    )
+    assert kettle.things == (3, 4)
+    assert stool.sentence == 'Probably here (30 %): an unnamed thing may be "stool".'
+    assert cups.sentence == 'Here: 2 of "cup".'
+    assert all_of_it.sentence == ('Here: "lamp", the unnamed thing beside the "lamp" and 2 of "cup", on the table.')
+
+
+def test_at_most_three_are_called_and_the_rest_is_counted(drawn_encoder: Callable[..., Any]) -> None:
+    things = tuple(Thing(number, f"thing {number}x", "person", 1.0, suggestions=()) for number in range(1, 6))
+    index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
+    listed = ThingWords(index.ranked.names).listed([1, 2, 3, 4, 5], lambda: index.things.measures)
+    assert listed == '"thing 1x", "thing 2x", "thing 3x" and 2 more'
+    unnamed = tuple(Thing(number, suggestions=(("jar", 0.4),)) for number in range(6, 9))
+    index = SceneIndex(_scene(unnamed, []), drawn_encoder(), QuerySettings(backend="reference"))
+    assert index.ask(["jar"])[0].sentence == 'Probably here (40 %): 3 unnamed things may be "jar".'

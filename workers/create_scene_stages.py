@@ -1,0 +1,117 @@
+"""The stages of a job that makes a scene: files in, files out, `service.pipeline` in between."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.photos.scene_photos import write_photos
+from fastsplat.service.capture.sfm.placed_cameras import placed_of
+from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
+from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
+from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
+from fastsplat.service.planning.time_left import with_time_left
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.splatting.previews import TrainingWatch
+from fastsplat.service.store.codec import camera_to_json
+from fastsplat.workers.budget import make_plan, stored_plan
+from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
+from fastsplat.workers.look_again_stages import dictionary_rows
+from fastsplat.workers.progress_files import ProgressFiles, finish_requested
+from fastsplat.workers.protocol import Job, Stage
+from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_seconds
+from fastsplat.workers.trained_files import load_trained, save_trained
+from fastsplat_contract.json_codec import to_plain
+
+_TRADEOFFS = "tradeoffs.json"
+
+
+def _capture(job: Job, folder: Path, progress: Progress) -> None:
+    files = ProgressFiles(job, "capture", progress)
+    options = job.options
+    capture = build_views(
+        job.upload,
+        folder,
+        job.settings,
+        files.progress,
+        up=options.up,
+        on_placed=files.placed,
+        movers=options.movers,
+        privacy=options.privacy,
+        exclude=job.exclude,
+    )
+    files.placed(placed_of(capture))
+    (folder / PHOTOS).write_text(json.dumps([to_plain(photo) for photo in capture.report.photos]))
+
+
+def _perception(job: Job, folder: Path, progress: Progress) -> None:
+    capture = load_capture(job.result("capture"))
+    report = with_time_left(progress, perception_forecast(job, capture))
+    options = job.options
+    labelled = label_views(capture, job.settings, options.labels, report, time_budget_s=options.time_budget_s)
+    save_labelling(labelled.labelling, folder)
+    (folder / _TRADEOFFS).write_text(json.dumps(labelled.tradeoffs))
+
+
+def _training(job: Job, folder: Path, progress: Progress) -> None:
+    started = time.monotonic()
+    capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
+    plan = make_plan(job, capture, len(labelling.dictionary), started)
+    report = with_time_left(progress, training_forecast(job, capture, len(labelling.dictionary), plan.settings))
+    files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
+    watch = TrainingWatch(files.preview, finish_requested(job))
+    settings = job.settings.model_copy(update={"training": plan.settings})
+    save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
+
+
+def _export(job: Job, folder: Path, progress: Progress) -> None:
+    capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
+    trained = load_trained(job.result("training"))
+    seconds = {stage: stage_seconds(job, stage) for stage in ("capture", "perception", "training")}
+    asked_s = job.options.time_budget_s
+    tradeoffs = (*_tradeoffs(job), *clock_tradeoff(job.settings.training, asked_s, trained.quality))
+    quality = scene_quality(trained, labelling, capture, Provenance(job.options.preset, tradeoffs, seconds, asked_s))
+    settings = job.settings.model_copy(update={"training": stored_plan(job).settings})
+    progress = with_time_left(progress, export_forecast(job, capture, len(labelling.dictionary)))
+    scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
+    progress(ProgressEvent("export", 0.4, "writing the scene"))
+    write_scene(scene, folder / "artefact")
+    progress(ProgressEvent("export", 0.7, "writing the PLY file"))
+    write_ply(scene.gaussians, folder / "scene.ply")
+    views = len(capture.views)
+
+    def on_photo(done: int) -> None:
+        progress(ProgressEvent("export", 0.8 + 0.2 * done / views, f"photos {done}/{views}"))
+
+    write_photos(capture, folder, job.settings.photos, on_photo)
+    (folder / "summary.json").write_text(json.dumps(_summary(scene)))
+
+
+STAGES: Mapping[str, Stage] = {
+    "capture": _capture, "perception": _perception, "training": _training, "export": _export,
+}  # fmt: skip
+
+
+def _tradeoffs(job: Job) -> tuple[str, ...]:
+    """What the time budget reduced in perception and training, in words."""
+    path = job.result("perception") / _TRADEOFFS
+    with intact(path):
+        of_perception = json.loads(path.read_text()) if path.exists() else ()
+    return (*of_perception, *stored_plan(job).tradeoffs)
+
+
+def _summary(scene: Scene) -> dict[str, Any]:
+    return {
+        "gaussians": len(scene.gaussians),
+        "scale": scene.scale,
+        "dictionary": dictionary_rows(scene),
+        "cameras": [camera_to_json(posed) for posed in scene.cameras],
+        "quality": dict(scene.quality),
+    }

@@ -1,0 +1,113 @@
+"""The kinds of job, a row each: its stages, what it reads, what runs it, how its result is published."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from fastsplat.service.store.records import SceneSummary
+from fastsplat.service.store.version_repository import NewVersion
+from fastsplat.workers.claimed_job import ClaimedJob
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.operations import OperationKind
+from fastsplat_contract.scenes import Edit
+
+
+class Sources(NamedTuple):
+    """What a job reads, on this machine.
+
+    Attributes:
+        folder: the admitted upload's; of a job on a finished scene, that of its current version.
+        version: of a job on a finished scene: whose folder it is.
+        base: of a job that begins with a certain version: that version's folder and name.
+    """
+
+    folder: Path
+    version: str = ""
+    base: tuple[Path, str] | None = None
+
+
+@dataclass(frozen=True)
+class JobKind:
+    """One kind of job.
+
+    Attributes:
+        stages: names of its stages, in order.
+        sources: finds what it reads. Raises `NotFoundError` where that is gone.
+        run: "module:name" of a mapping of its stages' names to `Stage` functions, which trainers alone import.
+        publish: publishes the last stage's result, unless an earlier attempt did, and makes the operation SUCCEEDED.
+            Raises `ConflictError` where the last stage is to be done again, as the scene has another version by now;
+            `NotFoundError` where it was deleted; `OSError` where the disk is full.
+    """
+
+    stages: tuple[str, ...]
+    sources: Callable[[ClaimedJob], Sources]
+    run: str
+    publish: Callable[[ClaimedJob, str], None]
+
+
+def _upload(job: ClaimedJob) -> Sources:
+    return Sources(job.upload())
+
+
+def _current_version(job: ClaimedJob) -> Sources:
+    return Sources(*job.current_version())
+
+
+def _current_and_ordered_version(job: ClaimedJob) -> Sources:
+    ordered = str(job.claim.operation.order["version"])
+    return Sources(*job.current_version(), (job.version(ordered), ordered))
+
+
+def _publish_scene(job: ClaimedJob, stage: str) -> None:
+    folder = job.publish(stage, "summary.json", "stage.json")
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["quality"]["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
+    job.succeed(SceneSummary(version=job.run_id, **summary))
+
+
+def _publish_version(job: ClaimedJob, stage: str) -> None:
+    summary = json.loads((job.publish(stage, "summary.json") / "summary.json").read_text())
+    result = {**summary["result"], "version": job.run_id}
+    edit = from_plain(Edit, {"action": job.claim.operation.kind, "texts": result.get("texts", ())})
+    new = NewVersion(
+        job.scene_id,
+        job.run_id,
+        summary["parent"],
+        "",
+        "",
+        summary["gaussians"],
+        summary["dictionary"],
+        [to_plain(edit)],
+        scaling=summary.get("scaling"),
+        alignment=summary.get("alignment"),
+        quality=summary.get("quality"),
+        beside=summary.get("beside", False),
+        max_versions=job.max_versions,
+    )
+    job.succeed_with_version(new, result)
+
+
+KINDS: Mapping[OperationKind, JobKind] = {
+    "create_scene": JobKind(
+        stages=("capture", "perception", "training", "export"),
+        sources=_upload,
+        run="fastsplat.workers.create_scene_stages:STAGES",
+        publish=_publish_scene,
+    ),
+    "look_again": JobKind(
+        stages=("looking", "naming"),
+        sources=_current_version,
+        run="fastsplat.workers.look_again_stages:STAGES",
+        publish=_publish_version,
+    ),
+    "train_more": JobKind(
+        stages=("training", "merging"),
+        sources=_current_and_ordered_version,
+        run="fastsplat.workers.train_more_stages:STAGES",
+        publish=_publish_version,
+    ),
+}
