@@ -28,7 +28,8 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.queries import CameraFileRequest, CameraFormat
+from fastsplat_contract.queries import CameraFormat
+from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.server_info import ServerInfo
 
 _STEP_HEADER = "X-Fastsplat-Step"
@@ -77,7 +78,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         scene_id: str,
         format: Annotated[
             CameraFormat,
-            Query(description=description_of(CameraFileRequest, "format")),
+            Query(description=description_of(DownloadCamerasRequest, "format")),
         ] = "json",
     ) -> Response:
         """The scene's own cameras as a file."""

@@ -38,7 +38,6 @@ from fastsplat_contract.operations import Operation, OperationState, SceneOption
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.queries import (
     Answer,
-    CameraFileRequest,
     CameraFormat,
     Output,
     PictureKind,
@@ -330,7 +329,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
         """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self.call(calls.DOWNLOAD_CAMERAS, CameraFileRequest(scene_id, file_format))
+        return self.call(calls.DOWNLOAD_CAMERAS, requests.DownloadCamerasRequest(scene_id, file_format))
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""

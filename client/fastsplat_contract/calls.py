@@ -22,7 +22,7 @@ from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.operations import Operation, OperationList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.queries import CameraFileRequest, PictureRequest, QueryOut, QueryRequest
+from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
     CancelOperationRequest,
@@ -30,6 +30,7 @@ from fastsplat_contract.requests import (
     DeleteKnownNameRequest,
     DeleteKnownNamesRequest,
     DeleteSceneRequest,
+    DownloadCamerasRequest,
     DownloadMaskPlyRequest,
     DownloadPhotoRequest,
     DownloadScenePlyRequest,
@@ -189,7 +190,7 @@ RENDER_VIEW = Call(
     "RenderView", "queries", PictureRequest, bytes, SHOW, f"POST {_SCENE}:render", "One picture, in chunks.",
     also=(f"GET {_SCENE}/{{kind}}.png", f"GET {_SCENE}/{{kind}}.npy"), pieces_out="Chunk")
 DOWNLOAD_CAMERAS = Call(
-    "DownloadCameras", "scenes", CameraFileRequest, bytes, SHOW, f"GET {_SCENE}/cameras",
+    "DownloadCameras", "scenes", DownloadCamerasRequest, bytes, SHOW, f"GET {_SCENE}/cameras",
     "The scene's own cameras as a file, in chunks.", pieces_out="Chunk")
 DOWNLOAD_SCENE_PLY = Call(
     "DownloadScenePly", "queries", DownloadScenePlyRequest, bytes, FETCH, f"GET {_SCENE}/scene.ply",

@@ -126,9 +126,7 @@ class QueryRequest(QueryIn, OfScene):
 
 
 @travels(request=False)
-class Match(
-    NamedTuple
-):  # a tuple: a ranking makes as many as there are labels, and a dataclass takes four times as long
+class Match(NamedTuple):
     """One name compared with one question."""
 
     label_id: Annotated[
@@ -386,19 +384,3 @@ class RenderIn(Request):
 @dataclass(frozen=True)
 class PictureRequest(RenderIn, OfScene):
     """One view of one scene as a picture."""
-
-
-@dataclass(frozen=True)
-class CameraFileRequest(Request):
-    """A scene's own cameras as a file."""
-
-    proto: ClassVar[str] = "DownloadCamerasRequest"
-
-    scene_id: Annotated[str, Field(description="which scene")]
-    format: Annotated[
-        CameraFormat,
-        Field(
-            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
-            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
-        ),
-    ] = "json"

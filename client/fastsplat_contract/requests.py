@@ -13,7 +13,7 @@ from pydantic import Field
 from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import OperationState, RetryIn, SceneOptions
-from fastsplat_contract.queries import OfScene, Version
+from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import AlignIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
@@ -202,6 +202,19 @@ class WaitOperationRequest(Request, OfOperation):
 @dataclass(frozen=True)
 class WatchOperationRequest(Request, OfOperation):
     """Which job to watch."""
+
+
+@dataclass(frozen=True)
+class DownloadCamerasRequest(Request, OfScene):
+    """A scene's own cameras as a file."""
+
+    format: Annotated[
+        CameraFormat,
+        Field(
+            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
+            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
+        ),
+    ] = "json"
 
 
 @dataclass(frozen=True)

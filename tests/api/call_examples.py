@@ -14,7 +14,8 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.queries import CameraFileRequest, PictureRequest, Tint
+from fastsplat_contract.queries import PictureRequest, Tint
+from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
@@ -98,7 +99,7 @@ EXAMPLES = (
     _render("rgb", view=None, camera=turned(0.25)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
-    *(Example("DownloadCameras", CameraFileRequest("", name)) for name in ("json", "transforms")),
+    *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
     Example("DownloadScenePly"),
     Example("DownloadMaskPly", {"text": "mug"}),
     Example("DownloadThingIds"),
@@ -210,7 +211,7 @@ EXAMPLES = (
     ),
     _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),
     _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
-    _bad("DownloadCameras", CameraFileRequest("", "colmap"), "format"),  # the name of one has blanks
+    _bad("DownloadCameras", DownloadCamerasRequest("", "colmap"), "format"),  # the name of one has blanks
     *(
         _bad("ExportScene", ExportRequest("", name, things=(4_000,)), "things[0]", "NOT_FOUND")
         for name in ("ply", "sog")
