@@ -21,7 +21,7 @@ from fastsplat.cli.tables import WIDTH
 from fastsplat.cli.thing_commands import _seen
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.operations import Operation
@@ -259,6 +259,16 @@ def test_what_servers_have_no_call_for_is_refused_of_a_server_and_told_of_a_fold
     for words in ("projects list", "projects create kitchen", "jobs log $failed"):
         refused = home.run(words, server=True).exception
         assert isinstance(refused, InvalidInputError) and refused.field == "--server"
+
+
+def test_a_folder_stands_for_its_newest_scene(home: Home) -> None:
+    data = str(home.folder / "data")
+    newest = home.json("scenes list", server=True)["scenes"][0]
+    assert newest["state"] != "READY"
+    for words in ("scenes show", "things list", "ask"):
+        refused = home.run(words, data, *(["mug"] if words == "ask" else [])).exception
+        assert isinstance(refused, NotReadyError) and "not been trained" in refused.message
+    assert isinstance(home.run("scenes show", data, server=True).exception, NotFoundError)
 
 
 def test_what_names_no_service_is_refused(home: Home, tmp_path: Path) -> None:
