@@ -132,7 +132,7 @@ class Session:
             self.tell(operation, queued)
             return
         typer.echo(queued, err=True)
-        shown = ""
+        shown = str(operation.state)
         while True:
             if (line := progress(operation)) != shown:
                 typer.echo(shown := line, err=True)
