@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -51,6 +51,11 @@ class Address:
         """Of the running service to ask; "" for the one in this process."""
         return self.server or ("" if self.data else os.environ.get(SERVER_VARIABLE, ""))
 
+    def of_scene(self, text: str) -> Address:
+        """The same, or if nothing else is named and `text` is a data folder or stands for the sample, that one."""
+        named = self.server or self.data or not (_is_data_folder(text) or is_sample(text))
+        return self if named else replace(self, data=text)
+
 
 @contextmanager
 def open_client(address: Address) -> Iterator[Client]:
@@ -77,15 +82,6 @@ def open_client(address: Address) -> Iterator[Client]:
         Client(project=address.project, timeout_s=_CALL_S, transport=carrier) as client,
     ):
         yield client
-
-
-def is_data_folder(text: str) -> bool:
-    """Whether this names a data folder with a database in it, or the sample scene."""
-    if not Path(text).is_dir():
-        return is_sample(text)
-    from fastsplat.service.store.database import SQLITE_NAME  # loads the database's library
-
-    return (Path(text) / SQLITE_NAME).is_file()
 
 
 def is_sample(text: str) -> bool:
@@ -157,6 +153,14 @@ def _in_process(settings: Settings) -> Iterator[httpx.BaseTransport]:
         finally:
             transport.stop()
             threads.close()
+
+
+def _is_data_folder(text: str) -> bool:
+    if not text or not Path(text).is_dir():
+        return False
+    from fastsplat.service.store.database import SQLITE_NAME  # loads the database's library
+
+    return (Path(text) / SQLITE_NAME).is_file()
 
 
 def _text_of(file: Path, option: str) -> str:

@@ -48,7 +48,8 @@ def service_command(
         def run(**values: Any) -> None:
             options = {option: values.pop(option) for option in common}
             as_json = options.pop(_JSON, False)
-            with Session(Address(**options), as_json=as_json) as session:
+            address = Address(**options).of_scene(values.get("scene", ""))
+            with Session(address, as_json=as_json) as session:
                 function(session, **values)  # type: ignore[call-arg]  # all but the session, by name
 
         own = [*inspect.signature(function, eval_str=True).parameters.values()][1:]

@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ import typer
 
 from fastsplat.cli.connection import (
     Address,
-    is_data_folder,
     local_store,
     open_client,
 )
@@ -57,15 +55,13 @@ class Session:
         return self._opened.enter_context(open_client(self.address))
 
     def scene(self, text: str) -> str:
-        """The whole id of a scene, of an argument `SceneId`.
+        """The whole id of a scene, of an argument `SceneId`; of the folder that is asked, its newest one.
 
         Raises:
             NotFoundError, InvalidInputError: as `whole_id`.
             NotReadyError: the scene of a folder has not been trained to its end.
         """
-        first = "client" not in vars(self)  # a later argument is of the same folder
-        if first and not self.address.server and not self.address.data and is_data_folder(text):
-            self.address = replace(self.address, data=text)
+        if text and text == self.address.data:
             scene = next(self.client.scenes(), None)
             if scene is None:
                 raise NotFoundError(f"there is no scene in {text}", field="SCENE")
@@ -136,7 +132,7 @@ class Session:
             self.tell(operation, queued)
             return
         typer.echo(queued, err=True)
-        shown = ""
+        shown = str(operation.state)
         while True:
             if (line := progress(operation)) != shown:
                 typer.echo(shown := line, err=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,13 +15,18 @@ import typer
 from rich.cells import cell_len
 from typer.testing import CliRunner, Result
 
+from fastsplat.cli.create_commands import _trained
 from fastsplat.cli.main import app
 from fastsplat.cli.tables import WIDTH
+from fastsplat.cli.thing_commands import _seen
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.json_codec import from_json, to_plain
+from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
+from fastsplat_contract.operations import Operation
 from fastsplat_contract.photo_verdicts import PhotoVerdict
+from fastsplat_contract.train_more_messages import TrainMoreResult
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import serving
 from tests.api.training_job import add_cancelled_job
@@ -75,6 +81,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
             ids |= {"failed": job.operation_id, "failed_scene": job.scene_id}
             ids["cancelled"] = add_cancelled_job(service, "a.jpg")
             ids["name"] = add_known_name(service, ids["scene"], LONG[:200])
+            ids["done"] = service.get_scene(ids["scene"]).operation_id
             record, _ = service.admin.keys.create(LONG[:200], "reader", 9_000.0)
             _, key = service.admin.keys.create("boss", "operator")
             ids["key"] = record.id
@@ -86,23 +93,19 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
 LOOKING = (
     "scenes list",
     "scenes show $scene",
-    "scenes show $failed_scene",
     "scenes photos $failed_scene",
-    "scenes photos $scene",
     "scenes next-photos $scene",
     "jobs list",
     "jobs list --state failed --limit 1",
     "jobs show $failed",
-    "jobs show $cancelled",
+    "jobs watch $done",
     "keys list",
     "things list $scene",
-    "things list $scene --parts",
     "things detections $upright",
     "things goal $upright 1",
     "things goal $scene 1",
     "things pick $scene --view front.png --pixel 15.5 18.5",
     "things measure $scene 1 2",
-    "things measure $scene 1",
     "things versions $scene",
     "things known",
     "ask $scene mug",
@@ -223,6 +226,21 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     assert isinstance(home.run("scenes show", ids["failed_scene"]).exception, NotFoundError)
 
 
+def test_what_came_of_a_job_is_said_in_a_line_or_two(home: Home) -> None:
+    done = from_json(Operation, home.run("jobs show $done --json", server=True).stdout)
+    again = LookAgainResult("e12", ("cup",), ("a.jpg",), False, (FoundName(1, "cup", 0.5),), (), 3, 2)
+    assert _seen(replace(done, look_again=again)).splitlines() == [
+        "thing 1 is cup (50%)",
+        "2 of 3 regions are no thing of the scene",
+        "version e12 is there",
+    ]
+    more = TrainMoreResult("e13", "1", True, 100, 7.0, 1_000, 2_000, 29.25, 30.0)
+    assert _trained(replace(done, train_more=more)).splitlines() == [
+        "100 steps in 7 s, 1,000 to 2,000 Gaussians, PSNR 29.25 to 30.00 dB",
+        "version e13 is current",
+    ]
+
+
 def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
     answers = home.json("ask $scene mug elephant")["answers"]
     said = home.run("ask $scene mug elephant").stdout.splitlines()
@@ -236,6 +254,16 @@ def test_what_servers_have_no_call_for_is_refused_of_a_server_and_told_of_a_fold
     for words in ("projects list", "projects create kitchen", "jobs log $failed"):
         refused = home.run(words, server=True).exception
         assert isinstance(refused, InvalidInputError) and refused.field == "--server"
+
+
+def test_a_folder_stands_for_its_newest_scene(home: Home) -> None:
+    data = str(home.folder / "data")
+    newest = home.json("scenes list", server=True)["scenes"][0]
+    assert newest["state"] != "READY"
+    for words in ("scenes show", "things list", "ask"):
+        refused = home.run(words, data, *(["mug"] if words == "ask" else [])).exception
+        assert isinstance(refused, NotReadyError) and "not been trained" in refused.message
+    assert isinstance(home.run("scenes show", data, server=True).exception, NotFoundError)
 
 
 def test_what_names_no_service_is_refused(home: Home, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from fastsplat.cli.tables import WIDTH, Column, duration, facts, size, table
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _TEXTS = some.one_of(some.text(max_size=250), some.text(alphabet="名a é\x1b\t", min_size=30, max_size=250))
-_IDS = some.sets(some.text(alphabet="abc", min_size=8, max_size=8), min_size=1, max_size=40)
+_IDS = some.sets(some.text(alphabet="ab", min_size=6, max_size=6), min_size=1, max_size=40)
 
 
 @given(some.lists(some.tuples(_TEXTS, _TEXTS, some.integers(0, 10**9)), min_size=1, max_size=5))
@@ -41,7 +41,7 @@ def test_what_is_cut_says_so_and_what_fits_is_whole() -> None:
     assert table(columns, []) == "" and facts([("name", "")]) == ""
 
 
-@given(_IDS, some.integers(0, 8), some.data())
+@given(_IDS, some.integers(0, 6), some.data())
 def test_a_beginning_is_the_one_id_that_begins_so_or_is_refused(
     ids: set[str], length: int, data: some.DataObject
 ) -> None:
@@ -53,8 +53,14 @@ def test_a_beginning_is_the_one_id_that_begins_so_or_is_refused(
     with pytest.raises(InvalidInputError) as refused:
         whole_id("scene", text, sorted(ids))
     if length >= LEAST:
-        named = set(re.findall(r"\b[abc]{8}\b", refused.value.hint))
+        named = set(re.findall(r"\b[ab]{6}\b", refused.value.hint))
         assert named <= fitting and len(named) == min(len(fitting), 5)
+
+
+def test_an_ambiguous_beginning_names_those_that_may_be_meant() -> None:
+    with pytest.raises(InvalidInputError, match="begins the ids of 2 jobs") as refused:
+        whole_id("job", "abcd", ["abcdef", "abcd12", "abc456"])
+    assert "abcd12, abcdef" in refused.value.hint
 
 
 def test_what_begins_no_id_is_not_found() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -127,6 +128,8 @@ def test_the_command_says_what_the_scene_says(scene: LocalScene, folder: Path, t
     assert said.exit_code == 0, said.output
     assert all(scene.ask(text).sentence in said.stdout for text in texts)
     assert "thing 1, mug, at (" in said.stdout and "m\n" in said.stdout
+    shown = CliRunner().invoke(app, ["scenes", "show", str(folder), "--json"])
+    assert json.loads(shown.stdout)["id"] == scene.id
 
 
 def test_the_command_draws_one_answer(scene: LocalScene, folder: Path, tmp_path: Path) -> None:
