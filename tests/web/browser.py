@@ -17,7 +17,9 @@ from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
 _ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000
 _SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
-_WIDE = {"width": 1000, "height": 700}
+_NO_WEBGL = ("--disable-3d-apis", "--disable-gpu", "--no-sandbox")
+_WINDOW = {"viewport": {"width": 1000, "height": 700}, "reduced_motion": "reduce", "device_scale_factor": 0.5}
+"""A quarter of the pixels, which software draws: the page is laid out in CSS pixels all the same."""
 _DRAWN = """async (pause) => {
   for (let frame = 0; frame < 3; frame++) await new Promise(requestAnimationFrame);
   await new Promise((done) => setTimeout(done, pause));
@@ -33,27 +35,24 @@ document.addEventListener("securitypolicyviolation", (event) =>
 """
 
 
-_NO_WEBGL = ("--disable-3d-apis", "--disable-gpu", "--no-sandbox")
-
-
 @contextmanager
-def chromium() -> Iterator[Browser]:
+def chromium(*, webgl: bool = True) -> Iterator[Browser]:
     """The browser, or a skip where there is none."""
     path = shutil.which("chromium")
     if path is None:
         pytest.skip("no chromium in this machine: apt-get install chromium")
     expect.set_options(timeout=20_000)
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
+        browser = playwright.chromium.launch(executable_path=path, args=list(_SOFTWARE_WEBGL if webgl else _NO_WEBGL))
         yield browser
         browser.close()
 
 
 @contextmanager
-def without_webgl(browser: Browser) -> Iterator[Browser]:
-    """A second browser like this one, without WebGL."""
+def with_webgl(browser: Browser) -> Iterator[Browser]:
+    """A second browser like this one, with WebGL."""
     path = shutil.which("chromium")
-    other = browser.browser_type.launch(executable_path=path, args=list(_NO_WEBGL))
+    other = browser.browser_type.launch(executable_path=path, args=list(_SOFTWARE_WEBGL))
     yield other
     other.close()
 
@@ -162,7 +161,7 @@ def visiting(browser: Browser, url: str, address: str = "", **options: Any) -> I
         address: of the page's own, begins with `#`.
         **options: of the browser's context, e.g. `color_scheme`.
     """
-    context = browser.new_context(**{"viewport": _WIDE, "reduced_motion": "reduce", **options})
+    context = browser.new_context(**{**_WINDOW, **options})
     try:
         visit = Visit(context.new_page())
         visit.watch()

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from fastsplat.api.rest.page import BUILT_PAGE
-from tests.web.browser import chromium, without_webgl
+from tests.web.browser import chromium, with_webgl
 from tests.web.places import Place, guarded_settings, page_settings, running, small_settings
 
 
@@ -17,17 +17,17 @@ from tests.web.places import Place, guarded_settings, page_settings, running, sm
 # other folders that follow in the same process want one of their own.
 @pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """The browser."""
+    """The browser, without WebGL: the server draws scenes, at less cost than WebGL in software."""
     if not (BUILT_PAGE / "index.html").is_file():
         pytest.skip("the page is not built: make page")
-    with chromium() as started:
+    with chromium(webgl=False) as started:
         yield started
 
 
 @pytest.fixture(scope="package")
-def plain_browser(browser: Browser) -> Iterator[Browser]:
-    """A browser without WebGL."""
-    with without_webgl(browser) as other:
+def webgl_browser(browser: Browser) -> Iterator[Browser]:
+    """A browser with WebGL, for what the page draws itself."""
+    with with_webgl(browser) as other:
         yield other
 
 

@@ -109,7 +109,7 @@ def measured(url: str, scene_id: str, size: tuple[int, int]) -> dict[str, Any]:
     """What one visit to a scene costs."""
     with chromium() as browser:
         viewport = {"width": size[0], "height": size[1]}
-        with visiting(browser, url, viewport=viewport, reduced_motion="no-preference") as visit:
+        with visiting(browser, url, viewport=viewport, reduced_motion="no-preference", device_scale_factor=1) as visit:
             visit.page.add_init_script(_LISTEN)
             visit.page.set_default_timeout(_PATIENCE_S * 1000)
             begin = time.monotonic()

@@ -24,8 +24,8 @@ def _wait_for(visit: Visit, what: str) -> None:
     expect(visit.page.locator("canvas")).to_have_attribute("data-shown", re.compile(what))
 
 
-def test_a_text_is_answered_as_typing_stops(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
+def test_a_text_is_answered_as_typing_stops(place: Place, webgl_browser: Browser) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}") as visit:
         _wait_for(visit, "plain$")
         before = visit.page.url
         clock = visit.page.clock  # of its own, so that keys on a slow machine are not pauses
@@ -88,8 +88,8 @@ def test_the_camera_moves_by_keyboard_and_comes_home(place: Place, browser: Brow
         expect(visit.page).to_have_url(home)
 
 
-def test_the_camera_moves_by_mouse(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_the_camera_moves_by_mouse(place: Place, webgl_browser: Browser) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         _wait_for(visit, "plain$")
         mouse = visit.page.mouse
         distance = np.linalg.norm(page_view(visit.page)[:3] - page_view(visit.page)[3:])
@@ -149,18 +149,21 @@ def test_markup_in_a_question_stays_text(place: Place, browser: Browser) -> None
         assert visit.page.title() == "FAST-Splat" and visit.page.locator("img[src=x]").count() == 0
 
 
-def test_a_phone_shows_scene_and_answer(place: Place, browser: Browser) -> None:
+def test_a_phone_shows_scene_and_answer(place: Place, webgl_browser: Browser) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=mug", **phone) as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?q=mug", **phone) as visit:
         expect(visit.page.locator(".verdict.here")).to_be_visible()
         _wait_for(visit, "answer$")
         assert visit.fits()
         visit.check_accessible()
 
 
-def test_the_page_works_behind_a_proxy(place: Place, browser: Browser) -> None:
+def test_the_page_works_behind_a_proxy(place: Place, webgl_browser: Browser) -> None:
     port = int(place.url.rpartition(":")[2])
-    with proxied(port, "/robots/splat") as url, visiting(browser, url, f"#/scenes/{place.scene_id}?q=mug") as visit:
+    with (
+        proxied(port, "/robots/splat") as url,
+        visiting(webgl_browser, url, f"#/scenes/{place.scene_id}?q=mug") as visit,
+    ):
         expect(visit.page.locator(".verdict.here")).to_be_visible()
         _wait_for(visit, "answer$")
         assert len(visit.requests) > 8

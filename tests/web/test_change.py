@@ -37,10 +37,10 @@ def _menu(visit: Visit, thing: str = "ball") -> Locator:
 
 
 def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
-    place: Place, browser: Browser, own: str
+    place: Place, webgl_browser: Browser, own: str
 ) -> None:
     before = _gaussians(place, own)
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         menu.get_by_role("button", name="Move or turn").click()
@@ -96,9 +96,9 @@ def test_a_copy_is_placed_by_numbers(place: Place, browser: Browser, own: str) -
     np.testing.assert_allclose(offset, [0.0, -0.8, 0.0], atol=1e-4)
 
 
-def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, browser: Browser, own: str) -> None:
+def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, webgl_browser: Browser, own: str) -> None:
     count, trained = len(_gaussians(place, own)), place.service.versions.resolve(own)
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         menu.get_by_label("New color").fill("#ff00ff")
@@ -119,8 +119,8 @@ def test_a_thing_is_recolored_and_removed_and_both_are_undone(place: Place, brow
     assert len(_gaussians(place, own)) == count
 
 
-def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser: Browser, own: str) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page, menu = visit.page, _menu(visit)
         here = _picture(page)

@@ -85,8 +85,8 @@ def _things(page: Page) -> Locator:
     return page.get_by_role("region", name="Things")
 
 
-def test_from_photos_to_a_named_thing(server: Server, browser: Browser) -> None:
-    with visiting(browser, server.url, "#/new") as visit:
+def test_from_photos_to_a_named_thing(server: Server, webgl_browser: Browser) -> None:
+    with visiting(webgl_browser, server.url, "#/new", device_scale_factor=1) as visit:
         page = visit.page
         visit.expected.append("401")
         for key in ("fsk_wrong", server.key):

@@ -38,11 +38,11 @@ _PRESSED = """
 
 @pytest.mark.parametrize("gaussians", [2_000, 130_000])
 def test_a_slow_machine_draws_coarsely_while_the_camera_moves_and_all_at_rest(
-    place: Place, browser: Browser, gaussians: int
+    place: Place, webgl_browser: Browser, gaussians: int
 ) -> None:
     """Half the resolution; of a large scene a draft in it."""
     scene_id = add_large_scene(place.service, place.settings, gaussians, degree=1)
-    with visiting(browser, place.url) as visit:
+    with visiting(webgl_browser, place.url, device_scale_factor=1) as visit:
         visit.page.add_init_script(_SLOW)
         visit.page.goto(f"{place.url}/#/scenes/{scene_id}")
         visit.page.reload()

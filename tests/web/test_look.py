@@ -75,9 +75,9 @@ def _at(place: Place, picture: NDArray[np.float64], visit: Visit, view: str) -> 
 
 
 def test_a_slider_shows_the_photo_the_scene_or_half_of_each_exactly_over_each_other(
-    place: Place, browser: Browser
+    place: Place, webgl_browser: Browser
 ) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
         _menu(visit).get_by_label("Stand at a photo").select_option("001.jpg")
         visit.page.locator(".look-menu summary").click()
@@ -116,8 +116,8 @@ def test_a_slider_shows_the_photo_the_scene_or_half_of_each_exactly_over_each_ot
 _SHIFTS = ((0, 0), (0, 3), (0, -3), (3, 0), (-3, 0))
 
 
-def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view=0_-8_5_0_0_0.2") as visit:
+def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, webgl_browser: Browser) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view=0_-8_5_0_0_0.2") as visit:
         canvas = _ready(visit)
         expect(visit.page.locator(".frusta")).to_have_count(0)
         _menu(visit).get_by_label("Draw the cameras").check()
@@ -144,8 +144,8 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
 
 
 @pytest.mark.parametrize("mode", ["Things", "Labels", "Depth", "Normals"])
-def test_colors_say_things_labels_depth_and_normals(place: Place, browser: Browser, mode: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_colors_say_things_labels_depth_and_normals(place: Place, webgl_browser: Browser, mode: str) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
         box = canvas.bounding_box()
         assert box is not None
@@ -205,9 +205,9 @@ def _pixel(posed: PosedCamera, point: NDArray[np.float64]) -> tuple[float, float
     return posed.camera.fx * x / z + posed.camera.cx, posed.camera.fy * y / z + posed.camera.cy
 
 
-def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place, browser: Browser) -> None:
+def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place, webgl_browser: Browser) -> None:
     best = place.service.photos.best_views(place.scene_id, text="ball").views
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?q=ball") as visit:
         _ready(visit)
         photos = visit.page.locator(".ask .best-photos")
         expect(photos).to_contain_text("Photos that show it best")
@@ -230,11 +230,13 @@ def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place,
         )
 
 
-def test_a_scene_without_photos_compares_with_nothing_and_says_so(place: Place, browser: Browser) -> None:
+def test_a_scene_without_photos_compares_with_nothing_and_says_so(place: Place, webgl_browser: Browser) -> None:
     scene_id = place.new_scene("old")
     folder = place.service._store.blobs.version(scene_id, place.service.get_scene(scene_id).version)
     remove(photo_path(folder, 0).parent)
-    with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug", viewport={"width": 390, "height": 844}) as visit:
+    with visiting(
+        webgl_browser, place.url, f"#/scenes/{scene_id}?q=mug", viewport={"width": 390, "height": 844}
+    ) as visit:
         canvas = _ready(visit)
         expect(visit.page.locator(".ask .best-photos")).to_contain_text("Views that show it best")
         expect(visit.page.locator(".ask .best-photos img.picture")).to_have_count(3)  # pictures of the scene itself

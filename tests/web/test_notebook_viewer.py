@@ -11,13 +11,13 @@ from tests.web.browser import PATIENCE_MS
 from tests.web.places import Place
 
 
-def test_a_cell_shows_the_scene_and_answers(place: Place, browser: Browser, tmp_path: Path) -> None:
+def test_a_cell_shows_the_scene_and_answers(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
     viewer = LocalScene(place.service, place.scene_id).viewer(height=480)
     notebook = tmp_path / "notebook.html"
     notebook.write_text(f"<!doctype html><meta charset=utf-8><body>{viewer._repr_html_()}</body>")
     viewer.save(tmp_path / "scene.html")
     assert (tmp_path / "scene.html").read_bytes() == viewer.page
-    context = browser.new_context(viewport={"width": 1000, "height": 600}, reduced_motion="reduce")
+    context = webgl_browser.new_context(viewport={"width": 1000, "height": 600}, reduced_motion="reduce")
     try:
         context.set_offline(True)
         page = context.new_page()

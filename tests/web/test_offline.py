@@ -44,12 +44,12 @@ def _written(place: Place, folder: Path, scene_id: str = "") -> Path:
     return file
 
 
-def test_what_glows_in_the_file_is_the_servers_mask(place: Place, browser: Browser, tmp_path: Path) -> None:
+def test_what_glows_in_the_file_is_the_servers_mask(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
     file = _written(place, tmp_path)
-    with _opened(browser, file, f"#?view={_VIEW}") as visit:
+    with _opened(webgl_browser, file, f"#?view={_VIEW}") as visit:
         _wait_for(visit, "plain$")
         plain = canvas_pixels(visit.page)
-    with _opened(browser, file, f"#?view={_VIEW}&q=mugs") as visit:
+    with _opened(webgl_browser, file, f"#?view={_VIEW}&q=mugs") as visit:
         _wait_for(visit, "answer$")
         shown = glowing(plain, canvas_pixels(visit.page))
         height, width = shown.shape
@@ -61,8 +61,10 @@ def test_what_glows_in_the_file_is_the_servers_mask(place: Place, browser: Brows
         assert mask.sum() > 2_000 and overlap(mask, shown) >= 0.9
 
 
-def test_the_file_answers_its_own_names_as_the_server_does(place: Place, browser: Browser, tmp_path: Path) -> None:
-    with _opened(browser, _written(place, tmp_path)) as visit:
+def test_the_file_answers_its_own_names_as_the_server_does(
+    place: Place, webgl_browser: Browser, tmp_path: Path
+) -> None:
+    with _opened(webgl_browser, _written(place, tmp_path)) as visit:
         _wait_for(visit, "plain$")
         visit.check_accessible()
         before = canvas_pixels(visit.page)
@@ -89,11 +91,11 @@ def test_the_file_answers_its_own_names_as_the_server_does(place: Place, browser
         _wait_for(visit, "answer$")
 
 
-def test_markup_in_names_stays_text(place: Place, browser: Browser, tmp_path: Path) -> None:
+def test_markup_in_names_stays_text(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
     hostile = "</script><img src=x onerror=document.title=1><!--<script>"
     scene_id = add_table(place.service, place.settings, hostile, (MARKUP, *LABELS[1:]))
     file = _written(place, tmp_path, scene_id)
-    with _opened(browser, file) as visit:
+    with _opened(webgl_browser, file) as visit:
         _wait_for(visit, "plain$")
         expect(visit.page.get_by_role("heading", level=1)).to_have_text(hostile)
         visit.page.get_by_role("button", name=MARKUP).click()
@@ -105,7 +107,7 @@ def test_markup_in_names_stays_text(place: Place, browser: Browser, tmp_path: Pa
     assert "<" not in data and json.loads(data)["name"] == hostile
 
 
-def test_the_file_is_small_and_asks_nobody(place: Place, browser: Browser, tmp_path: Path) -> None:
+def test_the_file_is_small_and_asks_nobody(place: Place, webgl_browser: Browser, tmp_path: Path) -> None:
     file = _written(place, tmp_path)
     assert file.stat().st_size < 3_000_000
     text = file.read_text()
@@ -113,7 +115,7 @@ def test_the_file_is_small_and_asks_nobody(place: Place, browser: Browser, tmp_p
     assert not re.search(r"""<(?:link|script|img|iframe)[^>]+(?:href|src)=""", text.partition("<style>")[0])
     assert re.search(r"^playcanvas \S+ \(MIT\)$", text, re.MULTILINE)
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with _opened(browser, file, "#?q=ball", **phone) as visit:
+    with _opened(webgl_browser, file, "#?q=ball", **phone) as visit:
         _wait_for(visit, "answer$")
         assert visit.fits()
         visit.check_accessible()

@@ -52,7 +52,7 @@ def _link(guarded: Place, visit: Visit, folder: Path) -> str:
 
 
 def test_a_phone_posts_one_scene_by_the_code_and_follows_it(guarded: Place, browser: Browser, tmp_path: Path) -> None:
-    with visiting(browser, guarded.url, "#/new", color_scheme="dark") as desk:
+    with visiting(browser, guarded.url, "#/new", color_scheme="dark", device_scale_factor=1) as desk:
         link = _link(guarded, desk, tmp_path)
     assert link.startswith(f"{_elsewhere(guarded)}/#/phone?key=fsk_")
     with visiting(browser, _elsewhere(guarded), _behind(link), **_PHONE) as phone:

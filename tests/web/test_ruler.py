@@ -31,8 +31,10 @@ def _ruler(visit: Visit) -> Locator:
     return note
 
 
-def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
+    place: Place, webgl_browser: Browser, own: str
+) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         box = canvas.bounding_box()
         assert box is not None

@@ -21,8 +21,8 @@ def _shows(page: Page, what: str) -> None:
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile(what))
 
 
-def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Browser) -> None:
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_the_server_draws_the_view_and_says_so(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         page = visit.page
         assert page.evaluate("document.createElement('canvas').getContext('webgl2')") is None
         expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
@@ -38,8 +38,8 @@ def test_the_server_draws_the_view_and_says_so(place: Place, plain_browser: Brow
         assert not [url for url in visit.requests if "scene.spz" in url]  # nothing is loaded that cannot be shown
 
 
-def test_what_is_found_glows_where_the_servers_mask_is(place: Place, plain_browser: Browser) -> None:
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}&q=mug") as visit:
+def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}&q=mug", device_scale_factor=1) as visit:
         expect(visit.page.locator(".verdict.here")).to_be_visible()
         _shows(visit.page, "answer$")
         shown = 255 * canvas_pixels(visit.page)
@@ -57,7 +57,7 @@ def test_what_is_found_glows_where_the_servers_mask_is(place: Place, plain_brows
         visit.check_accessible()
 
 
-def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser: Browser) -> None:
+def test_a_person_steers_with_one_request_under_way(place: Place, browser: Browser) -> None:
     sizes: list[tuple[int, int]] = []
     under_way, most = 0, 0
 
@@ -73,7 +73,7 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
         nonlocal under_way
         under_way -= request.url.endswith(":render")
 
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         page = visit.page
         visit.reload_with_clock()
         page.on("request", begun)
@@ -100,8 +100,8 @@ def test_a_person_steers_with_one_request_under_way(place: Place, plain_browser:
         assert not [url for url in asked if url.endswith(":render")]  # nothing is drawn while nothing changes
 
 
-def test_things_are_pointed_at_and_clicked(place: Place, plain_browser: Browser) -> None:
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_things_are_pointed_at_and_clicked(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page, canvas = visit.page, visit.page.locator("canvas")
         _shows(page, "plain$")
         expect(page.get_by_role("heading", name="Things")).to_be_visible()
@@ -115,8 +115,8 @@ def test_things_are_pointed_at_and_clicked(place: Place, plain_browser: Browser)
         visit.check_accessible()
 
 
-def test_a_server_that_cannot_draw_is_said_and_asked_again(place: Place, plain_browser: Browser) -> None:
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_a_server_that_cannot_draw_is_said_and_asked_again(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page = visit.page
         visit.expected.append("ERR_FAILED")
         _shows(page, "plain$")
@@ -129,9 +129,9 @@ def test_a_server_that_cannot_draw_is_said_and_asked_again(place: Place, plain_b
         expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
 
 
-def test_a_phone_without_webgl_shows_the_scene(place: Place, plain_browser: Browser) -> None:
+def test_a_phone_without_webgl_shows_the_scene(place: Place, browser: Browser) -> None:
     phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with visiting(plain_browser, place.url, f"#/scenes/{place.scene_id}?q=ball", **phone) as visit:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball", **phone) as visit:
         _shows(visit.page, "answer$")
         assert visit.fits()
         visit.check_accessible()

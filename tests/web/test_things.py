@@ -21,8 +21,8 @@ def _middle(canvas: Locator) -> dict[str, float]:
     return {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
 
 
-def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, browser: Browser, own: str) -> None:
-    with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, webgl_browser: Browser, own: str) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
         canvas.click(position=_middle(canvas))
         card = page.locator(".thing-card")
@@ -51,8 +51,8 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, br
     assert first.current
 
 
-def test_hovering_lights_a_thing_up(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         canvas = visit.scene_shown()
         canvas.hover(position=_middle(canvas))
         expect(canvas).to_have_attribute("data-hovered", "2")

@@ -39,11 +39,11 @@ def test_undo_and_redo_by_keyboard(place: Place, browser: Browser, own: str) -> 
     assert len(_names(place, own)) == 2
 
 
-def test_versions_are_listed_compared_and_restored(place: Place, browser: Browser, own: str) -> None:
+def test_versions_are_listed_compared_and_restored(place: Place, webgl_browser: Browser, own: str) -> None:
     trained = place.service.versions.resolve(own)
     place.service.versions.edit(own, [Edit("recolor", things=(1,), color=Color(0.0, 0.0, 1.0))])
     named = place.service.versions.edit(own, [Edit("name", things=(1,), name=MARKUP)])
-    with visiting(browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view=0_-3.2_1.6_0_0_0.2") as visit:
         canvas, page = visit.scene_shown(), visit.page
         page.locator(".versions summary").click()
         rows = page.locator(".versions li")

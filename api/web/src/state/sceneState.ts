@@ -15,6 +15,8 @@ export class SceneState {
   readonly operation = signal<Operation | null>(null);
   readonly versions = signal<readonly SceneVersion[]>([]);
   readonly things = signal<readonly SceneThing[] | null>(null);
+  /** The version whose things these are. */
+  readonly thingsVersion = signal("");
   readonly owners = signal<Uint16Array | null>(null);
   readonly error = signal<unknown>(null);
   readonly actionError = signal<unknown>(null);
@@ -97,6 +99,7 @@ export class SceneState {
       if (signal.aborted || version !== this.version.value) return;
       batch(() => {
         this.things.value = things;
+        this.thingsVersion.value = version;
         this.owners.value = owners;
         const ids = new Set(things.map((thing) => thing.id));
         this.selected.value = this.selected.value.filter((id) => ids.has(id));
