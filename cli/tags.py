@@ -1,4 +1,4 @@
-"""`fastsplat tags`: a sheet to print, whose tags give scenes their metres."""
+"""`fastsplat tags`: a sheet to print, whose tags give scenes their meters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def tags(
         typer.Option(help="Side of the black square. Default: as the server expects, FASTSPLAT_CAPTURE__TAG_SIDE_M."),
     ] = None,
 ) -> None:
-    """Write AprilTags to print. Photos in which one of them is seen from several places give a scene in metres."""
+    """Write AprilTags to print. Photos in which one of them is seen from several places give a scene in meters."""
     from fastsplat.service.capture.world.tag_sheet import tag_pages, write_pdf  # loads OpenCV
 
     settings = load_settings().capture

@@ -1,4 +1,4 @@
-"""The potted plant, and the vase with its tulips, for the sample scene, in metres; each stands on z = 0."""
+"""The potted plant, and the vase with its tulips, for the sample scene, in meters; each stands on z = 0."""
 
 from __future__ import annotations
 

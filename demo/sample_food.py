@@ -1,4 +1,4 @@
-"""Fruit and doughnuts for the sample scene, in metres; each stands on z = 0 and faces -y."""
+"""Fruit and doughnuts for the sample scene, in meters; each stands on z = 0 and faces -y."""
 
 from __future__ import annotations
 

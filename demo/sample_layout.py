@@ -1,4 +1,4 @@
-"""Where each thing stands on the sample scene's table: metres from the table's middle, turned about z."""
+"""Where each thing stands on the sample scene's table: meters from the table's middle, turned about z."""
 
 from __future__ import annotations
 

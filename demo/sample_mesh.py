@@ -1,4 +1,4 @@
-"""Small mesh and material vocabulary over Blender's `bpy` for the sample scene. Metres, z up, sRGB hex colours."""
+"""Small mesh and material vocabulary over Blender's `bpy` for the sample scene. Meters, z up, sRGB hex colours."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def mottled(
     name: str, colours: Sequence[str], scale: float, rough: float = 0.5, bump: float = 0.0,
     stretch: Sequence[float] = (1, 1, 1), contrast: float = 1.0, **inputs: float,
 ) -> Any:  # fmt: skip
-    """Colours mixed by three-dimensional multi-octave noise (it never repeats); `scale` = features a metre."""
+    """Colours mixed by three-dimensional multi-octave noise (it never repeats); `scale` = features a meter."""
     material, shader = _material(name, rough, inputs)
     nodes, links = material.node_tree.nodes, material.node_tree.links
     place, mapping = nodes.new("ShaderNodeTexCoord"), nodes.new("ShaderNodeMapping")

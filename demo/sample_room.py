@@ -14,7 +14,7 @@ from demo.sample_paint import cloth, mural, planks, print_landscape, print_shape
 
 TABLE_RADIUS = 0.54
 TABLE_HEIGHT = 0.74
-_WALL_DISTANCE = 0.6  # from the table's axis to each wall, metres
+_WALL_DISTANCE = 0.6  # from the table's axis to each wall, meters
 _RINGS = ((21.0, 1.0, 12, 60.0, 0.07), (40.0, 1.0, 9, 54.0, 0.06), (58.0, 0.98, 5, 38.0, 0.05))
 
 

@@ -1,4 +1,4 @@
-"""Tableware, books, a clock and a bear for the sample scene, in metres; each stands on z = 0 and faces -y.
+"""Tableware, books, a clock and a bear for the sample scene, in meters; each stands on z = 0 and faces -y.
 
 Every function returns the objects it made.
 """

@@ -331,18 +331,13 @@ def _things(
 
         return on_view
 
-    masks = looked_for or detected
+    masks, begin = looked_for or detected, 0.0
     if not masks:
-        looking = tell("looking for things", 0, _LOOKING_SHARE)
+        looking, begin = tell("looking for things", 0, _LOOKING_SHARE), _LOOKING_SHARE
         masks = propose_capture_masks(capture.views, settings.perception, settings.models, looking)
+    tell_view, training = tell("discovering things", begin, 1.0), settings.training
     things, gaussians = find_scene_things(
-        trained.gaussians,
-        capture,
-        labelling,
-        masks,
-        settings.discovery,
-        tell("discovering things", 0.0 if looked_for or detected else _LOOKING_SHARE, 1.0),
-        training=settings.training,
+        trained.gaussians, capture, labelling, masks, settings.discovery, tell_view, training=training
     )
     if not things.table and not detected:
         return None, trained.gaussians
@@ -360,7 +355,7 @@ def scene_quality(
 
     What training measured, and: stopped_early (whether somebody ended the training before its plan did), preset,
     tradeoffs, label_source, gaussians, held_out_views, images, registered, unregistered, left_out (why, by file),
-    source, splat, warnings, mean_reprojection_error_px, stage_seconds; where metres were measured, scale_source and
+    source, splat, warnings, mean_reprojection_error_px, stage_seconds; where meters were measured, scale_source and
     scale_error_95 (half of the 95 % interval of a length, as a share of it); where pixels were left out of the photos,
     withheld (`WithheldReport`); of a world made upright, vertical_source and vertical_deviation_deg; where photos were
     corrected, photometric (see `TrainedSplats`); where a time was asked for, time_asked_s.

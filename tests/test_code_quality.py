@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,6 +18,10 @@ _PRODUCT = ("api", "cli", "client", "demo", "service", "workers")
 _VAGUE_PARAMETERS = {"found", "wanted", "given", "chosen"}
 _VAGUE_PARAMETERS_IN: set[str] = set()
 """Files that still have such parameters."""
+
+_SPELLINGS = {re.compile(r'(?<!")metre|metre(?!s?")', re.IGNORECASE): "meter"}
+"""Spellings, and the one that is used here. In quotes, files for other programs may hold the other one as a value."""
+_WORDS_OF_PEOPLE = Path("service/query/language/common_things.txt")
 
 
 @pytest.mark.parametrize(
@@ -47,6 +52,14 @@ def test_files_are_short() -> None:
 def test_parameters_say_what_they_are() -> None:
     vague = {str(path) for path in _product() if _parameters(path) & _VAGUE_PARAMETERS}
     assert vague <= _VAGUE_PARAMETERS_IN
+
+
+def test_a_word_has_one_spelling() -> None:
+    texts = {
+        path: _text(path) for path in _tracked() if path not in (_WORDS_OF_PEOPLE, Path("tests") / Path(__file__).name)
+    }
+    other = {str(path): word for path, text in texts.items() for old, word in _SPELLINGS.items() if old.search(text)}
+    assert not other
 
 
 def _cpp_sources() -> list[Path]:
@@ -83,6 +96,12 @@ def _tracked() -> Iterator[Path]:
     listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     paths = map(Path, listed.split("\n")[:-1])
     return (path for path in paths if "_pb2" not in path.name and (ROOT / path).is_file())
+
+
+def _text(path: Path) -> str:
+    """What a file says; nothing of one that is no text."""
+    data = (ROOT / path).read_bytes()
+    return "" if b"\0" in data else data.decode(errors="replace")
 
 
 def _product() -> list[Path]:

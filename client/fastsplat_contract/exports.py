@@ -77,7 +77,7 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "map.zip",
         "application/zip",
         "a zip of map.pgm and map.yaml, the free and occupied floor as nav2's map_server reads it, of whole scenes in "
-        "metres with z up",
+        "meters with z up",
         cell="the width of its cells",
         whole="a map",
     ),

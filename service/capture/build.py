@@ -235,7 +235,7 @@ class _Build:
         return capture if exact or self.manifest.splat else self._in_meters(capture)
 
     def _in_meters(self, capture: Capture) -> Capture:
-        """The capture in metres if printed tags tell how long they are, else the same."""
+        """The capture in meters if printed tags tell how long they are, else the same."""
         count = len(capture.views)
         return in_meters(capture, self.settings, lambda done: self._report(1.0, f"looking for tags {done}/{count}"))
 

@@ -86,7 +86,7 @@ class CaptureSettings(CaptureOptions, SettingGroup, section="capture"):
     panorama_frames: int = Field(30, ge=2)
     """Frames used of a 360° video; each becomes six images."""
     tag_side_m: float | None = Field(0.08, gt=0)
-    """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their metres,
+    """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their meters,
     as `fastsplat tags` prints them; None: tags are not looked for."""
     first_tag: int = Field(560, ge=0, lt=587)
     """Lowest id that counts, the first that `fastsplat tags` prints. Tags of a room's own, of other sizes, rarely have

@@ -103,7 +103,7 @@ class ScaleEstimate:
     Attributes:
         source: what told it: "tags", printed tags of a known side; "arkit", a phone's tracking; "sensor_depth", its
             depth sensor; "gps", the places in the photos' EXIF; several, the surest first, joined by "+".
-        meters_per_unit: of the world before it was scaled to metres.
+        meters_per_unit: of the world before it was scaled to meters.
         relative_error_95: half of the 95 % interval as a share of the scale: a length l is l ± l·relative_error_95.
     """
 
@@ -152,7 +152,7 @@ class CaptureReport:
         mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
         warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
-        scale: what the metres of a metric capture rest on, where they were measured here; None where they were not.
+        scale: what the meters of a metric capture rest on, where they were measured here; None where they were not.
         vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
         photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
@@ -181,7 +181,7 @@ class Capture:
         views: registered images, sorted by name.
         points: float32 [P, 3] world positions, scene units.
         point_colors: uint8 [P, 3] RGB.
-        scale: whether scene units are metres.
+        scale: whether scene units are meters.
         report: see `CaptureReport`.
         given_labels: label maps of the upload, if any.
         test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.

@@ -62,4 +62,4 @@ class QuerySettings(QueryOptions, SettingGroup, section="query"):
     max_surface_voxels: Annotated[int, Field(ge=8)] = 8_000_000
     """Voxels that a mesh is made of; as with points."""
     map_height: Annotated[float, Field(gt=0.25, allow_inf_nan=False)] = 1.5
-    """Metres above the floor up to which what stands there is in a robot's way, and where its eye is."""
+    """Meters above the floor up to which what stands there is in a robot's way, and where its eye is."""

@@ -62,7 +62,7 @@ def write_words(models: Path, *more: str) -> None:
 
 
 def made_scene(encoder: TextEncoder) -> Scene:
-    """Three coloured blobs side by side and a grey floor, seen by three cameras; metres."""
+    """Three coloured blobs side by side and a grey floor, seen by three cameras; meters."""
     rng = np.random.default_rng(3)
     centres = np.array([[-0.8, 0, 4], [0, 0, 4], [0.8, 0, 4], [0, 0.8, 4]], dtype=np.float32)
     colours = np.array([[0.9, 0.1, 0.1], [0.1, 0.8, 0.1], [0.1, 0.2, 0.9], [0.5, 0.5, 0.5]], dtype=np.float32)

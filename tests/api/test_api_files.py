@@ -101,7 +101,7 @@ def test_label_maps_are_16_bit_pictures_of_label_ids(
         assert (np.load(io.BytesIO(got.content)) == labels).all()
 
 
-def test_depth_is_metres_as_an_array_and_steps_as_a_picture(faces: Faces, client: Client, scene_id: str) -> None:
+def test_depth_is_meters_as_an_array_and_steps_as_a_picture(faces: Faces, client: Client, scene_id: str) -> None:
     depth = client.depth(scene_id, "front.png")
     seen = depth > 0
     assert depth.dtype == np.float32 and seen.any() and not seen.all()

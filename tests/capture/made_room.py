@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 F64 = NDArray[np.float64]
 
 LOW, HIGH = np.array([-2.5, -2.0, 0.0]), np.array([2.5, 2.0, 2.6])
-"""Corners of the room, metres, z up."""
+"""Corners of the room, meters, z up."""
 _PIXELS_A_METER = 160
 
 

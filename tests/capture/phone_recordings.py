@@ -19,7 +19,7 @@ _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame: an encoded JPEG of `size`, (fx, fy, cx, cy), world-from-camera; depth in metres and ARKit's levels."""
+    """One frame: an encoded JPEG of `size`, (fx, fy, cx, cy), world-from-camera; depth in meters and ARKit's levels."""
 
     jpeg: bytes
     size: tuple[int, int]
@@ -40,7 +40,7 @@ def _png(array: np.ndarray) -> bytes:
     return stream.getvalue()
 
 
-def _millimetres(depth: np.ndarray) -> bytes:
+def _millimeters(depth: np.ndarray) -> bytes:
     return _png(np.nan_to_num(depth * 1000).round().astype(np.uint16))
 
 
@@ -55,7 +55,7 @@ def polycam(frames: list[Frame], corrected: bool = True) -> dict[str, bytes]:
         document |= {"width": frame.size[0], "height": frame.size[1], "blur_score": 90.0, "timestamp": index}
         files[f"keyframes/{cameras}/{stem}.json"] = json.dumps(document).encode()
         files[f"keyframes/{images}/{stem}.jpg"] = frame.jpeg
-        files[f"keyframes/depth/{stem}.png"] = _millimetres(frame.depth)
+        files[f"keyframes/depth/{stem}.png"] = _millimeters(frame.depth)
         files[f"keyframes/confidence/{stem}.png"] = _png((frame.confidence * 127).astype(np.uint8))
     return files
 
@@ -91,7 +91,7 @@ def scanner_app(frames: list[Frame]) -> dict[str, bytes]:
         document = {"cameraPoseARFrame": frame.arkit.ravel().tolist(), "intrinsics": [fx, 0, cx, 0, fy, cy, 0, 0, 1]}
         for number in (2 * index, 2 * index + 1):
             files[f"scan/frame_{number:05d}.json"] = json.dumps(document | {"frame_index": number}).encode()
-            files[f"scan/depth_{number:05d}.png"] = _millimetres(frame.depth)
+            files[f"scan/depth_{number:05d}.png"] = _millimeters(frame.depth)
             files[f"scan/conf_{number:05d}.png"] = _png(frame.confidence.astype(np.uint8))
         files[f"scan/frame_{2 * index:05d}.jpg"] = frame.jpeg
     return files

@@ -45,7 +45,7 @@ def _npy(array: Any) -> bytes:
 
 
 def _ramp(width: int = 32, height: int = 24) -> np.ndarray:
-    """Millimetres: 1 m at the left to 2 m at the right; unknown in the top row."""
+    """Millimeters: 1 m at the left to 2 m at the right; unknown in the top row."""
     ramp = np.tile(np.linspace(1000, 2000, width), (height, 1)).astype(np.uint16)
     ramp[0] = 0
     return ramp
@@ -80,7 +80,7 @@ def _build(folder: Path, settings) -> Any:
     return build_capture(folder, folder.parent / "out", settings, silent), validated
 
 
-def test_millimetres_become_sensor_depth_and_points(send, settings) -> None:
+def test_millimeters_become_sensor_depth_and_points(send, settings) -> None:
     capture, _ = _build(send([_png(_ramp())] * 2), settings)
     assert [view.depth is not None for view in capture.views] == [True, True, False]
     sensor = capture.views[0].depth
@@ -109,7 +109,7 @@ def test_units_and_arrays(send, settings) -> None:
 
 
 def _points_on_the_ramp(share: float) -> bytes:
-    """150 points where `_ramp` is for the identity of OpenGL's axes, in a world of which a unit is 1 / share metres."""
+    """150 points where `_ramp` is for the identity of OpenGL's axes, in a world of which a unit is 1 / share meters."""
     random = np.random.default_rng(0)
     column, row = random.integers(2, 30, 150), random.integers(2, 22, 150)
     z = share * _ramp()[row, column] / 1000
@@ -118,7 +118,7 @@ def _points_on_the_ramp(share: float) -> bytes:
     return head + b"end_header\n" + b"".join(b"%.6f %.6f %.6f\n" % tuple(point) for point in xyz)
 
 
-def test_depth_in_metres_tells_the_unit_of_poses_and_points(send, settings) -> None:
+def test_depth_in_meters_tells_the_unit_of_poses_and_points(send, settings) -> None:
     capture, _ = _build(send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.25)), settings)
     assert capture.scale == "METRIC"
     scale = capture.report.scale

@@ -1,4 +1,4 @@
-"""Metres by GPS: the interval holds as often as it says, and where places tell nothing, nothing is said."""
+"""Meters by GPS: the interval holds as often as it says, and where places tell nothing, nothing is said."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LATITUDE, _LONGITUDE = 47.0, 8.0
 
 
 def _places(meters: np.ndarray, accuracy_m: float | None) -> list[PhotoPlace]:
-    """At east and north in metres, by the length of a degree there (World Geodetic System 1984, tabulated)."""
+    """At east and north in meters, by the length of a degree there (World Geodetic System 1984, tabulated)."""
     north, east = meters[:, 1] / 111_170.0, meters[:, 0] / 76_055.0
     return [
         PhotoPlace(_LATITUDE + float(n), _LONGITUDE + float(e), 400.0, accuracy_m)
@@ -67,7 +67,7 @@ def test_places_that_are_far_off_are_left_out() -> None:
     for seed in range(20):
         photos = _walk(np.random.default_rng(seed), 40, 80.0, 4.0)
         for row in (3, 20, 31):
-            place = replace(photos[row].place, latitude_deg=_LATITUDE + 0.01)  # a kilometre
+            place = replace(photos[row].place, latitude_deg=_LATITUDE + 0.01)  # a kilometer
             photos[row] = PlacedPhoto(photos[row].center, place)
         estimate, _ = estimate_gps_scale(photos)
         assert estimate is not None and abs(estimate.meters_per_unit / _METERS_PER_UNIT - 1) < 0.1
@@ -106,7 +106,7 @@ def test_places_that_tell_nothing_are_not_used(photos: list[PlacedPhoto], words:
     assert f"{_LATITUDE:.1f}" not in reason, "no coordinate is named"
 
 
-def test_metres_on_the_ground() -> None:
+def test_meters_on_the_ground() -> None:
     """Against degrees of latitude and longitude as tabulated, and over the date line."""
     meters = np.array([[0.0, 0.0], [300.0, 0.0], [0.0, 400.0]])
     local = local_meters(_places(meters, None))

@@ -36,7 +36,7 @@ def _held(rng: np.random.Generator, count: int, roll_deg: float) -> np.ndarray:
 
 
 def _room_points(rng: np.random.Generator, planes: bool = True) -> np.ndarray:
-    """Points on floor, table and walls, some millimetres off, and clutter."""
+    """Points on floor, table and walls, some millimeters off, and clutter."""
     floor = np.column_stack([rng.uniform(-2, 2, (700, 2)), np.zeros(700)])
     table = np.column_stack([rng.uniform(-0.6, 0.6, (500, 2)), np.full(500, 0.7)])
     wall = np.column_stack([rng.uniform(-2, 2, 600), np.full(600, 2.0), rng.uniform(0, 2.4, 600)])

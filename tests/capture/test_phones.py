@@ -208,7 +208,7 @@ def tabletop(test_data: Path) -> tuple[list[Frame], list[np.ndarray]]:
 
 
 def _errors(poses: list[np.ndarray], truth: list[np.ndarray]) -> tuple[float, float]:
-    """Root mean squares: metres, degrees."""
+    """Root mean squares: meters, degrees."""
     relative = [np.linalg.inv(true) @ pose for pose, true in zip(poses, truth, strict=True)]
     cosine = np.clip([(np.trace(each[:3, :3]) - 1) / 2 for each in relative], -1, 1)
     shift = [np.linalg.norm(each[:3, 3]) for each in relative]
@@ -216,12 +216,12 @@ def _errors(poses: list[np.ndarray], truth: list[np.ndarray]) -> tuple[float, fl
 
 
 def _shape_error(poses: list[np.ndarray], truth: list[np.ndarray]) -> float:
-    """Root mean square distance of the positions, metres, once all are moved and scaled to fit best."""
+    """Root mean square distance of the positions, meters, once all are moved and scaled to fit best."""
     ours, true = (np.array([pose[:3, 3] for pose in some]) for some in (poses, truth))
     return float(np.sqrt(((fit_similarity(ours, true).points(ours) - true) ** 2).sum(1).mean()))
 
 
-def test_photos_refine_tracked_poses_and_keep_metres_and_gravity(tabletop, upload, settings) -> None:
+def test_photos_refine_tracked_poses_and_keep_meters_and_gravity(tabletop, upload, settings) -> None:
     frames, truth = tabletop
     folder = upload(polycam(frames))
     validate_upload(folder, settings)
@@ -229,7 +229,7 @@ def test_photos_refine_tracked_poses_and_keep_metres_and_gravity(tabletop, uploa
     assert capture.scale == "METRIC" and not capture.report.warnings
     scale = capture.report.scale
     assert scale is not None and scale.source == "sensor_depth" and 0.02 <= scale.relative_error_95 < 0.03
-    # Metres are the sensor's, which are 1 % too long, within the 2 % that it claims.
+    # Meters are the sensor's, which are 1 % too long, within the 2 % that it claims.
     refined = [view.posed.world_from_camera.copy() for view in capture.views]
     spread = [np.linalg.norm(np.std([pose[:3, 3] for pose in poses], axis=0)) for poses in (refined, truth)]
     assert abs(spread[0] / spread[1] - 1.01) < 0.003
@@ -240,7 +240,7 @@ def test_photos_refine_tracked_poses_and_keep_metres_and_gravity(tabletop, uploa
     # What is left is where the whole lies and how large it is, which only the tracking says: cameras among themselves
     # are far surer.
     assert _shape_error(refined, truth) < 0.3 * _shape_error([frame.pose for frame in frames], truth)
-    # Its maps stay in its metres.
+    # Its maps stay in its meters.
     depth = load_depth(capture.views[0].depth)
     exact = frames[0].depth
     known = depth > 0

@@ -1,4 +1,4 @@
-"""Laws of metres by printed tags: the scale, how sure it is, and when none is stated."""
+"""Laws of meters by printed tags: the scale, how sure it is, and when none is stated."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _looking(position: F64, target: F64) -> PosedCamera:
 
 
 def _cameras(count: int = 16) -> list[PosedCamera]:
-    """On an arc, a metre or so above two tags that lie around the origin; scene units."""
+    """On an arc, a meter or so above two tags that lie around the origin; scene units."""
     angles = np.linspace(-2.2, -0.9, count)
     return [
         _looking(
@@ -149,7 +149,7 @@ def photos() -> list[NDArray[np.uint8]]:
     return [_picture(posed) for posed in _cameras()]
 
 
-def test_photos_of_tags_give_metres(tmp_path: Path, photos: list[NDArray[np.uint8]]) -> None:
+def test_photos_of_tags_give_meters(tmp_path: Path, photos: list[NDArray[np.uint8]]) -> None:
     """By structure from motion, whose world has a scale of its own."""
     capture = _captured(tmp_path, photos, CaptureSettings(sfm_features=_FEATURES))
     scale = capture.report.scale
@@ -164,7 +164,7 @@ def test_photos_of_tags_give_metres(tmp_path: Path, photos: list[NDArray[np.uint
     assert scale.relative_error_95 < 0.02
 
 
-def test_without_tags_of_ours_nothing_is_in_metres(tmp_path: Path, photos: list[NDArray[np.uint8]]) -> None:
+def test_without_tags_of_ours_nothing_is_in_meters(tmp_path: Path, photos: list[NDArray[np.uint8]]) -> None:
     for change in ({"tag_side_m": None}, {"first_tag": 0, "last_tag": 500}):
         settings = CaptureSettings(sfm_features=_FEATURES, **change)
         capture = _captured(tmp_path / str(settings.first_tag), photos[::4], settings, posed=_cameras()[::4])

@@ -102,7 +102,7 @@ def nerfstudio(folder: Path, count: int = 6, test: Sequence[int] = (1, 4), *, dr
         "w": CAMERA.width, "h": CAMERA.height, "fl_x": CAMERA.fx, "fl_y": CAMERA.fy, "cx": CAMERA.cx, "cy": CAMERA.cy,
         "labels": {name: number for number, name in enumerate(LABELS, 1)},
         "depth_unit": "1e-3 m, planar z",
-        "convention": "OpenGL, metres",
+        "convention": "OpenGL, meters",
         "frames": frames,
         "split": {
             "train": [f"{i:03d}" for i in range(count) if i not in test],

@@ -180,13 +180,13 @@ def test_frames_of_a_map_lead_back_to_the_trained_scene() -> None:
     assert low < float(about["meters_per_unit"]) == 0.5 < high and about["unit"] == "metre" and "warning" not in about
 
 
-def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_metres() -> None:
+def test_metadata_says_what_the_scene_is_and_that_lengths_are_not_meters() -> None:
     index = _index()
     content = _written(index.after(dataclasses.replace(index.scene, scale="ARBITRARY")))
     read = _metadata(content)
     about = read["scene"]
     assert (about["scene_id"], about["version"], about["name"]) == ("an-id", "v7", "wall")
-    assert (about["scale"], about["unit"]) == ("ARBITRARY", "arbitrary") and "not metres" in about["warning"]
+    assert (about["scale"], about["unit"]) == ("ARBITRARY", "arbitrary") and "not meters" in about["warning"]
     assert not any(key.startswith("meters") for key in about)
     assert (about["photos"], about["photos_left_out"], about["cameras"], about["things"]) == ("2", "1", "3", "2")
     assert read["labels"] == {"1": "red half", "2": "grün\nhalf"} == read["things"]

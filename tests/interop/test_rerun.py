@@ -109,13 +109,13 @@ def test_what_is_up_is_said_where_an_axis_is(tmp_path: Path) -> None:
     assert "/" not in _read(tmp_path, _index(tilt=0.4))
 
 
-def test_properties_say_what_the_scene_is_and_that_lengths_are_not_metres(tmp_path: Path) -> None:
+def test_properties_say_what_the_scene_is_and_that_lengths_are_not_meters(tmp_path: Path) -> None:
     index = _index()
     arbitrary = index.after(dataclasses.replace(index.scene, scale="ARBITRARY"))
     about = _read(tmp_path, arbitrary, name=HOSTILE)["/__properties/scene"]
     assert about["scene:scene_id"] == ["an-id"] and about["scene:version"] == ["v7"]
     assert about["scene:name"] == [HOSTILE] and about["scene:unit"] == ["arbitrary"]
-    assert "not metres" in about["scene:warning"][0] and json.loads(about["scene:photos_left_out"][0]) == 1
+    assert "not meters" in about["scene:warning"][0] and json.loads(about["scene:photos_left_out"][0]) == 1
     info = _read(tmp_path, index)["/__properties"]
     assert "scene:warning" not in _read(tmp_path, index)["/__properties/scene"]
     assert info["RecordingInfo:name"] == ["wall"]

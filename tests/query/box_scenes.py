@@ -24,7 +24,7 @@ class BoxShell:
 
 
 def scene_of(things: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), degree: int = 0) -> Scene:
-    """Gaussians on the surfaces, as wide as they are apart, codes one-hot; metres."""
+    """Gaussians on the surfaces, as wide as they are apart, codes one-hot; meters."""
     labels = list(dict.fromkeys(thing.label for thing in things))
     rng = np.random.default_rng(0)
     means = np.concatenate([_surface(thing, rng) for thing in things])

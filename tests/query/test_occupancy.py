@@ -158,11 +158,11 @@ def _scene(motion: np.ndarray, **others: object) -> Scene:
     return labelled_scene(np.zeros((1, 3)), [1], ["x"], cameras=cameras, **others)
 
 
-def test_a_scene_without_metres_or_vertical_is_refused() -> None:
+def test_a_scene_without_meters_or_vertical_is_refused() -> None:
     upright, tipped = _scene(np.eye(4)), np.eye(4)
     tipped[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
     check_map_frame(upright)
-    with pytest.raises(InvalidInputError, match="metres"):
+    with pytest.raises(InvalidInputError, match="meters"):
         check_map_frame(dataclasses.replace(upright, scale="ARBITRARY"))
     with pytest.raises(InvalidInputError, match=r"90\.0 degrees"):
         check_map_frame(_scene(tipped))

@@ -4942,7 +4942,7 @@ class ExportSceneRequest(_message.Message):
     each thing; cameras: a zip of nerfstudio's transforms.json and COLMAP's binary model, with the points; sog:
     PlayCanvas' SOG, the smallest, rows in Morton order; mcap: for Foxglove: boxes with names, labelled points, cameras
     with their stored photos, frames, floor map; map: a zip of map.pgm and map.yaml, the free and occupied floor as
-    nav2's map_server reads it, of whole scenes in metres with z up; rerun: for Rerun: the splat, boxes with names,
+    nav2's map_server reads it, of whole scenes in meters with z up; rerun: for Rerun: the splat, boxes with names,
     cameras with their stored photos
     """
     version: _builtins.str

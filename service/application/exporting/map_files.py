@@ -46,11 +46,11 @@ def map_of(index: SceneIndex, cell: float = 0.0, views_of: ViewsOf = surface_vie
 
     Args:
         index: the scene.
-        cell: width of a cell, metres; 0: `RESOLUTION`.
+        cell: width of a cell, meters; 0: `RESOLUTION`.
         views_of: the scene's surfaces as its cameras show them.
 
     Raises:
-        InvalidInputError: the scene has no cameras, is not in metres, or does not tell what is up; no floor is seen.
+        InvalidInputError: the scene has no cameras, is not in meters, or does not tell what is up; no floor is seen.
         LimitExceededError: too many points or cells.
     """
     check_map_frame(index.scene)

@@ -41,7 +41,7 @@ from fastsplat_contract.exports import FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.goal_messages import Goal
 
 ROBOT_RADIUS = 0.2
-"""Metres, where a caller says none."""
+"""Meters, where a caller says none."""
 
 _CACHED_BYTES = 128 << 20
 
@@ -97,12 +97,12 @@ class Exports:
         Args:
             scene_id: which scene.
             thing_id: of a thing or a part.
-            robot_radius: metres; 0: 0.2.
+            robot_radius: meters; 0: 0.2.
             version: of the scene; "" is the current one.
 
         Raises:
             NotFoundError: unknown scene, version or thing; there is no such place.
-            InvalidInputError: the scene is not in metres with z up, or shows no floor; a radius that is none; a thing
+            InvalidInputError: the scene is not in meters with z up, or shows no floor; a radius that is none; a thing
                 without a box.
             LimitExceededError, NotReadyError: as `file`.
         """

@@ -59,7 +59,7 @@ def bounded_photos(sizes: Mapping[int, int], most: int = MOST_PHOTO_BYTES) -> li
 
 
 def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThing]) -> dict[str, str]:
-    """What is recorded of a scene as a whole, with a warning where lengths are not metres.
+    """What is recorded of a scene as a whole, with a warning where lengths are not meters.
 
     Args:
         scene, recording: of which.
@@ -84,7 +84,7 @@ def described(scene: Scene, recording: SceneRecording, listed: Sequence[SceneThi
     if recording.floor_missing:
         lines["no_map"] = recording.floor_missing
     if not metric:
-        lines["warning"] = "Lengths are not metres, though viewers show them as such: the scene's scale is arbitrary."
+        lines["warning"] = "Lengths are not meters, though viewers show them as such: the scene's scale is arbitrary."
     elif scaling is not None:
         lines["meters_per_unit"] = repr(float(scaling.meters_per_unit))
         lines["meters_per_unit_95"] = json.dumps([float(scaling.low), float(scaling.high)])

@@ -57,7 +57,7 @@ def check_depth_unit(unit: Any, *, field: str) -> float:
             f"the depth unit is {str(unit)[:60]!r}",
             field=field,
             limit=f"{_UNITS[0]:g} to {_UNITS[1]:g}",
-            hint="Say how many scene units one step of the depth maps is, e.g. 0.001 for millimetres.",
+            hint="Say how many scene units one step of the depth maps is, e.g. 0.001 for millimeters.",
         )
     return float(unit)
 

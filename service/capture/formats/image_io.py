@@ -39,7 +39,7 @@ class PhotoInfo:
         width, height: of the pixels as stored, before the orientation is applied.
         orientation: EXIF orientation, 1..8; 1 is upright.
         lens: what tells cameras apart: maker, model and 35 mm focal length, as far as the photo says.
-        focal_35mm: focal length in millimetres on a 36×24 mm frame; 0 if unknown.
+        focal_35mm: focal length in millimeters on a 36×24 mm frame; 0 if unknown.
         exposure_ev: log2(seconds × ISO / 100 / f-number²), how much of the light the photo took; None if unknown. (A
             bias that the photographer set is in these three already.)
         taken_at: when it was taken, seconds since 1970; None where the photo does not say it with its time zone.

@@ -3,7 +3,7 @@
 The tracker's poses are a start and a prior, not the truth: points are triangulated with them, then poses and points are
 adjusted to what the photos show, each camera held near its tracked position (COLMAP's bundle adjustment with position
 priors), in rounds that trust the poses more and more. At last all cameras are moved together, rigidly, to where the
-tracker has them, so that metres and gravity stay the tracker's.
+tracker has them, so that meters and gravity stay the tracker's.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
 
 
 def _moves(before: Mapping[str, F64], after: Mapping[str, F64]) -> tuple[F64, F64]:
-    """How far each refined camera has moved, metres, and turned, degrees."""
+    """How far each refined camera has moved, meters, and turned, degrees."""
     relative = np.array([np.linalg.inv(before[name]) @ pose for name, pose in sorted(after.items())]).reshape(-1, 4, 4)
     cosine = (np.trace(relative[:, :3, :3], axis1=1, axis2=2) - 1) / 2
     return np.linalg.norm(relative[:, :3, 3], axis=1), np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
@@ -165,8 +165,8 @@ def refusal(positions: F64, shift: F64, turn: F64, contradictions: tuple[int, in
     """Why the refined poses cannot be right, or "".
 
     Args:
-        positions: [N, 3] of all cameras as tracked, metres.
-        shift, turn: [R] of the refined ones, metres and degrees.
+        positions: [N, 3] of all cameras as tracked, meters.
+        shift, turn: [R] of the refined ones, meters and degrees.
         contradictions, left: `geometry.contradictions` of the tracked and of the refined poses.
     """
     if not len(shift):

@@ -68,7 +68,7 @@ class PosedDataset:
         images: sorted by name.
         points: float32 [P, 3], world; may be empty.
         point_colors: uint8 [P, 3].
-        scale: whether world units are metres.
+        scale: whether world units are meters.
         tracked: whether the poses are estimates of a phone's tracking, which the images refine; else they are exact.
         labels: names of the ids in the label maps, if there are any.
         test_names: names of the images set apart for testing.

@@ -49,7 +49,7 @@ _DISTORTION_KEYS = (*_FISHEYE_KEYS, "p1", "p2")
 _CIRCLE_KEY = "fisheye_crop_radius"
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 _PERSPECTIVES = ("OPENCV", "FULL_OPENCV", "RADIAL", "SIMPLE_RADIAL", *_PINHOLES)
-_MILLIMETRE = 0.001
+_MILLIMETER = 0.001
 _MAX_PATH_LETTERS = 1_024
 _IMPLIED_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 
@@ -102,7 +102,7 @@ def read_transforms(
     if top.get("applied_transform") is not None:  # what it says is in the poses already, so that it is only checked
         stated = {"applied_scale": 1.0, **top}
         stated_similarity(stated, ("applied_transform", "applied_scale"), name, "Write it as nerfstudio does, or not.")
-    unit = _MILLIMETRE
+    unit = _MILLIMETER
     if any(isinstance(frame, dict) and frame.get("depth_file_path") is not None for frame in frames):
         unit = check_depth_unit(top.get("depth_unit_scale_factor", unit), field=f"{name}: depth_unit_scale_factor")
     document = _Document(PurePosixPath(name).parent.as_posix(), name, top, opengl, labels, unit)
@@ -199,7 +199,7 @@ def _posed_image(
 
 
 def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
-    """nerfstudio's depth map of a frame: millimetres unless the document says otherwise.
+    """nerfstudio's depth map of a frame: millimeters unless the document says otherwise.
 
     https://docs.nerf.studio/quickstart/data_conventions.html#depth-images
     """
@@ -213,7 +213,7 @@ def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where
         raise InvalidInputError(
             f"{where}: depth maps of the kind {suffix[:20]!r} are not read",
             field=where,
-            hint="Send 16-bit PNG files, millimetres, or float arrays as .npy.",
+            hint="Send 16-bit PNG files, millimeters, or float arrays as .npy.",
         )
     path = resolve_path(root, document.folder, name, where)
     if not os.path.isfile(root / path):

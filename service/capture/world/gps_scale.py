@@ -1,4 +1,4 @@
-"""Metres by GPS: where photos say they were taken against where structure from motion placed them.
+"""Meters by GPS: where photos say they were taken against where structure from motion placed them.
 
 Only lengths come out: no coordinate is stored with a capture, a scene or an error.
 """
@@ -47,7 +47,7 @@ class PlacedPhoto:
 
 
 def local_meters(places: Sequence[PhotoPlace]) -> F64:
-    """float64 [N, 2]: east and north of places in metres, about their median (WGS84, flat to first order)."""
+    """float64 [N, 2]: east and north of places in meters, about their median (WGS84, flat to first order)."""
     degrees = np.array([(place.latitude_deg, place.longitude_deg) for place in places])
     middle = np.median(degrees, axis=0)
     turn = (degrees[:, 1] - middle[1] + 180) % 360 - 180  # over the date line
@@ -59,7 +59,7 @@ def local_meters(places: Sequence[PhotoPlace]) -> F64:
 
 
 def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | None, str]:
-    """Metres per scene unit by the places of photos, or None and why not, a sentence for people; "" for no places.
+    """Meters per scene unit by the places of photos, or None and why not, a sentence for people; "" for no places.
 
     A similarity in the plane, a·c + t with complex a, is fitted to east and north by least squares, places that are
     more than 4 σ off left out in turn; its scale is |a|. The variance of |a| is σ² / Σ|c - c̄|², with σ² the larger of
@@ -115,7 +115,7 @@ def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | N
 
 
 def with_gps(capture: Capture, places: Sequence[PhotoPlace | None]) -> Capture:
-    """The capture in metres if GPS tells how long they are, combined with what tags said; else the same, with a warning
+    """The capture in meters if GPS tells how long they are, combined with what tags said; else the same, with a warning
     that says why not.
 
     Args:

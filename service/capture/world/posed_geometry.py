@@ -1,7 +1,7 @@
 """Points of images whose poses are known, or nearly so, and the unit of all of it.
 
 Points are those of the upload, or else of what the photos show; a phone's tracked poses are refined by the photos, and
-what a depth sensor measured gives more points and metres.
+what a depth sensor measured gives more points and meters.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class PosedGeometry:
         points: float32 [P, 3], world.
         colors: uint8 [P, 3].
         error_px: mean reprojection error of triangulated points; else 0.
-        scale: what the metres rest on, where they were measured here.
+        scale: what the meters rest on, where they were measured here.
         warnings: sentences for people.
     """
 
@@ -123,7 +123,7 @@ def _refined(views: tuple[View, ...], result: dict[str, Any]) -> tuple[tuple[Vie
 
 
 def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
-    """Poses, points and depth maps in one unit: metres where a phone measured them.
+    """Poses, points and depth maps in one unit: meters where a phone measured them.
 
     Depth maps are multiplied by one factor, so that they and the points agree. Poses that are metric by their own word
     keep their unit; others are scaled to that of the depth maps.
@@ -135,7 +135,7 @@ def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
     meters_per_unit, standard_error = ratio
     if dataset.scale == "METRIC" and abs(math.log(meters_per_unit)) > MOST_DISAGREEMENT:
         warning = (
-            f"The depth maps say that things are {meters_per_unit:.3g} times as far as the poses say, both in metres; "
+            f"The depth maps say that things are {meters_per_unit:.3g} times as far as the poses say, both in meters; "
             "the depth maps are not used. Check depth_unit_scale_factor."
         )
         views = tuple(replace(view, depth=None) for view in geometry.views)

@@ -1,4 +1,4 @@
-"""Metres by what a phone measured: its tracking and its depth sensor; captures in metres by one or more estimates."""
+"""Meters by what a phone measured: its tracking and its depth sensor; captures in meters by one or more estimates."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[flo
 
 
 def sensor_estimate(ratio: float, standard_error: float) -> ScaleEstimate:
-    """The scale that `depth_ratio` gives, where the depth maps are in metres."""
+    """The scale that `depth_ratio` gives, where the depth maps are in meters."""
     return ScaleEstimate("sensor_depth", ratio, math.hypot(SENSOR_ERROR_95, NORMAL_95 * standard_error))
 
 
@@ -79,7 +79,7 @@ def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstim
 
 
 def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
-    """The capture in metres by an estimate of its present unit; where it is in metres by an estimate already, by both
+    """The capture in meters by an estimate of its present unit; where it is in meters by an estimate already, by both
     of them. What the report says of the scale is of the unit that the world had before the first one.
     """
     before, both = capture.report.scale, estimate

@@ -1,4 +1,4 @@
-"""Metres by printed tags: AprilTags of a known side, found in the photos, tell how long a scene unit is.
+"""Meters by printed tags: AprilTags of a known side, found in the photos, tell how long a scene unit is.
 
 Corners of a tag are found in every view (OpenCV's ArUco detector, family 36h11, Olson 2011), triangulated over the
 views by least squares of their reprojection errors, and the four sides of the square are compared with the printed
@@ -84,13 +84,13 @@ def _detected(gray: NDArray[np.uint8], refinement: int) -> list[tuple[int, F64]]
 def estimate_scale(
     sightings: Iterable[TagSighting], cameras: Sequence[PosedCamera], side_m: float, side_error_m: float = 0.0
 ) -> ScaleEstimate | None:
-    """Metres per scene unit by the sides of tags, or None where they do not tell it to 5 %.
+    """Meters per scene unit by the sides of tags, or None where they do not tell it to 5 %.
 
     Args:
         sightings: of all views.
         cameras: of the views, without distortion, in scene units.
-        side_m: printed side of the black square, metres.
-        side_error_m: standard deviation of that side over printers and rulers, metres.
+        side_m: printed side of the black square, meters.
+        side_error_m: standard deviation of that side over printers and rulers, meters.
 
     Returns:
         The estimate; None where no tag is seen well in at least three views from different places.
@@ -133,7 +133,7 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in metres if tags in its pictures tell how long they are, else the same. Of a capture whose metres
+    """The capture in meters if tags in its pictures tell how long they are, else the same. Of a capture whose meters
     were estimated before, both estimates are combined (`metric_capture`).
 
     Args:

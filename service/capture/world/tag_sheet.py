@@ -1,4 +1,4 @@
-"""A sheet of AprilTags to print: its tags give scenes their metres, see `service.capture.world.scale_tags`."""
+"""A sheet of AprilTags to print: its tags give scenes their meters, see `service.capture.world.scale_tags`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def tag_pages(tags: Sequence[int], side_m: float) -> list[NDArray[np.uint8]]:
 
     Args:
         tags: ids, at least one, all different.
-        side_m: of the black square, metres.
+        side_m: of the black square, meters.
 
     Raises:
         InvalidInputError: no tag of that size fits on A4, or there is no such tag.

@@ -20,7 +20,7 @@ from fastsplat.service.capture.uploads.upload_kind import UploadContents, detect
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 _UNIT = re.compile(r"\s*([0-9.]+(?:e[+-]?[0-9]+)?)\s*(?:m\b|met)?", re.IGNORECASE)
-_NERFSTUDIO_DEPTH_UNIT = 1e-3  # its default: millimetres
+_NERFSTUDIO_DEPTH_UNIT = 1e-3  # its default: millimeters
 
 
 @dataclass(frozen=True)
@@ -156,7 +156,7 @@ def _instances(document: Any, name: str) -> tuple[str, ...]:
 
 
 def _depth_unit(document: Any, name: str) -> float:
-    """ "depth_unit": metres a step, a number or a text that begins with one; nerfstudio: depth_unit_scale_factor."""
+    """ "depth_unit": meters a step, a number or a text that begins with one; nerfstudio: depth_unit_scale_factor."""
     stated = document.get("depth_unit", document.get("depth_unit_scale_factor", _NERFSTUDIO_DEPTH_UNIT))
     match = _UNIT.match(stated) if isinstance(stated, str) else None
     try:

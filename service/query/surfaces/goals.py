@@ -18,9 +18,9 @@ from fastsplat_contract.thing_messages import SceneThing
 F64 = NDArray[np.float64]
 
 MARGIN = 0.05
-"""Metres that stay free around a robot, beside its radius."""
+"""Meters that stay free around a robot, beside its radius."""
 FARTHEST = 3.0
-"""Metres from a thing's box within which a robot stands to see it."""
+"""Meters from a thing's box within which a robot stands to see it."""
 
 
 def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, version: str = "") -> Goal:
@@ -34,7 +34,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
     Args:
         known: the map.
         thing: its box is in the frame of the map.
-        robot_radius: metres.
+        robot_radius: meters.
         version: of the scene, to be named in the answer.
 
     Raises:
@@ -42,7 +42,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
         NotFoundError: there is no such place.
     """
     if not (math.isfinite(robot_radius) and robot_radius > 0):
-        raise InvalidInputError(f"a robot's radius of {robot_radius} m", field="robot_radius", hint="Metres, above 0.")
+        raise InvalidInputError(f"a robot's radius of {robot_radius} m", field="robot_radius", hint="Meters, above 0.")
     box = thing.box
     if box is None:
         raise InvalidInputError(
@@ -79,7 +79,7 @@ def goal_near(known: OccupancyMap, thing: SceneThing, robot_radius: float, versi
 
 
 def _clearance(known: OccupancyMap) -> F64:
-    """float64 [H, W]: metres from the middle of a free cell to the nearest edge of one that is not; 0 for others."""
+    """float64 [H, W]: meters from the middle of a free cell to the nearest edge of one that is not; 0 for others."""
     free = np.pad(known.cells == FREE, 1)
     apart = np.asarray(distance_transform_edt(free), np.float64)[1:-1, 1:-1]
     return np.asarray(np.maximum(apart - math.sqrt(0.5), 0.0) * known.resolution)

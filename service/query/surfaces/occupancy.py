@@ -26,11 +26,11 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 """Values of cells, as in nav_msgs/OccupancyGrid."""
 
 RESOLUTION = 0.05
-"""Width of a cell in metres, where none is asked for."""
+"""Width of a cell in meters, where none is asked for."""
 CLEARANCE = 0.1
-"""Metres above the floor up to which surfaces count as the floor: more than the depth of a trained scene is off by."""
+"""Meters above the floor up to which surfaces count as the floor: more than the depth of a trained scene is off by."""
 LOW = 0.25
-"""Metres above the floor: a ray that passes lower frees the cells below it, as whatever stands there would stop it."""
+"""Meters above the floor: a ray that passes lower frees the cells below it, as whatever stands there would stop it."""
 
 _MOST_TILT = 3.0
 """Degrees between +z and the vertical, and of its deviation: 0.16 m of height over 3 m."""
@@ -48,12 +48,12 @@ class OccupancyMap:
     Attributes:
         cells: int8 [H, W], row 0 at the least y, column 0 at the least x: `FREE`, `OCCUPIED` or `UNKNOWN`.
         tops: float32 [H, W], z of the highest surface in the robot's band, −inf where there is none.
-        resolution: width of a cell, metres.
-        origin: x and y of the outer corner of cell [0, 0], metres; multiples of `resolution`.
-        floor: its z, metres.
+        resolution: width of a cell, meters.
+        origin: x and y of the outer corner of cell [0, 0], meters; multiples of `resolution`.
+        floor: its z, meters.
         floor_source: see `FloorSource`.
         floor_doubt: why the floor may be a table top or the like, words; "" where nothing says so.
-        height: of the band above the floor, metres.
+        height: of the band above the floor, meters.
     """
 
     cells: NDArray[np.int8]
@@ -67,18 +67,18 @@ class OccupancyMap:
 
 
 def check_map_frame(scene: Scene) -> None:
-    """Refuses a scene of which no map in metres with z up can be made.
+    """Refuses a scene of which no map in meters with z up can be made.
 
     The vertical is that of `Scene.vertical`.
 
     Raises:
-        InvalidInputError: the scene is not in metres, the vertical is unknown, or not +z to within 3 degrees.
+        InvalidInputError: the scene is not in meters, the vertical is unknown, or not +z to within 3 degrees.
     """
     if scene.scale != "METRIC":
         raise InvalidInputError(
-            "a map needs metres, and this scene's unit is arbitrary",
+            "a map needs meters, and this scene's unit is arbitrary",
             field="scene_id",
-            hint="Scale the scene by a known length, or upload with poses in metres.",
+            hint="Scale the scene by a known length, or upload with poses in meters.",
         )
     vertical = scene.vertical()
     if vertical is None or vertical.deviation_deg > _MOST_TILT:
@@ -119,8 +119,8 @@ def occupancy_map(
         views: of a scene for which `check_map_frame` passes.
         floors: ids of the things that are floors; of several the one with the most points counts.
         others: names of things that are no floors, by their ids.
-        resolution: width of a cell, metres.
-        height: of the robot, metres above the floor.
+        resolution: width of a cell, meters.
+        height: of the robot, meters above the floor.
         most_points: see `surface_points`.
         most_cells: of the map.
 
@@ -130,9 +130,9 @@ def occupancy_map(
         CancelledError: see `service.common.cancellation`.
     """
     if not (np.isfinite(resolution) and resolution > 0):
-        raise InvalidInputError(f"a cell of {resolution} m", field="cell", hint="Metres, above 0.")
+        raise InvalidInputError(f"a cell of {resolution} m", field="cell", hint="Meters, above 0.")
     if not (np.isfinite(height) and height > LOW):
-        raise InvalidInputError(f"a height of {height} m", field="height", hint=f"Metres, above {LOW:g}.")
+        raise InvalidInputError(f"a height of {height} m", field="height", hint=f"Meters, above {LOW:g}.")
     samples, _ = surface_points(views, cell=resolution, most=most_points)
     floor, source = _floor(samples, floors)
     doubt = "" if source == "surface" else _doubt(samples, views, floor, others)

@@ -63,7 +63,7 @@ def _without_test_views(root: Path) -> tuple[Capture, Labelling, list[int]]:
 
 
 def _true_depth(root: Path, view: View) -> NDArray[np.float32]:
-    """Camera z, metres; stored as 1e-4 m."""
+    """Camera z, meters; stored as 1e-4 m."""
     document = json.loads((root / "transforms.json").read_text())
     frame = next(frame for frame in document["frames"] if Path(frame["file_path"]).name == view.posed.name)
     raw = cv2.imread(str(root / frame["depth_path"]), cv2.IMREAD_UNCHANGED)

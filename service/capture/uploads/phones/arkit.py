@@ -1,6 +1,6 @@
 """What the recordings of all apps share: ARKit's axes, intrinsics, and how JSON of strangers is read.
 
-ARKit's world has y up, along gravity (ARWorldAlignment.gravity), and metres; its cameras have x right, y up, z backward
+ARKit's world has y up, along gravity (ARWorldAlignment.gravity), and meters; its cameras have x right, y up, z backward
 (https://developer.apple.com/documentation/arkit/arcamera/transform). Ours is z up, cameras are OpenCV's.
 """
 

@@ -2,7 +2,7 @@
 
     keyframes/corrected_images/1234.jpg    photos; images/ before Polycam has optimized the poses
     keyframes/corrected_cameras/1234.json  {"fx", "fy", "cx", "cy", "width", "height", "t_00" ... "t_23", ...}
-    keyframes/depth/1234.png               16 bits, millimetres
+    keyframes/depth/1234.png               16 bits, millimeters
     keyframes/confidence/1234.png          8 bits, ARKit's three levels spread over 0..255
 
 Layout and axes: https://docs.nerf.studio/quickstart/custom_dataset.html#polycam-capture and nerfstudio's
@@ -26,7 +26,7 @@ from fastsplat_contract.errors import InvalidInputError
 
 _FOLDERS = {"corrected_cameras": "corrected_images", "cameras": "images"}
 """Of the poses and of their photos; the first are those that Polycam has optimized."""
-_MILLIMETRE = 0.001
+_MILLIMETER = 0.001
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png")
 _HEAD_BYTES = 4_096
 
@@ -92,7 +92,7 @@ def _image(root: Path, path: str, photo: str, beside: PurePosixPath, settings: C
         path=photo,
         camera_model=arkit.pinhole(intrinsics, size, path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=DepthFile(depth, _MILLIMETRE, None, confidence if has_confidence else None) if has_depth else None,
+        depth=DepthFile(depth, _MILLIMETER, None, confidence if has_confidence else None) if has_depth else None,
     )
 
 

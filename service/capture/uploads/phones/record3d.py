@@ -3,7 +3,7 @@
     metadata       JSON: "w", "h" of the photos, "dw", "dh" of the depth maps, "K" (9 numbers, column by column) or
                    "perFrameIntrinsicCoeffs" ([fx, fy, cx, cy] a frame), "poses" ([qx, qy, qz, qw, tx, ty, tz] a frame)
     rgbd/0.jpg     photo
-    rgbd/0.depth   float32 metres, row by row, compressed by LZFSE; NaN where unknown
+    rgbd/0.depth   float32 meters, row by row, compressed by LZFSE; NaN where unknown
     rgbd/0.conf    uint8 of ARKit's levels 0 to 2, compressed likewise; not of the front camera
 
 Layout: https://record3d.app/features and nerfstudio's `process_data/record3d_utils.py`.

@@ -2,7 +2,7 @@
 
     frame_00000.json   "cameraPoseARFrame" (16 numbers, row by row), "intrinsics" (9 numbers, row by row)
     frame_00000.jpg    photo; of many frames there is none
-    depth_00000.png    16 bits, millimetres
+    depth_00000.png    16 bits, millimeters
     conf_00000.png     ARKit's levels 0 to 2
 
 Layout: exports of the app (https://3dscannerapp.com), as public readers of them describe it.
@@ -23,7 +23,7 @@ from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedIma
 from fastsplat_contract.errors import InvalidInputError
 
 _FRAME = re.compile(r"frame_(\d{1,9})\.json")
-_MILLIMETRE = 0.001
+_MILLIMETER = 0.001
 
 
 def find_scanner_app(files: Iterable[str]) -> str:
@@ -68,5 +68,5 @@ def _image(
         path=photo,
         camera_model=arkit.pinhole([float(k[0]), float(k[4]), float(k[2]), float(k[5])], sizes[photo], path),
         world_from_camera=arkit.world_from_camera(matrix, path),
-        depth=DepthFile(depth, _MILLIMETRE, None, confidence if has_confidence else None) if has_depth else None,
+        depth=DepthFile(depth, _MILLIMETER, None, confidence if has_confidence else None) if has_depth else None,
     )
