@@ -335,17 +335,15 @@ def _things(
     if not masks:
         looking, begin = tell("looking for things", 0, _LOOKING_SHARE), _LOOKING_SHARE
         masks = propose_capture_masks(capture.views, settings.perception, settings.models, looking)
-    tell_view, training = tell("discovering things", begin, 1.0), settings.training
-    things, gaussians = find_scene_things(
-        trained.gaussians, capture, labelling, masks, settings.discovery, tell_view, training=training
-    )
+    on_view, training, discovery = tell("discovering things", begin, 1.0), settings.training, settings.discovery
+    found = find_scene_things(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
+    things, gaussians = found
     if not things.table and not detected:
         return None, trained.gaussians
-    encoder = open_appearance_encoder(settings.perception, settings.models)
-    if encoder is None:
-        return things, gaussians
-    side, backend = settings.discovery.max_side, settings.training.backend
-    return with_appearances(things, gaussians, capture.views, encoder, side, backend=backend), gaussians
+    if encoder := open_appearance_encoder(settings.perception, settings.models):
+        side, backend = settings.discovery.max_side, training.backend
+        things = with_appearances(things, gaussians, capture.views, encoder, side, backend=backend)
+    return things, gaussians
 
 
 def scene_quality(

@@ -1,4 +1,3 @@
-import type { ExportFormat } from "../api/calls";
 import { plural } from "./plural";
 
 /** Taking a scene away, links to it, and the file that needs no server. */
@@ -16,7 +15,7 @@ export const takeTexts = {
       glb: "Splat with things, GLB",
       mcap: "For Foxglove, MCAP",
       map: "Floor map for robots, ZIP",
-    } satisfies Partial<Record<ExportFormat, string>>,
+    },
     kinds: {
       ply: "PLY",
       spz: "SPZ",
@@ -24,7 +23,7 @@ export const takeTexts = {
       points: "points",
       mesh: "mesh",
       glb: "GLB",
-    } satisfies Partial<Record<ExportFormat, string>>,
+    },
     alone: (name: string, kind: string) => `Only ${name} as ${kind}`,
     masks: (text: string) => `What answers “${text}”`,
     maskPly: "Its Gaussians as PLY",
