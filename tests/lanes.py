@@ -87,7 +87,7 @@ BUDGET: Mapping[str, tuple[float, float]] = {
     "application": (40, 40),
     "benchmarks": (10, 5),
     "capture": (210, 80),
-    "cli": (25, 80),
+    "cli": (60, 80),
     "client": (5, 20),
     "common": (5, 5),
     "contract": (22, 5),
