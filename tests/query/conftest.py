@@ -85,7 +85,7 @@ def make_scene() -> Callable[..., Scene]:
         means += rng.normal(0, 0.01, means.shape).astype(np.float32)
         sh = rng.uniform(-1, 1, (count, 1, 3))
         evidence = evidence_of(np.arange(count), ids, np.full(count, 4 * UNIT), count)
-        semantics = {} if code is None else {"label_mode": "evidence", "evidence": evidence}
+        semantics = {} if code is None else {"evidence": evidence}
         return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size, **semantics)
 
     return make

@@ -55,9 +55,7 @@ def _scene(things: tuple[Thing, ...], looked_for: list[str]) -> Scene:
     owner = np.repeat([thing.id for thing in things], 4)
     membership = evidence_of(rows, owner, np.full(count, 16 * UNIT), count)
     means = np.stack([rows // 4, rows % 4 / 10, rows % 2 / 10], axis=1)
-    return labelled_scene(
-        means, np.zeros(count, int), dictionary, things=Things(things, membership), label_mode="things"
-    )
+    return labelled_scene(means, np.zeros(count, int), dictionary, things=Things(things, membership))
 
 
 def _shown(things: tuple[Thing, ...]) -> Mapping[str, set[int]]:

@@ -158,7 +158,7 @@ def test_counts_and_masks_agree_with_the_softmax(
     scene = make_scene([f"l{i}x" for i in range(30)], per_label=20, code=5)
     head = SemanticHead(rng.standard_normal((31, 5)).astype(np.float32), rng.standard_normal(31).astype(np.float32))
     codes = rng.standard_normal((len(scene.gaussians), 5)).astype(np.float32)
-    scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes), label_mode="codes")
+    scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes), evidence=None)
     logits = codes.astype(np.float64) @ head.weight.T.astype(np.float64) + head.bias
     probability = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
     index = SceneIndex(scene, drawn_encoder(), plain)
