@@ -318,8 +318,7 @@ def _searched(labelling: Labelling) -> dict[str, Any]:
 def _things(
     trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
 ) -> tuple[Things | None, Gaussians]:
-    """The things that were discovered, and the Gaussians with their codes; None, and the Gaussians as they were
-    trained, where the objects of the capture's label maps are its things."""
+    """Discovered things, and the Gaussians with their codes; no things where the objects of given label maps are."""
     looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
     if not detected and settings.discovery.things != "on":
         return None, trained.gaussians
@@ -340,7 +339,8 @@ def _things(
     things, gaussians = found
     if not things.table and not detected:
         return None, trained.gaussians
-    if encoder := open_appearance_encoder(settings.perception, settings.models):
+    look = discovery.things != "off"
+    if look and (encoder := open_appearance_encoder(settings.perception, settings.models)):
         side, backend = settings.discovery.max_side, training.backend
         things = with_appearances(things, gaussians, capture.views, encoder, side, backend=backend)
     return things, gaussians
