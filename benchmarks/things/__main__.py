@@ -38,7 +38,7 @@ from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.datasets.training import training_capture
 from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
-from fastsplat.service.instances.discovery import discover_things
+from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
@@ -47,7 +47,7 @@ from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query.drawing.pictures import label_colors
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.blending import thing_map
 
@@ -89,15 +89,19 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
     dataset, capture = discovery_data(name, work, keep, settings.capture, options.split)
     scene = trained_scene(keep / name, capture, settings)
     masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
-    discovery, grouping = _timed(
-        lambda: discover_things(scene.gaussians, capture.views, masks, scene.up(), settings.discovery)
+    unlabeled, seen = Labelling(Dictionary(()), ()), [own for own in masks if own is not None]
+    (things, gaussians), grouping = _timed(
+        lambda: find_scene_things(
+            scene.gaussians, capture, unlabeled, masks, settings.discovery, training=settings.training
+        )
     )
-    with_things = replace(scene, things=discovery.things)
+    head = SemanticHead.unlearnt(len(scene.dictionary), gaussians.codes.shape[1])
+    with_things = replace(scene, gaussians=gaussians, head=head, things=things)
     row: dict[str, Any] = {
-        "views": discovery.views,
-        "prompts": discovery.prompts,
-        "proposals": discovery.proposals,
-        "things": len(discovery.things.table),
+        "views": len(seen),
+        "prompts": sum(own.prompts for own in seen),
+        "proposals": sum(len(own) for own in seen),
+        "things": len(things.table),
         "gaussians": len(scene.gaussians),
         **{f"looking_{key}": value for key, value in looking.items()},
         **{f"grouping_{key}": value for key, value in grouping.items()},
