@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from fastsplat.service.scene.types import Evidence, Gaussians, LabelMode, SemanticHead
+from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,3 @@ class TrainedSplats:
     held_out: tuple[str, ...]
     evidence: Evidence | None = None
     photometric: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-
-    @property
-    def label_mode(self) -> LabelMode:
-        """Whether codes or evidence say which label a Gaussian has."""
-        return "codes" if self.evidence is None else "evidence"
