@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from fastsplat.service.instances.refinement import MaskedView, repainted
 from fastsplat.service.instances.settings import DiscoverySettings
@@ -26,6 +25,7 @@ from fastsplat.service.splatting.label_refit import LabeledView, fit_codes
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.semantics import class_weights, code_size, separated_codes, start_head
+from fastsplat.service.splatting.training_views import smallest_labels
 
 _EPOCHS, _LOOKED_AT = 6, 600_000
 """Looks at every view; fewer where a look is dear: so many Gaussians are drawn once."""
@@ -72,7 +72,7 @@ def fit_thing_codes(
         agreed, content = masked == shown, view.valid()
         if content is not None:
             agreed &= content
-        labels = torch.from_numpy(_small(shown, classes)).to(device)
+        labels = torch.from_numpy(smallest_labels(shown)).to(device)
         labeled.append(LabeledView(viewmat, view.posed.camera, labels, torch.from_numpy(agreed).to(device)))
     class_codes = separated_codes(classes, code_size(classes - 1, size), seed)
     owner = torch.from_numpy(thing_rows(things).astype(np.int64))
@@ -91,8 +91,3 @@ def fit_thing_codes(
     )
     arrays = {name: value.cpu().numpy() for name, value in fitted.items()}
     return arrays["codes"], SemanticHead(arrays["weight"], arrays["bias"])
-
-
-def _small(labels: NDArray[np.integer], classes: int) -> NDArray[np.uint8 | np.int32]:
-    """In the smallest type that torch can index with: the maps of all views are in memory."""
-    return labels.astype(np.uint8) if classes < 256 else labels.astype(np.int32)

@@ -142,7 +142,7 @@ def whole_export_seconds(capture: Capture, settings: Settings, labels: int, spee
 def _things_seconds(capture: Capture, settings: Settings) -> float:
     """What discovery takes after training; where label maps came with the capture, nobody has looked for masks yet."""
     given_labels = capture.given_labels is not None
-    if not settings.discovery.proposes(given_labels=given_labels):
+    if given_labels and not settings.discovery.proposes(given_labels=True):
         return 0.0
     views = min(settings.perception.proposal_views or len(capture.views), len(capture.views))
     return things_seconds(views, views if given_labels else 0)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +73,6 @@ def write_scene(scene: Scene, folder: Path) -> None:
             code=scene.gaussians.codes.shape[1],
             embedding=scene.label_embeddings.shape[1],
             arrays_sha256=digest_arrays(arrays),
-            label_mode=scene.label_mode,
             evidence_entries=len(evidence["counts"]) if evidence else None,
             evidence_sha256=digest_arrays(evidence) if evidence else "",
             things=None if scene.things is None else scene.things.table,
@@ -129,9 +128,12 @@ def _read_scene(folder: Path) -> Scene:
     arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
     if bad := first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
+    head, things = SemanticHead(arrays["head.weight"], arrays["head.bias"]), _read_things(folder, manifest)
+    if things is not None and manifest.label_mode == "codes" and manifest.code:
+        things = replace(things, head=head)  # its pixels were decided by the codes of its labels, and are still
     return Scene(
         gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
-        head=SemanticHead(arrays["head.weight"], arrays["head.bias"]),
+        head=head,
         dictionary=manifest.dictionary,
         label_embeddings=arrays["label_embeddings"],
         text_encoder=manifest.text_encoder,
@@ -141,7 +143,7 @@ def _read_scene(folder: Path) -> Scene:
         training=manifest.training,
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
-        things=_read_things(folder, manifest),
+        things=things,
         scaling=manifest.scaling,
         alignment=manifest.alignment,
     )

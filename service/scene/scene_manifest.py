@@ -25,7 +25,8 @@ SCHEMA = 10
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
-no alignment. 8 did not note in which views things were proposed. 9 had no codes of things."""
+no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
+what answers by a label mode."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -41,7 +42,7 @@ class Manifest:
         dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
-        label_mode: as in `Scene`; older releases chose by it, and it is written for them.
+        label_mode: of a scene before schema 10, which chose what answers; None since.
         evidence_entries: M of the evidence; None for a scene without.
         evidence_sha256: digest of the evidence, "" without.
         things: the table of things; None for a scene without.
@@ -65,7 +66,7 @@ class Manifest:
     code: int
     embedding: int
     arrays_sha256: str
-    label_mode: LabelMode = "codes"
+    label_mode: LabelMode | None = None
     evidence_entries: int | None = None
     evidence_sha256: str = ""
     things: tuple[Thing, ...] | None = None
@@ -112,7 +113,6 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
             "embedding": manifest.embedding,
         },
         "arrays_sha256": manifest.arrays_sha256,
-        "label_mode": manifest.label_mode,
         "evidence": None
         if manifest.evidence_entries is None
         else {"entries": manifest.evidence_entries, "sha256": manifest.evidence_sha256},
@@ -312,7 +312,7 @@ class _Body(StrictRow):
     quality: dict[str, Any]
     sizes: _Sizes
     arrays_sha256: str
-    label_mode: LabelMode
+    label_mode: LabelMode | None = None
     evidence: _Evidence | None
     things: ThingsRow | None
     cameras_sha256: str

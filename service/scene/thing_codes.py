@@ -45,9 +45,9 @@ def codes_of_things(codes: F32, head: SemanticHead, owner: NDArray[np.int32]) ->
     classes, _ = classes_of_codes(codes, head)
     ids = np.zeros(len(head.bias), np.int32)
     coded = codes.any(axis=1)  # what came from another scene has no code of this one
-    pairs, counts = np.unique(np.stack([classes, owner], axis=1)[coded], axis=0, return_counts=True)
-    for row in np.argsort(counts, kind="stable"):  # the largest count is written last
-        ids[pairs[row, 0]] = pairs[row, 1]
+    pairs, counts = np.unique((classes.astype(np.int64) << 16 | owner)[coded], return_counts=True)
+    pairs = pairs[np.argsort(counts, kind="stable")]  # the largest count is written last
+    ids[pairs >> 16] = pairs & 0xFFFF
     ids[0] = 0
     new = np.setdiff1d(owner, np.append(ids, 0))
     if not len(new):

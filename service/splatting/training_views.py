@@ -135,7 +135,7 @@ def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, 
 
 def with_labels(view: TrainingView, labels: NDArray[np.integer]) -> TrainingView:
     """The view with other label maps, at all its sizes."""
-    full = torch.from_numpy(_small(labels))
+    full = torch.from_numpy(smallest_labels(labels))
     frames = []
     for frame in view.frames:
         rows = ((np.arange(frame.camera.height) + 0.5) * len(labels) / frame.camera.height).astype(np.int64)
@@ -204,11 +204,11 @@ def _frame(
     return Frame(
         camera=camera,
         rgb=torch.from_numpy(rgb.copy()),
-        labels=None if labels is None else torch.from_numpy(_small(labels)),
+        labels=None if labels is None else torch.from_numpy(smallest_labels(labels)),
         valid=None if valid is None else torch.from_numpy(valid == 255),
     )
 
 
-def _small(labels: NDArray[np.integer]) -> NDArray[np.uint8 | np.int32]:
+def smallest_labels(labels: NDArray[np.integer]) -> NDArray[np.uint8 | np.int32]:
     """A copy in the smallest type that torch can index with."""
     return labels.astype(np.uint8) if labels.max(initial=0) < 256 else labels.astype(np.int32)

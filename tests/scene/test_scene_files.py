@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.scene_manifest import SCHEMA
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
@@ -231,7 +232,7 @@ def test_a_scene_of_the_first_schema_has_its_labels_in_the_codes(
     write_scene(scene, tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     body = {**json.loads(path.read_text()), "schema": 1}
-    del body["label_mode"], body["evidence"]
+    del body["evidence"]
     path.write_text(_sealed(body))
     read = read_scene(tmp_path / "v1")
     assert_same(scene, read)
@@ -325,3 +326,27 @@ def test_hostile_manifests_are_typed_errors(make_scene: Callable[..., Scene], tm
     with pytest.raises(FastSplatError) as caught:
         read_scene(tmp_path / "v1")
     assert caught.value.hint
+
+
+def test_codes_of_things_are_kept_and_those_of_labels_still_draw_an_older_scenes_things(
+    make_scene: Callable[..., Scene], tmp_path: Path
+) -> None:
+    scene = make_scene()
+    count, code = scene.gaussians.codes.shape
+    rows = np.arange(count)
+    members = evidence_of(rows, 1 + rows % 2, np.full(count, UNIT), count)
+    things = Things((Thing(1), Thing(2)), members)
+    head = SemanticHead(np.full((3, code), 0.5, np.float32), np.arange(3, dtype=np.float32))
+    write_scene(replace(scene, things=replace(things, head=head)), tmp_path / "coded")
+    read = read_scene(tmp_path / "coded").things
+    assert read is not None and read.head is not None
+    np.testing.assert_array_equal(read.head.weight, head.weight)
+    np.testing.assert_array_equal(read.head.bias, head.bias)
+
+    write_scene(replace(scene, things=things), tmp_path / "counted")
+    assert (same := read_scene(tmp_path / "counted").things) is not None and same.head is None
+    path = tmp_path / "counted" / "scene.json"
+    for mode, drawn_by_codes in (("codes", True), ("things", False)):
+        path.write_text(_sealed({**json.loads(path.read_text()), "schema": 9, "label_mode": mode}))
+        older = read_scene(tmp_path / "counted").things
+        assert older is not None and (older.head is not None) == drawn_by_codes
