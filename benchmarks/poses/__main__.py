@@ -41,8 +41,7 @@ def main() -> None:
             print(json.dumps({key: value for key, value in row.items() if key != "warnings"}), flush=True)
             rows = [other for other in rows if _key(other) != _key(row)] + [row]
             rows.sort(key=_key)
-            note = "seconds are of a machine busy with other work: CPU seconds count, wall seconds do not"
-            write_results("poses", start, options, _CHOSEN_ON, {"note": note, "rows": rows})
+            write_results("poses", start, options, _CHOSEN_ON, {"rows": rows})
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
