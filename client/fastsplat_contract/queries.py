@@ -226,7 +226,10 @@ class Answer(Response):
     objects: Annotated[
         Many[SceneObject] | None,
         Carried("QueryResponse"),
-        Field(description="those that answer, by label in the order of the matches; absent unless asked for"),
+        Field(
+            description="`things` that have a name, as earlier releases say them, by label in the order of the matches; "
+            "absent unless asked for"
+        ),
     ] = None
     presence: Annotated[
         float | None,
