@@ -227,8 +227,8 @@ class Answer(Response):
         Many[SceneObject] | None,
         Carried("QueryResponse"),
         Field(
-            description="`things` that have a name, as earlier releases say them, by label in the order of the matches; "
-            "absent unless asked for"
+            description="`things` that have a name, as earlier releases say them, by label in the order of the "
+            "matches; absent unless asked for"
         ),
     ] = None
     presence: Annotated[
