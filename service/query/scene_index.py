@@ -87,13 +87,17 @@ class SceneIndex:
         semantics = semantics_of(scene)
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
+            unseen = self.things.unseen
         else:
+            from fastsplat.service.query.things.unseen_space import unseen_space
+
             self._labels = label_gaussians(scene)
+            unseen = unseen_space(scene, self._labels.classes, {})
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.absence import UnseenSpace, searched_names
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.query.things.unseen_space import unseen_space
 from fastsplat.service.query.things.visibility import best_views
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
@@ -36,6 +37,7 @@ _OF_MEMBERSHIP = (
     "part_owner",
     "extents",
     "_best_views",
+    "unseen",
     "_solid",
     "_maps",
     "views_of_things",
@@ -109,6 +111,11 @@ class SceneThings:
         """The things that have Gaussians, by id; which of them are floors is judged anew in every version."""
         here = [thing for thing in self.table.table if self.counts[thing.id]]
         return with_floors_judged(self.scene, here, self.owner)
+
+    @cached_property
+    def unseen(self) -> UnseenSpace:
+        """How much of the place no photo shows."""
+        return unseen_space(self.scene, self.owner, {thing.id: thing.surface for thing in self.present})
 
     @cached_property
     def measures(self) -> ThingMeasures:

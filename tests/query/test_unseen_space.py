@@ -1,0 +1,149 @@
+"""Laws of what no photo shows: hidden behind something in all photos, and no law of what photos do not look towards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edit import Edit
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
+from fastsplat.service.query.things.unseen_space import unseen_space
+from fastsplat.service.scene.types import Scene, SurfaceKind
+from fastsplat_contract.camera import PosedCamera
+from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
+
+Open = Callable[[Scene], SceneIndex]
+
+_WIDE, _DEEP, _HIGH = 4.0, 3.0, 2.4
+WALLS = [
+    BoxShell("floor", (0, 0, -0.01), (_WIDE, _DEEP, 0.02), count=6000),
+    BoxShell("left wall", (-_WIDE / 2, 0, _HIGH / 2), (0.02, _DEEP, _HIGH), count=4000),
+    BoxShell("right wall", (_WIDE / 2, 0, _HIGH / 2), (0.02, _DEEP, _HIGH), count=4000),
+    BoxShell("front wall", (0, -_DEEP / 2, _HIGH / 2), (_WIDE, 0.02, _HIGH), count=4000),
+    BoxShell("back wall", (0, _DEEP / 2, _HIGH / 2), (_WIDE, 0.02, _HIGH), count=4000),
+]
+SURFACES: dict[str, SurfaceKind] = {"floor": "floor", **dict.fromkeys([each.label for each in WALLS[1:]], "wall")}
+THINGS = [
+    BoxShell("mug", (0.3, 0.2, 0.06), (0.12, 0.12, 0.12)),
+    BoxShell("book", (-0.4, 0.3, 0.03), (0.25, 0.18, 0.06)),
+    BoxShell("lamp", (0.6, -0.5, 0.2), (0.2, 0.2, 0.4)),
+]
+SCREEN = BoxShell("screen", (-1.0, 0.3, 0.8), (0.05, 2.0, 1.6), count=3500)
+CARTON = BoxShell("carton", (0.9, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
+
+
+def from_corner(x: float = 1.7) -> list[PosedCamera]:
+    """A row of cameras at one end of the room, which look at its middle."""
+    return [look((x - np.sign(x) * 0.1 * i, -1.2, 1.5), (0, 0.4, 0.3), f"{x}-{i}.jpg") for i in range(8)]
+
+
+def inward() -> list[PosedCamera]:
+    angles = np.arange(20) * 2 * np.pi / 20
+    return [look((1.7 * np.cos(a), 1.2 * np.sin(a), 1.5), (0, 0, 0.2), f"{i}.jpg") for i, a in enumerate(angles)]
+
+
+def measured(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera], walls: SurfaceKind = "wall") -> UnseenSpace:
+    """Of a room of these boxes, each of which is what its number, from 1, says."""
+    scene = scene_of(boxes, cameras)
+    kinds = {name: walls if kind == "wall" else kind for name, kind in SURFACES.items()}
+    surfaces = {number: kinds.get(box.label, "") for number, box in enumerate(boxes, start=1)}
+    return unseen_space(scene, scene.gaussians.codes.argmax(axis=1).astype(np.int32), surfaces)
+
+
+def test_what_photos_show_from_somewhere_is_seen() -> None:
+    for boxes in (THINGS, [*THINGS, CARTON]):
+        assert not measured([*WALLS, *boxes], inward()).hides
+        assert not measured([*WALLS, *boxes], from_corner()).hides
+        table = BoxShell("table", (0, 0, -0.02), (2.4, 1.6, 0.04), count=3000)
+        assert not measured([table, *boxes], orbit(16, 1.6, 1.0)).hides
+
+
+def test_what_stands_behind_something_in_every_photo_is_not_seen() -> None:
+    hidden = measured([*WALLS, *THINGS, SCREEN], from_corner())
+    assert hidden.hides and hidden.behind[0] == len(WALLS) + len(THINGS) + 1
+    # Photos from the other side, too, leave nothing.
+    behind = [look((-1.8, y, 1.6), (-1.2, 0.3 * y, 0.2), f"{y}.jpg") for y in np.linspace(-1.2, 1.2, 7)]
+    assert measured([*WALLS, *THINGS, SCREEN], [*from_corner(), *behind]).share < hidden.share / 3
+
+
+def test_what_is_behind_the_walls_is_outside() -> None:
+    """A wall between two rooms, both of whose walls are there, hides the other room only while it counts as a thing."""
+    between = replace(WALLS[1], label="inner wall", centre=(0.0, 0.0, _HIGH / 2))
+    boxes = [*WALLS, *THINGS[2:], between]
+    cameras = [look((1.8, y, 1.5), (0.4, 0, 0.6), f"{y}.jpg") for y in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+    scene = scene_of(boxes, cameras)
+    owner = scene.gaussians.codes.argmax(axis=1).astype(np.int32)
+    kinds = {number: SURFACES.get(box.label, "") for number, box in enumerate(boxes, start=1)}
+    assert unseen_space(scene, owner, kinds).hides
+    assert not unseen_space(scene, owner, {**kinds, len(boxes): "wall"}).hides
+
+
+def test_the_place_may_lie_and_be_measured_as_it_likes() -> None:
+    boxes = [*WALLS, *THINGS, SCREEN]
+    scene = scene_of(boxes, from_corner())
+    owner = scene.gaussians.codes.argmax(axis=1).astype(np.int32)
+    surfaces = {number: SURFACES.get(box.label, "") for number, box in enumerate(boxes, start=1)}
+    share = unseen_space(scene, owner, surfaces).share
+    pose = np.eye(4)
+    pose[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    pose[:3, 3] = rigid(1)[:3, 3]
+    for scale in (1.0, 7.5):
+        means = (scale * (scene.gaussians.means @ pose[:3, :3].T + pose[:3, 3])).astype(np.float32)
+        log_scales = scene.gaussians.log_scales + np.float32(np.log(scale))
+        moved = with_cameras_moved(scene, pose)
+        cameras = []
+        for posed in moved.cameras:
+            placed = posed.world_from_camera.copy()
+            placed[:3, 3] *= scale
+            cameras.append(replace(posed, world_from_camera=placed))
+        moved = replace(
+            moved, cameras=tuple(cameras), gaussians=replace(scene.gaussians, means=means, log_scales=log_scales)
+        )
+        assert unseen_space(moved, owner, surfaces).share == pytest.approx(share, abs=0.02)
+
+
+def test_nothing_is_said_of_what_nobody_photographed() -> None:
+    assert measured([*WALLS, *THINGS, SCREEN], []) == ALL_SEEN
+    away = [look((1.7, -1.2, 1.5), (5.0, -5.0, 1.5), "away.jpg")]
+    assert measured([*WALLS, *THINGS, SCREEN], away) == ALL_SEEN
+    assert measured([BoxShell("mug", (0, 0, 0), (0.1, 0.1, 0.0), count=2)], orbit()) == ALL_SEEN
+    flat = scene_of([BoxShell("mug", (0, 0, 0), (1.0, 1.0, 0.0))], orbit())
+    assert unseen_space(flat, np.ones(300, np.int32), {}) == ALL_SEEN
+    assert unseen_space(scene_of(THINGS, orbit()), np.zeros(900, np.int32), {}) == ALL_SEEN
+
+
+@pytest.fixture
+def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
+    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+
+
+@pytest.mark.parametrize("stored", [False, True])
+def test_an_absence_is_said_only_where_enough_is_seen(opened: Open, stored: bool) -> None:
+    for cameras, outcome in ((from_corner(), "not_seen"), ([*from_corner(), *from_corner(-1.7)], "not_here")):
+        index = opened(scene_of([*WALLS, *THINGS, SCREEN], cameras))
+        if stored:
+            index = opened(index.things.scene)
+        piano, mug = index.ask(["piano", "mug"])
+        assert (piano.outcome, piano.verdict, mug.outcome) == (outcome, "absent", "here")
+        assert piano.is_absent and not piano.things and not piano.relevant_ids
+        if outcome == "not_seen":
+            assert piano.probability is None
+            assert piano.sentence.startswith('Not seen: none of the 9 names in this scene is "piano"; no photo shows ')
+            assert piano.sentence.endswith(' % of the place, most of it behind or in "screen".')
+        else:
+            assert piano.sentence == 'Not here: none of the 9 names in this scene is "piano".'
+
+
+def test_a_name_changes_nothing_that_was_seen(opened: Open) -> None:
+    index = opened(opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner())).things.scene)
+    (screen,) = index.ask(["screen"])[0].things
+    named = index.after(apply_edit(index, Edit("name", things=(screen,), name="room divider")))
+    assert named.things.unseen is index.things.unseen
+    assert named.ask(["piano"])[0].sentence.endswith('behind or in "room divider".')
