@@ -18,30 +18,11 @@ from fastsplat.service.query.things.unseen_space import unseen_space
 from fastsplat.service.scene.types import Scene, SurfaceKind
 from fastsplat_contract.camera import PosedCamera
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
+from tests.query.walled_room import HEIGHT, SCREEN, SURFACES, THINGS, WALLS, from_corner
 
 Open = Callable[[Scene], SceneIndex]
 
-_WIDE, _DEEP, _HIGH = 4.0, 3.0, 2.4
-WALLS = [
-    BoxShell("floor", (0, 0, -0.01), (_WIDE, _DEEP, 0.02), count=6000),
-    BoxShell("left wall", (-_WIDE / 2, 0, _HIGH / 2), (0.02, _DEEP, _HIGH), count=4000),
-    BoxShell("right wall", (_WIDE / 2, 0, _HIGH / 2), (0.02, _DEEP, _HIGH), count=4000),
-    BoxShell("front wall", (0, -_DEEP / 2, _HIGH / 2), (_WIDE, 0.02, _HIGH), count=4000),
-    BoxShell("back wall", (0, _DEEP / 2, _HIGH / 2), (_WIDE, 0.02, _HIGH), count=4000),
-]
-SURFACES: dict[str, SurfaceKind] = {"floor": "floor", **dict.fromkeys([each.label for each in WALLS[1:]], "wall")}
-THINGS = [
-    BoxShell("mug", (0.3, 0.2, 0.06), (0.12, 0.12, 0.12)),
-    BoxShell("book", (-0.4, 0.3, 0.03), (0.25, 0.18, 0.06)),
-    BoxShell("lamp", (0.6, -0.5, 0.2), (0.2, 0.2, 0.4)),
-]
-SCREEN = BoxShell("screen", (-1.0, 0.3, 0.8), (0.05, 2.0, 1.6), count=3500)
 CARTON = BoxShell("carton", (0.9, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
-
-
-def from_corner(x: float = 1.7) -> list[PosedCamera]:
-    """A row of cameras at one end of the room, which look at its middle."""
-    return [look((x - np.sign(x) * 0.1 * i, -1.2, 1.5), (0, 0.4, 0.3), f"{x}-{i}.jpg") for i in range(8)]
 
 
 def inward() -> list[PosedCamera]:
@@ -75,7 +56,7 @@ def test_what_stands_behind_something_in_every_photo_is_not_seen() -> None:
 
 def test_what_is_behind_the_walls_is_outside() -> None:
     """A wall between two rooms, both of whose walls are there, hides the other room only while it counts as a thing."""
-    between = replace(WALLS[1], label="inner wall", centre=(0.0, 0.0, _HIGH / 2))
+    between = replace(WALLS[1], label="inner wall", centre=(0.0, 0.0, HEIGHT / 2))
     boxes = [*WALLS, *THINGS[2:], between]
     cameras = [look((1.8, y, 1.5), (0.4, 0, 0.6), f"{y}.jpg") for y in (-1.0, -0.5, 0.0, 0.5, 1.0)]
     scene = scene_of(boxes, cameras)
