@@ -89,10 +89,11 @@ class SceneIndex:
             self._labels = label_by_things(semantics, self.things.belief)
             unseen = self.things.unseen
         else:
-            from fastsplat.service.query.things.unseen_space import unseen_space
+            from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 
             self._labels = label_gaussians(scene)
-            unseen = unseen_space(scene, self._labels.classes, {})
+            kinds = {number: surface_kind(each.label) for number, each in enumerate(scene.dictionary.entries, start=1)}
+            unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)

@@ -13,6 +13,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
+from fastsplat.service.query.things.unseen_space import surface_kind
 from fastsplat.service.scene.types import SemanticHead
 from fastsplat_client import Client
 from fastsplat_client.assistant.tools import find
@@ -20,7 +21,7 @@ from fastsplat_contract.queries import Outcome, QueryRequest
 from tests.api.made_scene import ENCODER
 from tests.api.served import Faces
 from tests.query.box_scenes import scene_of
-from tests.query.walled_room import SCREEN, SURFACES, THINGS, WALLS, from_corner
+from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
 from tests.scenes import store_scene
 
 
@@ -36,7 +37,7 @@ def screened(service: SceneService) -> str:
             name=names.get(thing.name, ""),
             source="person" if thing.name in names else None,
             probability=float(thing.name in names),
-            surface=SURFACES.get(thing.name, ""),
+            surface=surface_kind(thing.name),
             suggestions=(("violin", 0.3),) if thing.name == "lamp" else (),
         )
         for thing in things.table

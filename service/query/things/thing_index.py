@@ -16,7 +16,7 @@ from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.query.things.unseen_space import unseen_space
+from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.query.things.visibility import best_views
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
@@ -115,7 +115,8 @@ class SceneThings:
     @cached_property
     def unseen(self) -> UnseenSpace:
         """How much of the place no photo shows."""
-        return unseen_space(self.scene, self.owner, {thing.id: thing.surface for thing in self.present})
+        surfaces = {thing.id: surface_kind(thing.name, thing.surface) for thing in self.present}
+        return unseen_space(self.scene, self.owner, surfaces)
 
     @cached_property
     def measures(self) -> ThingMeasures:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
+from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat.service.query.things.visibility import SightLines, spread_views
@@ -25,6 +26,11 @@ _TRIM = 0.01
 _MOST_NAMED = 2
 _BOUNDARIES: tuple[SurfaceKind, ...] = ("floor", "ceiling", "wall")
 """What is behind these is outside of the place."""
+
+
+def surface_kind(name: str, kind: SurfaceKind = "") -> SurfaceKind:
+    """What a thing of a name and a kind, or a label, is taken for: walls that come with label maps are called so."""
+    return kind or next((each for each in _BOUNDARIES if label_key(name) == each), "")
 
 
 def unseen_space(scene: Scene, owner: NDArray[np.int32], surfaces: Mapping[int, SurfaceKind]) -> UnseenSpace:
