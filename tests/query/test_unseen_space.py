@@ -33,7 +33,7 @@ def inward() -> list[PosedCamera]:
 
 def from_behind() -> list[PosedCamera]:
     """Cameras that look behind the screen."""
-    return [look((-1.8, y, 1.6), (-1.2, 0.3 * y, 0.2), f"{y}.jpg") for y in np.linspace(-1.2, 1.2, 7)]
+    return [look((-1.5, -1.4, 1.8), (-1.5, y, 0.4), f"{y}.jpg") for y in (0.0, 0.4, 0.8, 1.2)]
 
 
 def parts_of(scene: Scene) -> tuple[NDArray[np.int32], dict[int, SurfaceKind]]:
