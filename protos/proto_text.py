@@ -80,7 +80,8 @@ def _choice_name(choice: Any) -> str:
 def _rpc(call: Call[Any, Any]) -> str:
     asked = f"stream {call.pieces_in}" if call.pieces_in else _message_name(call.request)
     answered = f"stream {call.pieces_out}" if call.pieces_out else _message_name(call.response)
-    return _comment(call.about, "  ") + f"  rpc {call.rpc}({asked}) returns ({answered});\n"
+    end = " {\n    option deprecated = true;\n  }" if call.deprecated else ";"
+    return _comment(call.said, "  ") + f"  rpc {call.rpc}({asked}) returns ({answered}){end}\n"
 
 
 def _message_name(kind: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -97,6 +98,7 @@ def finish_job(
     *,
     version: str = "1",
     stages: Sequence[Mapping[str, Any]] = (),
+    artefact: Path | None = None,
     **row: Any,
 ) -> None:
     """End a queued job as a worker that made `scene` would.
@@ -107,12 +109,13 @@ def finish_job(
         scene: what it made.
         version: name of the scene's first version.
         stages: what the worker reports before.
+        artefact: the scene's own folder, as an earlier release wrote it; None: it is written now.
         **row: further values of every label's row.
     """
     claim = store.jobs.claim(operation_id)
     assert claim is not None
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
-    write_version(scene, folder)
+    write_version(scene, folder, artefact)
     if stages:
         store.jobs.report(claim, [dict(stage) for stage in stages])
     counts = np.bincount(scene.gaussians.codes.argmax(axis=1), minlength=len(scene.dictionary) + 1)
@@ -163,9 +166,12 @@ def queued_job(name: str = "") -> NewJob:
     )
 
 
-def write_version(scene: Scene, folder: Path) -> None:
-    """The files of a version: the artefact and the PLY."""
-    write_scene(scene, folder / "artefact")
+def write_version(scene: Scene, folder: Path, artefact: Path | None = None) -> None:
+    """The files of a version: the artefact, or a copy of one that is there, and the PLY."""
+    if artefact is None:
+        write_scene(scene, folder / "artefact")
+    else:
+        shutil.copytree(artefact, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")
 
 

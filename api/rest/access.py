@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute, RouteContext, iter_route_contexts
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.routing import Mount
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -19,10 +19,13 @@ from fastsplat.api.access.policy import UNMATCHED, rule_of
 from fastsplat.api.errors import status_of
 from fastsplat.api.rest.events import end_events
 from fastsplat_contract.call import Rule
+from fastsplat_contract.calls import DEPRECATED, DEPRECATED_SINCE
 from fastsplat_contract.errors import FastSplatError, UnauthenticatedError
 
 _log = logging.getLogger(__name__)
 
+_DEPRECATION = f"@{DEPRECATED_SINCE.timestamp():.0f}"
+"""Of a call that goes with the next release, as RFC 9745 has it."""
 NO_ROUTE = "unmatched"
 """The name of all that no route has, in metrics."""
 
@@ -59,6 +62,8 @@ class AccessLayer:
             async def counted_send(message: Message) -> None:
                 nonlocal started, over
                 if message["type"] == "http.response.start":
+                    if route in DEPRECATED:
+                        MutableHeaders(scope=message)["Deprecation"] = _DEPRECATION
                     started = True
                     ended(str(message["status"]))
                 over = message["type"] == "http.response.body" and not message.get("more_body")

@@ -40,6 +40,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.call import Tag
+from fastsplat_contract.calls import DEPRECATED
 from fastsplat_contract.json_codec import json_schema_of
 from fastsplat_contract.problems import Problem
 from fastsplat_contract.server_info import ServerInfo
@@ -78,8 +79,11 @@ class _App(FastAPI):
             schema["components"]["securitySchemes"] = {"key": {"type": "http", "scheme": "bearer"}}
             for path, operations in schema["paths"].items():
                 for method, operation in operations.items():
-                    role = rule_of(f"{method.upper()} {path}").role
-                    operation["security"] = [] if role is None else [{"key": []}]
+                    route = f"{method.upper()} {path}"
+                    operation["security"] = [] if rule_of(route).role is None else [{"key": []}]
+                    if route in DEPRECATED:
+                        operation["deprecated"] = True
+                        operation["description"] += f" Deprecated: use {DEPRECATED[route]}."
             add_examples(schema)
         return super().openapi()
 

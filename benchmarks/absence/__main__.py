@@ -126,7 +126,7 @@ def _answered(case: Case, answer: Answer) -> _Answered:
     names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)
     return _Answered(
         case,
-        answer.outcome == "not_here",
+        answer.is_absent,
         answer.outcome == "cannot_say",
         best.label,
         best.probability or 0.0,

@@ -28,7 +28,6 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.objects import find_objects
 
 _TEXT = "something to drink from"
 _TARGETS = {"rank_1000_labels": 1.0, "warm_query_new_text": 15.0, "label_map_640x480": 20.0}
@@ -113,9 +112,9 @@ def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
 
     size = len(scene.gaussians)
     index = SceneIndex(scene, _Fixed())
-    field, label = label_gaussians(scene), scene.dictionary.entries[0].label
+    label = scene.dictionary.entries[0].label
     row("label_field", lambda: label_gaussians(scene), rounds, gaussians=size)
-    row("objects", lambda: find_objects(scene, field), rounds, gaussians=size)
+    row("objects", lambda: SceneIndex(scene, _Fixed()).objects, rounds, gaussians=size)
     turn = np.eye(4)
     turn[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     for edit in (

@@ -232,7 +232,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return (photo for page in pages for photo in page.photos)
 
     def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
-        """The things of a scene as oriented boxes."""
+        """The things of a scene that have a name, as oriented boxes. Deprecated: use `things`; `best_views` says which
+        cameras see a thing best."""
         pages = self._pages(calls.LIST_OBJECTS, requests.ListObjectsRequest(scene_id, version, label=label))
         return (thing for page in pages for thing in page.objects)
 
@@ -357,7 +358,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
         """Just the Gaussians that answer, as a 3DGS PLY."""
-        return self.call(calls.DOWNLOAD_MASK_PLY, requests.DownloadMaskPlyRequest(scene_id, version, text))
+        choices = {"version": version, "max_matches": 1, "mask3d_encoding": "ply"}
+        (answer,) = self.query(scene_id, text, outputs=["mask3d"], **choices)
+        return answer.mask3d or b""
 
     def export(
         self,

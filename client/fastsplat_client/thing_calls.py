@@ -224,9 +224,7 @@ class ThingCalls(TableCalls):
 
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
-        return self.call(
-            calls.ALIGN_SCENE, requests.AlignSceneRequest(scene_id, alignment, request_id or uuid.uuid4().hex)
-        )
+        return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

@@ -54,6 +54,8 @@ class Call(Generic[Asked, Answered]):
         status: REST's: 201 of what its caller alone may keep, 202 of a job, whose place is told, 204 of nothing.
         body_optional: whether REST's body may be left out, which is then that of the type's defaults.
         repeatable: whether to make it twice does no more than to make it once.
+        deprecated: what does the same, beginning with the name of a call, of one that goes with the next release; ""
+            for one that stays. OpenAPI, the .proto and the header `Deprecation` say so.
     """
 
     rpc: str
@@ -69,6 +71,12 @@ class Call(Generic[Asked, Answered]):
     status: Literal[200, 201, 202, 204] = 200
     body_optional: bool = False
     repeatable: bool = True
+    deprecated: str = ""
+
+    @property
+    def said(self) -> str:
+        """`about`, and what to use in its place."""
+        return f"{self.about} Deprecated: use {self.deprecated}." if self.deprecated else self.about
 
     @property
     def routes(self) -> tuple[str, ...]:

@@ -6,6 +6,8 @@ Derived from it are who may call what (`api.access.policy`), the service in the 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from datetime import datetime, timezone
 from types import NoneType
 from typing import Any
 
@@ -106,7 +108,8 @@ LIST_LABELS = Call(
     "The dictionary in pages, by label id.")
 LIST_OBJECTS = Call(
     "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
-    "The things of a scene as oriented boxes, in pages.")
+    "The things of a scene that have a name, as oriented boxes, in pages: a view of its things.",
+    deprecated="ListThings; ListBestViews says which cameras see a thing best")
 LIST_THINGS = Call(
     "ListThings", "scenes", ListThingsRequest, ThingList, SHOW, f"GET {_SCENE}/things",
     "Every thing of a scene, with or without a name, in pages, by id.")
@@ -122,7 +125,8 @@ EDIT_SCENE = Call(
     "Make a new version of a scene: the edits in order, all or none; it is current on return.")
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
-    "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.")
+    "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
+    deprecated="EditScene with the action align")
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",
@@ -197,7 +201,8 @@ DOWNLOAD_SCENE_PLY = Call(
     "The whole scene as a standard 3DGS PLY, in chunks.", pieces_out="Chunk")
 DOWNLOAD_MASK_PLY = Call(
     "DownloadMaskPly", "queries", DownloadMaskPlyRequest, bytes, SHOW, f"GET {_SCENE}/mask.ply",
-    "Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.", pieces_out="Chunk")
+    "Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.", pieces_out="Chunk",
+    deprecated="Query with the output mask3d in the encoding ply, or ExportScene with the things of its answer")
 EXPORT_SCENE = Call(
     "ExportScene", "queries", ExportRequest, bytes, FETCH, f"GET {_SCENE}/scene.{{format}}",
     "The scene as a file for other programs, in chunks; see ExportFormat.", pieces_out="Chunk")
@@ -265,3 +270,8 @@ DELETE_KNOWN_NAMES = Call(
 
 CALLS: tuple[Call[Any, Any], ...] = tuple(value for value in list(globals().values()) if isinstance(value, Call))
 """All calls, in the order of this file."""
+
+DEPRECATED_SINCE = datetime(2026, 11, 24, tzinfo=timezone.utc)
+"""When the calls that go with the next release were replaced."""
+DEPRECATED: Mapping[str, str] = {route: call.deprecated for call in CALLS if call.deprecated for route in call.routes}
+"""What replaces them, by their routes of REST."""

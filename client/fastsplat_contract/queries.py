@@ -226,7 +226,10 @@ class Answer(Response):
     objects: Annotated[
         Many[SceneObject] | None,
         Carried("QueryResponse"),
-        Field(description="those that answer, by label in the order of the matches; absent unless asked for"),
+        Field(
+            description="`things` that have a name, as earlier releases say them, by label in the order of the "
+            "matches; absent unless asked for"
+        ),
     ] = None
     presence: Annotated[
         float | None,
@@ -277,8 +280,9 @@ class Answer(Response):
         Field(
             description="here: what was asked for is here; probably_here: it may be, as its name is not sure or only "
             "suggested, or what comes closest to it is here; `probability` says how likely; not_here: it is not; "
-            "not_seen: no photo shows where it would be (no release says so yet); cannot_say: it cannot be said, "
-            "`sentence` says what would help, and `things` are those that may be meant"
+            "not_seen: nothing that was seen is it, but photos do not show enough of the place to say that it is not "
+            "here; cannot_say: it cannot be said, `sentence` says what would help, and `things` are those that may be "
+            "meant"
         ),
     ] = "cannot_say"
     sentence: Annotated[
@@ -295,6 +299,11 @@ class Answer(Response):
         """The things that this answer is about where it picks some; None where it is about all things of its labels."""
         picks = not any(match.relevant and match.gaussian_count for match in self.matches)
         return self.things if self.phrase is not None or (self.things and picks) else None
+
+    @property
+    def is_absent(self) -> bool:
+        """Whether nothing that was seen is what was asked for."""
+        return self.outcome in ("not_here", "not_seen")
 
     @property
     def shows_something(self) -> bool:

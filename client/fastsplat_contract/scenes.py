@@ -196,12 +196,13 @@ class Box(Response):
 
 @dataclass(frozen=True)
 class SceneObject(Response):
-    """One named thing, as in vision_msgs/Detection3D."""
+    """A thing or a part that has a name, as earlier releases say it: a view of its SceneThing, answered for one release
+    more."""
 
     id: Annotated[str, Field(description="stable within a version of a scene")]
-    label_id: int
-    label: str
-    score: Annotated[float, Field(description="how sure its Gaussians are of the label, 0..1")]
+    label_id: Annotated[int, Field(description="of the label that is its name")]
+    label: Annotated[str, Field(description="its name")]
+    score: Annotated[float, Field(description="that the name is right, 0..1")]
     centroid: Annotated[Vector3, Field(description="world frame, scene units")]
     box: Box
     gaussian_count: Int64
@@ -254,7 +255,9 @@ class Edit(Request):
         ),
     ]
     label: Annotated[str | None, OneOf("target")] = None
-    object_id: Annotated[str | None, OneOf("target"), Field(description="instead of `label`")] = None
+    object_id: Annotated[
+        str | None, OneOf("target"), Field(description="instead of `label`; deprecated: use `things`")
+    ] = None
     color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
     transform: Annotated[
         Pose | None,

@@ -62,6 +62,9 @@ class SceneThing(Response):
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     parent: Annotated[int, Field(description="of a part: the thing that it is a part of; else 0")] = 0
     parts: Annotated[Many[int], Field(description="ids of its parts, which lists of things have on request")] = ()
+    centroid: Annotated[
+        Vector3 | None, Field(description="the mean of its surface, world frame, scene units; absent as `box` is")
+    ] = None
 
 
 @travels(request=False, proto="ListThingsResponse")

@@ -59,8 +59,8 @@ def measure_negative_queries(
     return NegativeQueries(
         auroc=auroc(high, low),
         false_positives=false_positive_rate_at(RECALL, high, low),
-        said_absent=sum(answer.outcome == "not_here" for answer in to_negative) / len(negative),
-        said_present=sum(answer.outcome != "not_here" for answer in to_positive) / len(positive),
+        said_absent=sum(answer.is_absent for answer in to_negative) / len(negative),
+        said_present=sum(not answer.is_absent for answer in to_positive) / len(positive),
         texts=len(negative),
         worst=tuple(text for _, text in worst),
     )

@@ -16,6 +16,7 @@ from fastsplat.service.query.language.ranking import Ranked, Ranker
 from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
 from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -35,16 +36,18 @@ class RankedScene:
         scene: only its sizes are kept.
         ranker: of its names.
         names: of its things.
+        unseen: how much of it no photo shows.
 
     Attributes:
         names: see there.
         blank: as many Gaussians as the scene has, with as many harmonics, all zero; they take no memory.
     """
 
-    def __init__(self, scene: Scene, ranker: Ranker, names: ThingNames) -> None:
+    def __init__(self, scene: Scene, ranker: Ranker, names: ThingNames, unseen: UnseenSpace) -> None:
         self.ranker = ranker
         self.names = names
         self._words = ThingWords(names)
+        self._unseen = unseen
         self._suggesting: tuple[Mapping[int, NameFromScene], RankedScene] | None = None
         self._unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
@@ -92,6 +95,7 @@ class RankedScene:
             ranked.answer,
             ranked.remarks,
             words.names,
+            self._unseen,
             lambda thing_ids: words.listed(thing_ids, lambda: things().measures),
         )
 

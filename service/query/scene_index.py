@@ -18,7 +18,7 @@ from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_by_things, label_gaussians
+from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
@@ -32,7 +32,6 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.types import TextEncoder
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
-    from fastsplat.service.query.things.objects import Instance
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAX_IMAGE_SIDE = 4_096
@@ -83,20 +82,23 @@ class SceneIndex:
         self._lexicon = lexicon
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
-        self._instances: tuple[Instance, ...] | None = None
-        self._instances_lock = threading.Lock()
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
         semantics = semantics_of(scene)
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
+            unseen = self.things.unseen
         else:
+            from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
+
             self._labels = label_gaussians(scene)
+            kinds = {number: surface_kind(each.label) for number, each in enumerate(scene.dictionary.entries, start=1)}
+            unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
@@ -109,11 +111,6 @@ class SceneIndex:
     def calibrated(self) -> bool:
         """Whether there are thresholds for this encoder, so that `related` can be said at all."""
         return self.ranked.ranker.calibrated
-
-    @property
-    def gaussian_labels(self) -> GaussianLabels:
-        """Label and confidence of each Gaussian."""
-        return self._labels
 
     @property
     def gaussian_classes(self) -> NDArray[np.int32]:
@@ -185,33 +182,18 @@ class SceneIndex:
         return self.labeled(relevant) if meant is None else self.things.rows(meant)
 
     @property
-    def instances(self) -> tuple[Instance, ...]:
-        """The objects of this scene with their Gaussians; made by the first question for them: the named things of a
-        scene that stores things, see `objects_of_things`; else the objects of its labels, see `find_objects`."""
-        from fastsplat.service.query.things.objects import find_objects, objects_of_things
-
-        with self._instances_lock:
-            if self._instances is None:
-                if self.scene.things is not None:
-                    self._instances = objects_of_things(self.scene, self._labels, self.things.described)
-                else:
-                    self._instances = find_objects(self.scene, self._labels)
-            return self._instances
-
-    @property
     def things(self) -> SceneThings:
         """All things of this scene, with or without a name: those that it stores, else those of its labels, see
         `labeled_things`."""
-        from fastsplat.service.query.things.labeled_things import labeled_things, with_things
+        from fastsplat.service.query.things.labeled_things import labeled_things
         from fastsplat.service.query.things.thing_index import SceneThings
 
-        instances = self.instances if self.scene.things is None else ()
         with self._things_lock:
             if self._things is None:
-                stored = self.scene.things
-                things = labeled_things(self.scene, instances, self._labels) if stored is None else stored
-                before = None if self._before is None else self._before._things
-                self._things = SceneThings(with_things(self.scene, things), stored is not None, self._thing_map, before)
+                scene, before = self.scene, None if self._before is None else self._before._things
+                if scene.things is None:
+                    scene = replace(scene, things=labeled_things(scene, self._labels))
+                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, before)
             return self._things
 
     def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
@@ -238,10 +220,13 @@ class SceneIndex:
             label_templates=templates,
         )
 
-    @property
+    @cached_property
     def objects(self) -> tuple[SceneObject, ...]:
-        """All things of this scene, in the order of `instances`."""
-        return tuple(instance.object for instance in self.instances)
+        """The things that have a name, as earlier releases say them, see `objects_of`; made by the first question for
+        them."""
+        from fastsplat.service.query.things.objects import objects_of
+
+        return objects_of(self.things)
 
     def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
         """The objects that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
@@ -252,12 +237,8 @@ class SceneIndex:
         """
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
         meant = answer.meant_things
-        named = [
-            instance
-            for instance in self.objects
-            if instance.label_id in place and (meant is None or instance.thing_id in meant)
-        ]
-        return tuple(sorted(named, key=lambda instance: place[instance.label_id]))
+        named = [each for each in self.objects if each.label_id in place and (meant is None or each.thing_id in meant)]
+        return tuple(sorted(named, key=lambda each: place[each.label_id]))
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -65,6 +66,21 @@ def test_every_rest_call_has_its_rpc_and_only_standing_questions_are_grpc_alone(
     assert {route for call in CALLS for route in call.routes} == routes - elsewhere
     rpcs = {method.name for method in fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods}
     assert rpcs - {call.rpc for call in CALLS if call.routes} == {"StreamQuery"}
+
+
+def test_what_goes_with_the_next_release_is_said_to_everybody(described: dict[str, Any]) -> None:
+    rpcs = fastsplat_pb2.DESCRIPTOR.services_by_name["SceneService"].methods_by_name
+    page = (openapi.COMMITTED.parents[2] / "docs" / "operating.md").read_text()
+    names = {call.rpc for call in CALLS if not call.deprecated}
+    for call in CALLS:
+        assert rpcs[call.rpc].GetOptions().deprecated == bool(call.deprecated)
+        for route in call.routes:
+            method, path = route.split(" ")
+            operation = described["paths"][path][method.lower()]
+            assert operation.get("deprecated", False) == bool(call.deprecated)
+            assert (f"Deprecated: use {call.deprecated}." in operation["description"]) == bool(call.deprecated)
+        assert (f"| `{call.rpc}` | `{call.route}` | {call.deprecated} |" in page) == bool(call.deprecated)
+        assert not call.deprecated or re.match(r"\w+", call.deprecated)[0] in names  # type: ignore[index]
 
 
 def test_a_scene_of_very_many_labels_and_views_fits_in_a_message() -> None:

@@ -13,7 +13,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.edit import Edit, edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError

@@ -17,7 +17,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import SceneObject
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
@@ -42,7 +42,7 @@ def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
     assert [thing.label for thing in index.objects] == ["mug", "book", "table"]
     for thing, truth in zip(index.objects, (MUG, BOOK, TABLE), strict=True):
         assert thing.meters and thing.gaussian_count == truth.count
-        assert len(next(rows for known, rows in index.instances if known is thing)) == truth.count
+        assert index.things.rows([thing.thing_id]).sum() == truth.count
         assert 0.99 < thing.score <= 1
         np.testing.assert_allclose(thing.centroid, truth.centre, atol=0.1 * max(truth.size))
         np.testing.assert_allclose(thing.box.center.position, truth.centre, atol=0.05 * max(truth.size))
@@ -62,8 +62,8 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
     np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
     (answer,) = twice.ask(["where are the mugs?"])
     assert [thing.id for thing in twice.objects_of(answer)] == [first.id, second.id]
-    one, other = (instance.rows for instance in twice.instances if instance.object in (first, second))
-    assert len(set(one) & set(other)) == 0
+    one, other = (twice.things.rows([thing.thing_id]) for thing in (first, second))
+    assert not (one & other).any()
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
@@ -72,9 +72,9 @@ def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
     for answer in index.ask(["mug", "book", "submarine"]):
         mask = index.mask3d(answer)
         things = index.objects_of(answer)
-        rows = [row for instance in index.instances if instance.object in things for row in instance.rows.tolist()]
-        assert mask[rows].all() and len(rows) == len(set(rows))
-        assert len(rows) == mask.sum() - (2 if answer.text == "mug" else 0)
+        rows = index.things.rows([thing.thing_id for thing in things])
+        assert mask[rows].all() and sum(thing.gaussian_count for thing in things) == rows.sum()
+        assert rows.sum() == mask.sum() - (2 if answer.text == "mug" else 0)
 
 
 def test_a_speck_is_no_object_and_a_large_rest_is(opened: Open) -> None:
@@ -110,15 +110,20 @@ def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
     np.testing.assert_allclose(mug.box.size, 0, atol=1e-6)
 
 
-def test_what_is_almost_transparent_or_not_finite_belongs_to_nothing(opened: Open) -> None:
+def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_has_no_place(opened: Open) -> None:
     scene = scene_of([MUG])
     logit_opacities = scene.gaussians.logit_opacities.copy()
     logit_opacities[:10] = -5.0
     means = scene.gaussians.means.copy()
     means[20] = np.nan
     gaussians = replace(scene.gaussians, logit_opacities=logit_opacities, means=means)
-    ((mug, rows),) = opened(replace(scene, gaussians=gaussians)).instances
-    assert mug.gaussian_count == MUG.count - 11 and not {*range(10), 20} & set(rows.tolist())
+    index = opened(replace(scene, gaussians=gaussians))
+    (mug,) = index.objects
+    assert mug.gaussian_count == MUG.count - 1 and not index.things.rows([mug.thing_id])[20]
+    seen = np.setdiff1d(np.arange(MUG.count), [*range(10), 20])
+    rest = {name: array[seen] for name, array in vars(scene.gaussians).items()}
+    (alone,) = opened(replace(scene, gaussians=Gaussians(**rest))).objects
+    assert mug.box == alone.box and mug.centroid == alone.centroid
 
 
 def test_nothing_has_no_objects(opened: Open) -> None:
@@ -141,11 +146,10 @@ def test_few_gaussians_still_have_a_box(opened: Open, count: int) -> None:
 def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> None:
     scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
     write_scene(scene, tmp_path / "scene")
-    before, after = opened(scene).instances, opened(read_scene(tmp_path / "scene")).instances
-    assert [thing.id for thing, _ in before] == ["1-1", "1-2", "2-1", "3-1"]
-    for (a, rows), (b, same_rows) in zip(before, after, strict=True):
-        np.testing.assert_array_equal(rows, same_rows)
-        assert a == b
+    before, after = opened(scene), opened(read_scene(tmp_path / "scene"))
+    assert [thing.id for thing in before.objects] == ["1-1", "1-2", "2-1", "3-1"]
+    np.testing.assert_array_equal(before.things.owner, after.things.owner)
+    assert before.objects == after.objects
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -156,9 +160,10 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
     for label in ("mug", "book", "table"):
         moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose))
     moved = with_cameras_moved(moved, pose)
-    for (a, rows), (b, same_rows) in zip(opened(scene).instances, opened(moved).instances, strict=True):
+    still, there = opened(scene), opened(moved)
+    np.testing.assert_array_equal(still.things.owner, there.things.owner)
+    for a, b in zip(still.objects, there.objects, strict=True):
         assert a.id == b.id and a.best_views == b.best_views
-        np.testing.assert_array_equal(rows, same_rows)
         np.testing.assert_allclose(pose[:3, :3] @ a.centroid + pose[:3, 3], b.centroid, atol=1e-5)
         np.testing.assert_allclose(pose[:3, :3] @ a.box.center.position + pose[:3, 3], b.box.center.position, atol=1e-4)
         np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)

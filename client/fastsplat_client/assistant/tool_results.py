@@ -96,7 +96,8 @@ class Found:
 
     Attributes:
         outcome: here; probably_here: it may be, with that probability, or what comes closest to it is; not_here;
-            not_seen: no photo shows where it would be; cannot_say: and `things` may be meant.
+            not_seen: not among what was seen, but photos do not show enough of the place; cannot_say: and `things` may
+            be meant.
         relation: what `label` is to the question: same, kind_of or part_of (one of the other), related, absent,
             undecided.
         probability: that what is said is right, 0..1; None where nothing says it.

@@ -2465,7 +2465,9 @@ Global___ListObjectsResponse: _TypeAlias = ListObjectsResponse  # noqa: Y015
 
 @_typing.final
 class SceneObject(_message.Message):
-    """One named thing, as in vision_msgs/Detection3D."""
+    """A thing or a part that has a name, as earlier releases say it: a view of its SceneThing, answered for one release
+    more.
+    """
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -2482,9 +2484,11 @@ class SceneObject(_message.Message):
     id: _builtins.str
     """stable within a version of a scene"""
     label_id: _builtins.int
+    """of the label that is its name"""
     label: _builtins.str
+    """its name"""
     score: _builtins.float
-    """how sure its Gaussians are of the label, 0..1"""
+    """that the name is right, 0..1"""
     gaussian_count: _builtins.int
     meters: _builtins.bool
     """whether lengths are meters"""
@@ -2639,6 +2643,7 @@ class SceneThing(_message.Message):
     METERS_FIELD_NUMBER: _builtins.int
     PARENT_FIELD_NUMBER: _builtins.int
     PARTS_FIELD_NUMBER: _builtins.int
+    CENTROID_FIELD_NUMBER: _builtins.int
     id: _builtins.int
     """from 1; the same in all versions of the scene that have the thing"""
     name: _builtins.str
@@ -2670,6 +2675,10 @@ class SceneThing(_message.Message):
     def parts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """ids of its parts, which lists of things have on request"""
 
+    @_builtins.property
+    def centroid(self) -> Global___Vector3:
+        """the mean of its surface, world frame, scene units; absent as `box` is"""
+
     def __init__(
         self,
         *,
@@ -2686,10 +2695,11 @@ class SceneThing(_message.Message):
         meters: _builtins.bool = ...,
         parent: _builtins.int = ...,
         parts: _abc.Iterable[_builtins.int] | None = ...,
+        centroid: Global___Vector3 | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "source", b"source"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
     _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
@@ -3233,7 +3243,7 @@ class Edit(_message.Message):
     """
     label: _builtins.str
     object_id: _builtins.str
-    """instead of `label`"""
+    """instead of `label`; deprecated: use `things`"""
     name: _builtins.str
     """for name, split and add (of the new thing): one line of 1 to 200 characters; things of one name have one label"""
     @_builtins.property
@@ -4366,9 +4376,9 @@ class Answer(_message.Message):
     """
     outcome: Global___Outcome.ValueType
     """here: what was asked for is here; probably_here: it may be, as its name is not sure or only suggested, or what
-    comes closest to it is here; `probability` says how likely; not_here: it is not; not_seen: no photo shows where it
-    would be (no release says so yet); cannot_say: it cannot be said, `sentence` says what would help, and `things` are
-    those that may be meant
+    comes closest to it is here; `probability` says how likely; not_here: it is not; not_seen: nothing that was seen is
+    it, but photos do not show enough of the place to say that it is not here; cannot_say: it cannot be said,
+    `sentence` says what would help, and `things` are those that may be meant
     """
     sentence: _builtins.str
     """the answer for people, the same over every interface; things are called by their names"""

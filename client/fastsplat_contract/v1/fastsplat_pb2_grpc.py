@@ -351,7 +351,8 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ListObjects(self, request, context):
-        """The things of a scene as oriented boxes, in pages.
+        """The things of a scene that have a name, as oriented boxes, in pages: a view of its things. Deprecated: use
+        ListThings; ListBestViews says which cameras see a thing best.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -386,7 +387,8 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def AlignScene(self, request, context):
-        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
+        EditScene with the action align.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -535,7 +537,8 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def DownloadMaskPly(self, request, context):
-        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.
+        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks. Deprecated: use Query with the output mask3d in
+        the encoding ply, or ExportScene with the things of its answer.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -25,6 +25,7 @@ from fastsplat_contract.v1 import fastsplat_pb2 as _fastsplat_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
 from grpc import aio as _aio
 import abc as _abc_1
+import builtins as _builtins
 import grpc as _grpc
 import sys
 import typing as _typing
@@ -33,6 +34,11 @@ if sys.version_info >= (3, 11):
     from typing import Self as _Self
 else:
     from typing_extensions import Self as _Self
+
+if sys.version_info >= (3, 13):
+    from warnings import deprecated as _deprecated
+else:
+    from typing_extensions import deprecated as _deprecated
 
 _T = _typing.TypeVar("_T")
 
@@ -65,8 +71,12 @@ class SceneServiceStub:
     """What became of each photo of a scene's capture, in pages, by name; once its capture stage is done."""
     ListLabels: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]
     """The dictionary in pages, by label id."""
-    ListObjects: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]
-    """The things of a scene as oriented boxes, in pages."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def ListObjects(self) -> _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]:
+        """The things of a scene that have a name, as oriented boxes, in pages: a view of its things. Deprecated: use
+        ListThings; ListBestViews says which cameras see a thing best.
+        """
     ListThings: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListThingsRequest, _fastsplat_pb2.ListThingsResponse]
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]
@@ -75,8 +85,12 @@ class SceneServiceStub:
     """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]
     """Make a new version of a scene: the edits in order, all or none; it is current on return."""
-    AlignScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]
-    """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def AlignScene(self) -> _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]:
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
+        EditScene with the action align.
+        """
     UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
     """Go back to the version before the current one."""
     RedoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]
@@ -121,8 +135,12 @@ class SceneServiceStub:
     """The scene's own cameras as a file, in chunks."""
     DownloadScenePly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadScenePlyRequest, _fastsplat_pb2.Chunk]
     """The whole scene as a standard 3DGS PLY, in chunks."""
-    DownloadMaskPly: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]
-    """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def DownloadMaskPly(self) -> _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]:
+        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks. Deprecated: use Query with the output mask3d in
+        the encoding ply, or ExportScene with the things of its answer.
+        """
     ExportScene: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.ExportSceneRequest, _fastsplat_pb2.Chunk]
     """The scene as a file for other programs, in chunks; see ExportFormat."""
     DownloadThingIds: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]
@@ -183,8 +201,12 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """What became of each photo of a scene's capture, in pages, by name; once its capture stage is done."""
     ListLabels: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListLabelsRequest, _fastsplat_pb2.ListLabelsResponse]  # type: ignore[assignment]
     """The dictionary in pages, by label id."""
-    ListObjects: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]  # type: ignore[assignment]
-    """The things of a scene as oriented boxes, in pages."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def ListObjects(self) -> _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObjectsRequest, _fastsplat_pb2.ListObjectsResponse]:  # type: ignore[override]
+        """The things of a scene that have a name, as oriented boxes, in pages: a view of its things. Deprecated: use
+        ListThings; ListBestViews says which cameras see a thing best.
+        """
     ListThings: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListThingsRequest, _fastsplat_pb2.ListThingsResponse]  # type: ignore[assignment]
     """Every thing of a scene, with or without a name, in pages, by id."""
     PickThing: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.PickThingRequest, _fastsplat_pb2.PickedThing]  # type: ignore[assignment]
@@ -193,8 +215,12 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """How far two places are from each other, how large a thing is, or where a place is."""
     EditScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EditSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Make a new version of a scene: the edits in order, all or none; it is current on return."""
-    AlignScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
-    """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def AlignScene(self) -> _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]:  # type: ignore[override]
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
+        EditScene with the action align.
+        """
     UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Go back to the version before the current one."""
     RedoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
@@ -239,8 +265,12 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The scene's own cameras as a file, in chunks."""
     DownloadScenePly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadScenePlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """The whole scene as a standard 3DGS PLY, in chunks."""
-    DownloadMaskPly: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
-    """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+    @_builtins.property
+    @_deprecated("""This method has been marked as deprecated using proto method options.""")
+    def DownloadMaskPly(self) -> _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadMaskPlyRequest, _fastsplat_pb2.Chunk]:  # type: ignore[override]
+        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks. Deprecated: use Query with the output mask3d in
+        the encoding ply, or ExportScene with the things of its answer.
+        """
     ExportScene: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.ExportSceneRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
     """The scene as a file for other programs, in chunks; see ExportFormat."""
     DownloadThingIds: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.DownloadThingIdsRequest, _fastsplat_pb2.Chunk]  # type: ignore[assignment]
@@ -341,13 +371,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.ListLabelsResponse, _abc.Awaitable[_fastsplat_pb2.ListLabelsResponse]]:
         """The dictionary in pages, by label id."""
 
+    @_deprecated("""The things of a scene that have a name, as oriented boxes, in pages: a view of its things. Deprecated: use\nListThings; ListBestViews says which cameras see a thing best.""")
     @_abc_1.abstractmethod
     def ListObjects(
         self,
         request: _fastsplat_pb2.ListObjectsRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListObjectsResponse, _abc.Awaitable[_fastsplat_pb2.ListObjectsResponse]]:
-        """The things of a scene as oriented boxes, in pages."""
+        """The things of a scene that have a name, as oriented boxes, in pages: a view of its things. Deprecated: use
+        ListThings; ListBestViews says which cameras see a thing best.
+        """
 
     @_abc_1.abstractmethod
     def ListThings(
@@ -381,13 +414,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
         """Make a new version of a scene: the edits in order, all or none; it is current on return."""
 
+    @_deprecated("""Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use\nEditScene with the action align.""")
     @_abc_1.abstractmethod
     def AlignScene(
         self,
         request: _fastsplat_pb2.AlignSceneRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
-        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version."""
+        """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
+        EditScene with the action align.
+        """
 
     @_abc_1.abstractmethod
     def UndoEdit(
@@ -553,13 +589,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
         """The whole scene as a standard 3DGS PLY, in chunks."""
 
+    @_deprecated("""Only the Gaussians that answer a text, as a 3DGS PLY, in chunks. Deprecated: use Query with the output mask3d in\nthe encoding ply, or ExportScene with the things of its answer.""")
     @_abc_1.abstractmethod
     def DownloadMaskPly(
         self,
         request: _fastsplat_pb2.DownloadMaskPlyRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_abc.Iterator[_fastsplat_pb2.Chunk], _abc.AsyncIterator[_fastsplat_pb2.Chunk]]:
-        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks."""
+        """Only the Gaussians that answer a text, as a 3DGS PLY, in chunks. Deprecated: use Query with the output mask3d in
+        the encoding ply, or ExportScene with the things of its answer.
+        """
 
     @_abc_1.abstractmethod
     def ExportScene(

@@ -176,7 +176,7 @@ class Photos:
 def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
     """The ids of the things that answer a text."""
     (answer,) = index.answer(query)
-    if answer.outcome == "not_here":
+    if answer.is_absent:
         return ()
     return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
 

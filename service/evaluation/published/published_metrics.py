@@ -59,7 +59,7 @@ def published_scores(view: ViewPrediction) -> tuple[PublishedScores, ...] | Skip
 
 
 def _scores(view: ViewPrediction, query: QueryPrediction, valid: NDArray[np.bool_] | bool) -> PublishedScores:
-    truth, absent = query.truth.mask & valid, query.answer.outcome == "not_here"
+    truth, absent = query.truth.mask & valid, query.answer.is_absent
     relevancy = query.relevancy
     return PublishedScores(
         localized=localized(relevancy, query.truth.boxes),

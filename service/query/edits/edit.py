@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
-from fastsplat.service.query.things.objects import MIN_OPACITY
+from fastsplat.service.query.things.objects import thing_of_object
+from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.types import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
@@ -113,13 +114,6 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
         return np.flatnonzero(index.labeled((label_id,)))
-    if edit.things:
-        index.things.check_all(edit.things)
-        things = index.things
-        return np.flatnonzero(np.isin(things.owner, edit.things) | np.isin(things.part_owner, edit.things))
-    for instance in index.instances:
-        if instance.object.id == edit.object_id:
-            return instance.rows.astype(np.int64)
-    raise NotFoundError(
-        f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
-    )
+    things = edit.things or (thing_of_object(index.objects, str(edit.object_id)),)
+    index.things.check_all(things)
+    return np.flatnonzero(index.things.rows(things))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.edit import Edit, Rows
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
 from fastsplat.service.scene.things import (
     MAX_THING_ID,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.edits.thing_edits import check_no_parts, check_seen, edited_things, with_label
 from fastsplat.service.query.things.look_alikes import with_look_alikes
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.types import Scene, Things

@@ -13,6 +13,7 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.things.look_alikes import with_look_alikes
+from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
 from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
@@ -91,12 +92,7 @@ def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
                 hint="List the scene's things.",
             )
         return ids
-    for instance in index.instances:
-        if instance.object.id == edit.object_id:
-            return (instance.object.thing_id,)
-    raise NotFoundError(
-        f"no object {str(edit.object_id)[:80]!r} in this scene", field="object_id", hint="List the scene's objects."
-    )
+    return (thing_of_object(index.objects, str(edit.object_id)),)
 
 
 def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:

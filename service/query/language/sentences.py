@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.english import NoQuestion
-from fastsplat.service.query.things.absence import RATHER
+from fastsplat.service.query.things.absence import RATHER, UnseenSpace
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
 from fastsplat_contract.queries import Answer, Outcome, Relation, RelationSubject
@@ -95,11 +95,11 @@ def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
-def outcome_of(answer: Answer) -> Outcome:
-    """Whether what was asked for is here. "not_seen" is never said yet: nothing counts the views of a place where
-    nothing is."""
+def outcome_of(answer: Answer, unseen: UnseenSpace) -> Outcome:
+    """Whether what was asked for is here; where much of the place is unseen, what is not among what was seen is not
+    said to be absent."""
     if answer.verdict == "absent":
-        return "not_here"
+        return "not_seen" if unseen.hides else "not_here"
     if answer.verdict == "undecided":
         return "cannot_say"
     meant = (answer.relation, answer.relation_subject) in (("same", None), ("kind_of", "label"))
@@ -109,21 +109,25 @@ def outcome_of(answer: Answer) -> Outcome:
     return "probably_here"
 
 
-def spoken(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> Answer:
+def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
     """The answer with its outcome and its sentence.
 
     Args:
         answer: complete but for these.
         remarks: what else there is to say.
         names: of the scene.
+        unseen: how much of it no photo shows.
         in_words: see there.
     """
-    outcome = outcome_of(answer)
+    outcome = outcome_of(answer, unseen)
+    if outcome == "not_seen":
+        answer = replace(answer, probability=None)
     if outcome == "cannot_say":
         said = f"Cannot say{_unsaid(answer, remarks, names, in_words)}."
     else:
-        if outcome == "not_here":
-            what = _missing(answer, remarks, names, in_words)
+        if outcome in ("not_here", "not_seen"):
+            hidden = f"; {_hidden(unseen, names)}" if outcome == "not_seen" else ""
+            what = _missing(answer, remarks, names, in_words) + hidden
         elif answer.phrase is not None:
             what = _decided(answer, answer.phrase, remarks, names, in_words)
         else:
@@ -195,6 +199,14 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {question}"}
     none = searched.get(count, f"none of the {count} names in this scene is {question}")
     return f"{none}{_unnamed(answer)}{only}"
+
+
+def _hidden(unseen: UnseenSpace, names: ThingNames) -> str:
+    """Where it may be all the same."""
+    called = names.called if names.stored else dict(enumerate((each.label for each in names.labels.entries), start=1))
+    behind = list(dict.fromkeys(quoted(name) for each in unseen.behind if (name := called.get(each))))
+    where = f", most of it behind or in {enumerated(behind)}" if behind else ""
+    return f"no photo shows {round(100 * unseen.share)} % of the place{where}"
 
 
 def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.objects import solid_rows
+from fastsplat.service.query.things.solid_gaussians import solid_rows
 from fastsplat.service.scene.assessment import common_point
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera

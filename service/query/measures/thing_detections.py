@@ -12,7 +12,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.measures.carriers import carrier_of
 from fastsplat.service.query.measures.thing_extents import side_deviations
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.thing_measures import ThingShape
 from fastsplat.service.query.things.visibility import view_scores
 from fastsplat.service.scene.boxes import BOX_TRIM, trimmed_ends

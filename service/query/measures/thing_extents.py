@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from fastsplat.service.query.measures.locating import axes_of
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.objects import solid_rows
+from fastsplat.service.query.things.solid_gaussians import solid_rows
 from fastsplat.service.scene.boxes import BOX_TRIM, oriented_box
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.poses import Pose, quaternion_of, rigid, vector3

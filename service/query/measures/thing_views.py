@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.visibility import view_scores
 from fastsplat_contract.camera import PosedCamera
 

@@ -2,11 +2,37 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Searched
 
 RATHER = 0.5
 """What is said to be here, or not here, is at least so likely; what is less likely is possible, or cannot be said."""
+
+HIDES = 0.04
+"""Share of a place that no photo shows, from which on a thing that was not found may be there."""
+
+
+@dataclass(frozen=True)
+class UnseenSpace:
+    """What of a place no photo shows, see `unseen_space`.
+
+    Attributes:
+        share: 0..1, of the space between the things.
+        behind: what hides most of it, the most first: ids of things, or of labels where no things are stored.
+    """
+
+    share: float
+    behind: tuple[int, ...]
+
+    @property
+    def hides(self) -> bool:
+        """Whether so much is unseen that a thing which was not found may be there."""
+        return self.share >= HIDES
+
+
+ALL_SEEN = UnseenSpace(0.0, ())
 
 
 def searched_names(scene: Scene) -> int | None:

@@ -1,45 +1,54 @@
-"""Things of a scene that stores none: the connected objects of its labels."""
+"""Things of a scene that stores none: the connected Gaussians of each of its labels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator
+from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.things.gaussian_labels import GaussianLabels
-from fastsplat.service.query.things.objects import Instance
+from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
+from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.things import MAX_THING_ID
 from fastsplat.service.scene.types import CodeSemantics, NameSource, Scene, Thing, Things, semantics_of
+
+F64 = NDArray[np.float64]
 
 _SURE_PX = 16
 """Membership of a Gaussian whose label is certain, pixels."""
 _REACH = 4.0
 """A Gaussian of the same label this many standard deviations from a thing's nearest one belongs to the thing."""
-_MAX_THINGS = 65535
+_MIN_SHARE = 0.05
+_MAX_THINGS_A_LABEL = 1_000
 
 
-def labeled_things(scene: Scene, instances: Sequence[Instance], labels: GaussianLabels) -> Things:
-    """The objects of the labels as things, numbered in their order, so that the same scene always has the same ids.
+def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
+    """The connected Gaussians of each label as things, numbered by label id, then from the largest, so that the same
+    scene always has the same ids.
 
-    A thing bears the name of its label, and the codes that were trained on the labels, if any, decide whose a pixel is.
-    Gaussians of the label that are too faint, or too few, to be an object belong to the thing of that label that they
-    lie in or beside; those with none so near are strays, and belong to no thing.
+    Gaussians of a label that touch (see `components`) are one thing; those less opaque than 0.05 join nothing. A
+    component with less than a twentieth of what its label's largest has, by opacity and confidence, is a speck, and no
+    thing: labels that leak onto what stands behind look like that. A thing bears the name of its label, and the codes
+    that were trained on the labels, if any, decide whose a pixel is. Gaussians of the label that are too faint, or too
+    few, to be a thing belong to the thing of that label that they lie in or beside; those with none so near are strays,
+    and belong to no thing.
 
     Args:
         scene: one that stores no things.
-        instances: its objects, see `find_objects`.
         labels: of its G Gaussians.
     """
     owner = np.zeros(len(scene.gaussians), np.int32)
     table = []
     source: NameSource = "given" if scene.quality.get("label_source") == "given" else "detected"
-    for instance in instances[:_MAX_THINGS]:
-        thing = instance.object
-        owner[instance.rows] = thing.thing_id
-        sure = scene.dictionary.entries[thing.label_id - 1].confidence
-        table.append(Thing(thing.thing_id, thing.label, source, sure))
+    for thing_id, (label_id, rows) in enumerate(islice(_pieces(scene, labels), MAX_THING_ID), start=1):
+        owner[rows] = thing_id
+        entry = scene.dictionary.entries[label_id - 1]
+        table.append(Thing(thing_id, entry.label, source, entry.confidence))
     means = scene.gaussians.means
     free = np.flatnonzero((owner == 0) & (labels.classes > 0) & np.isfinite(means).all(axis=1))
     for label_id in np.unique(labels.classes[free]).tolist():
@@ -58,6 +67,23 @@ def labeled_things(scene: Scene, instances: Sequence[Instance], labels: Gaussian
     return Things(tuple(table), members, head=scene.head if coded else None)
 
 
-def with_things(scene: Scene, things: Things) -> Scene:
-    """The scene with these things, if it stores none; its labels stay what they are made from."""
-    return replace(scene, things=things) if scene.things is None else scene
+def _pieces(scene: Scene, labels: GaussianLabels) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """The pieces of each label that are no specks, each with its Gaussians; by label id, then the largest first."""
+    sizes = logistic(scene.gaussians.logit_opacities) * labels.confidence
+    for label_id, members in grouped_rows(labels.classes, solid_rows(scene.gaussians)):
+        for rows in _large(components(scene.gaussians, members), members, sizes):
+            yield label_id, rows
+
+
+def _large(component: NDArray[np.int32], members: NDArray[np.int64], sizes: F64) -> list[NDArray[np.int64]]:
+    """The components that are no specks, largest first."""
+    sums = np.bincount(component, weights=sizes[members])
+    order = (-sums).argsort(kind="stable")
+    chosen = order[sums[order] >= _MIN_SHARE * sums.max()][:_MAX_THINGS_A_LABEL]
+    place = np.full(len(sums), -1)
+    place[chosen] = np.arange(len(chosen))
+    kept = place[component]
+    by_part = kept.argsort(kind="stable")
+    counts = np.bincount(kept[kept >= 0], minlength=len(chosen))
+    sorted_members = members[by_part[(kept < 0).sum() :]]
+    return np.split(sorted_members, np.cumsum(counts)[:-1])

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.things.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import SH_C0, Scene, Thing
 

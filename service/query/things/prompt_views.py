@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.query.things.objects import masses
+from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.visibility import view_scores
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera

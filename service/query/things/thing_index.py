@@ -10,19 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.absence import UnseenSpace, searched_names
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
-from fastsplat.service.query.things.objects import Instance, solid_rows
-from fastsplat.service.query.things.thing_measures import ThingMeasures, boxes_of
+from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
+from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
+from fastsplat.service.query.things.visibility import best_views
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
 from fastsplat.service.scene.types import Parts, Scene, Thing, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Box
 from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
 
 _NEAREST = 8
@@ -34,9 +35,9 @@ _OF_MEMBERSHIP = (
     "owner",
     "counts",
     "part_owner",
-    "described",
-    "_boxes",
-    "_part_boxes",
+    "extents",
+    "_best_views",
+    "unseen",
     "_solid",
     "_maps",
     "views_of_things",
@@ -53,9 +54,6 @@ class SceneThings:
         stored: whether the scene's file has them.
         draw: the thing of each pixel of a view, 0 for none; of its parts, the part.
         before: those of the scene that this one was edited from; what names alone do not change is taken from it.
-
-    Attributes:
-        described: things as objects, see `objects_of_things`; shared with the versions that differ in names alone.
     """
 
     def __init__(
@@ -70,7 +68,6 @@ class SceneThings:
         self.stored = stored
         self.table = scene.things
         self._draw = draw
-        self.described: dict[int, Instance | None] = {}
         same = before is not None and before.scene.gaussians is scene.gaussians
         if before is not None and same and _same_members(before.table, scene.things):
             known = vars(before)
@@ -116,6 +113,12 @@ class SceneThings:
         return with_floors_judged(self.scene, here, self.owner)
 
     @cached_property
+    def unseen(self) -> UnseenSpace:
+        """How much of the place no photo shows."""
+        surfaces = {thing.id: surface_kind(thing.name, thing.surface) for thing in self.present}
+        return unseen_space(self.scene, self.owner, surfaces)
+
+    @cached_property
     def measures(self) -> ThingMeasures:
         """Places, sizes and colors of things and parts, each measured when it is first asked for."""
         return ThingMeasures(self.scene, (self.owner, self.part_owner))
@@ -139,17 +142,12 @@ class SceneThings:
         parts: dict[int, list[int]] = {}
         for part in self.present_parts:
             parts.setdefault(part.parent, []).append(part.id)
-        return tuple(
-            self._described(thing, self.counts, self._boxes.get(thing.id), tuple(parts.get(thing.id, ())))
-            for thing in self.present
-        )
+        return tuple(self._described(thing, self.counts, tuple(parts.get(thing.id, ()))) for thing in self.present)
 
     @cached_property
     def listed_parts(self) -> tuple[SceneThing, ...]:
         """Every part of a thing that has Gaussians, in the order of `present_parts`."""
-        return tuple(
-            self._described(part, self.part_counts, self._part_boxes.get(part.id), ()) for part in self.present_parts
-        )
+        return tuple(self._described(part, self.part_counts, ()) for part in self.present_parts)
 
     @cached_property
     def listed_with_parts(self) -> tuple[SceneThing, ...]:
@@ -320,16 +318,28 @@ class SceneThings:
         return (cKDTree(self.scene.gaussians.means[rows]) if len(rows) else None), rows, reach
 
     @cached_property
-    def _boxes(self) -> dict[int, Box]:
-        return boxes_of(self.scene, self.owner)
+    def extents(self) -> Mapping[int, Extent]:
+        """Where each thing and part that can be seen is, by its id."""
+        parts = extents_of(self.scene, self.part_owner) if self.present_parts else {}
+        return {**extents_of(self.scene, self.owner), **parts}
+
+    def best_views(self, thing_ids: Sequence[int]) -> Mapping[int, tuple[str, ...]]:
+        """The names of at most five cameras that see each of these things and parts best, see `best_views`."""
+        missing = {each for each in thing_ids if each not in self._best_views}
+        if missing:
+            gaussians, solid = self.scene.gaussians, solid_rows(self.scene.gaussians)
+            owners = (self.owner, self.part_owner) if self.present_parts else (self.owner,)
+            groups = {each: rows for owner in owners for each, rows in grouped_rows(owner, solid) if each in missing}
+            views = best_views(self.scene, [*groups.values()], masses(gaussians.log_scales, gaussians.logit_opacities))
+            self._best_views.update(zip(groups, views, strict=True))
+        return self._best_views
 
     @cached_property
-    def _part_boxes(self) -> dict[int, Box]:
-        return boxes_of(self.scene, self.part_owner) if self.present_parts else {}
+    def _best_views(self) -> dict[int, tuple[str, ...]]:
+        return {}
 
-    def _described(
-        self, thing: Thing, counts: NDArray[np.int64], box: Box | None, parts: tuple[int, ...]
-    ) -> SceneThing:
+    def _described(self, thing: Thing, counts: NDArray[np.int64], parts: tuple[int, ...]) -> SceneThing:
+        extent = self.extents.get(thing.id)
         return SceneThing(
             id=thing.id,
             name=thing.name,
@@ -340,10 +350,11 @@ class SceneThings:
             surface=thing.surface,
             consensus=thing.consensus,
             gaussian_count=int(counts[thing.id]),
-            box=box,
+            box=None if extent is None else extent.box,
             meters=self.scene.scale == "METRIC",
             parent=thing.parent,
             parts=parts,
+            centroid=None if extent is None else extent.centroid,
         )
 
 

@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from fastsplat.service.common.logistic import logistic
 from fastsplat.service.query.things.color_names import color_distance, color_shares, lab_of
-from fastsplat.service.query.things.objects import grouped_rows, masses, solid_rows
+from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.types import SH_C0, Scene
+from fastsplat_contract.poses import Vector3, vector3
 from fastsplat_contract.scenes import Box
 
 F64 = NDArray[np.float64]
@@ -208,8 +211,22 @@ def _principal_box(points: F64) -> tuple[F64, tuple[float, float, float]]:
     return mean + axes @ ends.mean(axis=0), (long, middle, short)
 
 
-def boxes_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Box]:
-    """The oriented box of each thing that can be seen, by id, see `oriented_box`.
+class Extent(NamedTuple):
+    """Where a thing that can be seen is.
+
+    Attributes:
+        box: see `oriented_box`.
+        centroid: the mean of its surface, scene units.
+        opacity: the sum of its Gaussians' opacities: how large it is beside others.
+    """
+
+    box: Box
+    centroid: Vector3
+    opacity: float
+
+
+def extents_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Extent]:
+    """Where each thing that can be seen is, by id.
 
     Args:
         scene: of G Gaussians.
@@ -219,10 +236,13 @@ def boxes_of(scene: Scene, owner: NDArray[np.int32]) -> dict[int, Box]:
     weights = masses(gaussians.log_scales, gaussians.logit_opacities)
     up = scene.up()
     means = gaussians.means.astype(np.float64)
-    return {
-        thing_id: oriented_box(means[rows], _bounded(weights[rows]), up)
-        for thing_id, rows in grouped_rows(owner, solid_rows(gaussians))
-    }
+    opacities = logistic(gaussians.logit_opacities)
+    extents = {}
+    for thing_id, rows in grouped_rows(owner, solid_rows(gaussians)):
+        own = _bounded(weights[rows])
+        middle = vector3(np.average(means[rows], axis=0, weights=own))
+        extents[thing_id] = Extent(oriented_box(means[rows], own, up), middle, float(opacities[rows].sum()))
+    return extents
 
 
 def _bounded(weights: F64) -> F64:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +50,9 @@ def view_scores(
     """At most `max_views` of the scene's named cameras, spread evenly, and float64 [objects, views], how many pixels
     each shows of each object, up to a factor of the object's; arguments as for `best_views`. No views without cameras
     or objects."""
-    named = [posed for posed in scene.cameras if posed.name]
-    if not named or not objects:
+    views = spread_views([posed for posed in scene.cameras if posed.name], max_views)
+    if not views or not objects:
         return (), np.zeros((len(objects), 0))
-    views = [named[i] for i in np.unique(np.linspace(0, len(named) - 1, min(len(named), max_views)).astype(int))]
     means = scene.gaussians.means
     opaque = np.flatnonzero((scene.gaussians.logit_opacities > 0) & np.isfinite(means).all(axis=1))
     occluders = means[opaque[:: -(-len(opaque) // _MAX_OCCLUDERS) or 1]].astype(np.float64)
@@ -61,42 +61,67 @@ def view_scores(
     owner = np.repeat(np.arange(len(picks)), [len(pick) for pick in picks])
     points, areas = means[sampled].astype(np.float64), weights[sampled]
     scores = np.stack([_scores(posed, occluders, points, areas, owner, len(picks)) for posed in views], axis=1)
-    return tuple(views), scores
+    return views, scores
+
+
+def spread_views(cameras: Sequence[PosedCamera], most: int = _MAX_VIEWS) -> tuple[PosedCamera, ...]:
+    """At most so many of some cameras, spread evenly over their order."""
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, min(len(cameras), most)).astype(int))
+    return tuple(cameras[number] for number in chosen.tolist())
+
+
+class SightLines:
+    """What is nearest in each cell of a view, 64 cells to the longer side.
+
+    Only the middles of what is seen are drawn: the cells around each one close the holes between them.
+
+    Args:
+        posed: the view.
+        points: float64 [K, 3], what hides what is behind it.
+
+    Attributes:
+        nearest: float64 [C], z of the nearest point of each cell and the eight around it; infinite for none.
+        front: int64 [C], which point that is.
+    """
+
+    def __init__(self, posed: PosedCamera, points: F64) -> None:
+        self._posed = posed
+        self._step = max(posed.camera.width, posed.camera.height) / _GRID
+        self._columns = int(np.ceil(posed.camera.width / self._step))
+        rows = int(np.ceil(posed.camera.height / self._step))
+        nearest, front = np.full(rows * self._columns, np.inf), np.zeros(rows * self._columns, np.int64)
+        cell, depth, ahead = self.cells(points)
+        np.minimum.at(nearest, cell, depth)
+        first = depth == nearest[cell]
+        front[cell[first]] = ahead[first]
+        around = _around(nearest.reshape(rows, -1))
+        least = around.argmin(axis=0)[None]
+        self.nearest = np.take_along_axis(around, least, axis=0).ravel()
+        self.front = np.take_along_axis(_around(front.reshape(rows, -1)), least, axis=0).ravel()
+
+    def cells(self, points: F64) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
+        """Cell and z of the points inside the image, and which points those are."""
+        camera, pose = self._posed.camera, self._posed.camera_from_world()
+        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+        ahead = np.flatnonzero(z > _NEAR)
+        z = z[ahead]
+        u, v = camera.fx * x[ahead] / z + camera.cx, camera.fy * y[ahead] / z + camera.cy
+        within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        cell = (v[within] // self._step).astype(np.int64) * self._columns + (u[within] // self._step).astype(np.int64)
+        return cell, z[within], ahead[within]
+
+
+def _around(values: NDArray[Any]) -> NDArray[Any]:
+    """[9, H, W]: each value and the eight around it."""
+    padded = np.pad(values, 1, mode="edge")
+    rows, columns = values.shape
+    return np.stack([padded[y : y + rows, x : x + columns] for y in range(3) for x in range(3)])
 
 
 def _scores(posed: PosedCamera, occluders: F64, points: F64, areas: F64, owner: NDArray[np.intp], count: int) -> F64:
     """[count]: visible pixels of each object in one view, up to the thinning of its Gaussians."""
-    camera = posed.camera
-    step = max(camera.width, camera.height) / _GRID
-    columns = int(np.ceil(camera.width / step))
-    nearest = np.full(columns * int(np.ceil(camera.height / step)), np.inf)
-    cell, depth, _ = _cells(posed, occluders, step, columns)
-    np.minimum.at(nearest, cell, depth)
-    # Only centers were drawn: the cells around close the holes between them.
-    nearest = _least_around(nearest.reshape(-1, columns)).ravel()
-    cell, depth, inside = _cells(posed, points, step, columns)
-    visible = depth <= nearest[cell] * (1 + _SLACK)
-    pixels = areas[inside] * camera.fx * camera.fy / depth**2
+    sight = SightLines(posed, occluders)
+    cell, depth, inside = sight.cells(points)
+    visible = depth <= sight.nearest[cell] * (1 + _SLACK)
+    pixels = areas[inside] * posed.camera.fx * posed.camera.fy / depth**2
     return np.bincount(owner[inside], weights=pixels * visible, minlength=count).astype(np.float64)
-
-
-def _least_around(values: F64) -> F64:
-    """[H, W]: the least of each cell and the eight around it."""
-    columns = np.pad(values, ((0, 0), (1, 1)), mode="edge")
-    across = np.minimum(np.minimum(columns[:, :-2], columns[:, 2:]), values)
-    rows = np.pad(across, ((1, 1), (0, 0)), mode="edge")
-    return np.asarray(np.minimum(np.minimum(rows[:-2], rows[2:]), across))
-
-
-def _cells(
-    posed: PosedCamera, points: F64, step: float, columns: int
-) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
-    """Cell and z of the points inside the image, and which points those are."""
-    camera, pose = posed.camera, posed.camera_from_world()
-    x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
-    ahead = np.flatnonzero(z > _NEAR)
-    z = z[ahead]
-    u, v = camera.fx * x[ahead] / z + camera.cx, camera.fy * y[ahead] / z + camera.cy
-    within = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
-    cell = (v[within] // step).astype(np.int64) * columns + (u[within] // step).astype(np.int64)
-    return cell, z[within], ahead[within]
