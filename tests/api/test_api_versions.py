@@ -166,7 +166,7 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
     def ask(number: int) -> int:
         asked = 0
         while not over.is_set():
-            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"})))
+            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"}))).answers
             assert len(answer.mask3d) == -(-answer.gaussians // 8)
             client.query(own, "mug", views=["front.png"], outputs=["mask2d"])
             sizes.add(answer.gaussians)

@@ -16,6 +16,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
+from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
@@ -31,12 +32,14 @@ _MAX_NAMED = 20
 class Photos:
     """The photos of scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
+    ) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
-        self._known_names = KnownNames(store, settings)
+        self._known_names = known_names
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
@@ -141,7 +144,7 @@ class Photos:
             thing_ids = (
                 tuple(dict.fromkeys(things))
                 if query is None
-                else _answering(index, self._known_names.asked(query, scene_id, index.ranked.names))
+                else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
             )
             if not thing_ids or not index.scene.cameras:
                 return BestViewList((), read_version)
@@ -173,9 +176,9 @@ class Photos:
         return version, names, self._scenes.folder(scene_id, version)
 
 
-def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
+def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
     """The ids of the things that answer a text."""
-    (answer,) = index.answer(query)
+    (answer,) = ranked.answer(query, lambda: index.things)
     if answer.outcome == "not_here":
         return ()
     return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.query.edits.edit import Edit, Rows
+from fastsplat.service.query.edits.edited_rows import Rows
 from fastsplat.service.query.things.objects import masses
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
 from fastsplat.service.scene.things import (
@@ -24,6 +24,8 @@ from fastsplat.service.scene.things import (
 )
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.poses import Pose
+from fastsplat_contract.scenes import Edit
 
 F64 = NDArray[np.float64]
 
@@ -100,9 +102,10 @@ def recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
 
 
-def moved_gaussians(part: Gaussians, transform: F64 | None) -> Gaussians:
-    """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
-    pose = np.asarray(transform, dtype=np.float64)
+def moved_gaussians(part: Gaussians, motion: Pose | None) -> Gaussians:
+    """The Gaussians after a rigid motion: turned, colors included, and shifted."""
+    assert motion is not None
+    pose = motion.matrix()
     turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
     rotation = turn.as_matrix()
     means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]
