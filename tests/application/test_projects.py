@@ -126,7 +126,7 @@ def test_projects_have_plain_names_of_their_own(opened: SceneService) -> None:
         opened.admin.projects.create("default")
     _post(opened.in_project("a"))
     opened.admin.keys.create("robot", "editor", project="a")
-    counts = [(record.name, record.scenes, record.keys) for record in opened.admin.projects.all()]
+    counts = [(record.name, record.scenes, record.keys) for record in opened.admin.projects.all().projects]
     assert counts == [("a", 1, 1), ("b", 0, 0), ("default", 0, 0)]
 
 
