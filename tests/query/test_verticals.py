@@ -20,7 +20,6 @@ from fastsplat.service.query.measures.thing_extents import thing_extents
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
-from fastsplat.service.scene.things import thing_boxes
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
@@ -96,8 +95,6 @@ def test_all_that_ask_get_the_recorded_vertical(cameras: str, edit: str) -> None
     (on,) = index.ask(["mug on the tray"])
     assert on.phrase is not None and on.phrase.refusal is None
     for box in (*(thing.box for thing in listed), *(each.box for each in index.objects)):
-        upright(box)
-    for box in thing_boxes(index.things.scene).values():
         upright(box)
     extents = thing_extents(index, 1)
     assert extents is not None
