@@ -21,8 +21,7 @@ from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.answering.photo_pages import photo_page
-from fastsplat.service.application.answering.photos import Photos
+from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
@@ -21,8 +23,10 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.requests import MAX_VIEWS
 
 _USUAL_VIEWS = 3
@@ -190,3 +194,27 @@ def size_of(path: Path) -> int:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
+
+
+def photo_page(
+    rows: Sequence[Mapping[str, Any]], quality: Mapping[str, Any], size: int, page_token: str, scene_id: str
+) -> PhotoVerdictList:
+    """At most `size` of the stored verdicts of a scene's photos, those that the token names, with what its training
+    estimated of them (`photometric` of its quality).
+
+    Raises:
+        InvalidInputError: a token that no page returned.
+    """
+    placed = sum(bool(row["placed"]) for row in rows)
+    page, token = page_of(rows, size, page_token, f"photos {scene_id} {len(rows)}")
+    corrections = quality.get("photometric", {})
+    photos = tuple(_verdict(row, corrections.get(row["name"])) for row in page)
+    return PhotoVerdictList(photos, token, bool(rows), placed, len(rows))
+
+
+def _verdict(row: Mapping[str, Any], correction: Sequence[float] | None) -> PhotoVerdict:
+    verdict = from_plain(PhotoVerdict, dict(row))
+    if correction is None:
+        return verdict
+    exposure_ev, red_ev, blue_ev = correction
+    return replace(verdict, exposure_ev=exposure_ev, red_ev=red_ev, blue_ev=blue_ev)
