@@ -106,7 +106,7 @@ def loss_terms(
 
 
 def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSettings) -> dict[str, Tensor]:
-    """The weighted term of what a depth sensor measured, by name; none for a frame without measurements or for a weight of 0.
+    """The weighted term of what a sensor measured, by name; none for a frame without measurements or a weight of 0.
 
     Args:
         rendering: alpha and depth of a frame.

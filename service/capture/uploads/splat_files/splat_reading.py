@@ -135,8 +135,9 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
     """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there.
 
     Properties may come in any order and scalar type; unknown ones are ignored. Where nerfstudio wrote colors as bytes
-    (red, green, blue in place of f_dc), they become the constant coefficient: (color − 0.5) / Y_00. What is stored is what was optimized: opacities as logits,
-    scales as natural logarithms, quaternions w x y z of any length, f_rest channel by channel.
+    (red, green, blue in place of f_dc), they become the constant coefficient: (color − 0.5) / Y_00. Stored is what was
+    optimized: opacities as logits, scales as natural logarithms, quaternions w x y z of any length, f_rest channel by
+    channel.
 
     Raises:
         InvalidInputError: a property that every Gaussian needs is missing, or the file is too short.
