@@ -22,6 +22,7 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract import calls
 from fastsplat_contract.call import Call
+from fastsplat_contract.operating_messages import JobLog, ProjectList
 from fastsplat_contract.scenes import Edit, VersionList
 
 Q = TypeVar("Q")
@@ -177,6 +178,11 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=job_watching_examples.PREVIEW,
         ),
         Handler(
+            calls.GET_JOB_LOG,
+            lambda service, asked: service.jobs.log(asked.operation_id),
+            example=JobLog("loading 60 images\n"),
+        ),
+        Handler(
             calls.GET_PLACED_CAMERAS,
             lambda service, asked: service.jobs.placed_cameras(asked.operation_id),
             example=job_watching_examples.PLACED,
@@ -265,6 +271,17 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.GET_SERVER_STATUS,
             lambda service, asked: service.status(caller_role(), caller_id()),
             example=admin_examples.STATUS,
+        ),
+        Handler(
+            calls.LIST_PROJECTS,
+            lambda service, asked: service.admin.projects.all(),
+            example=ProjectList((admin_examples.PROJECT,)),
+        ),
+        Handler(
+            calls.CREATE_PROJECT,
+            lambda service, asked: service.admin.projects.create(asked.name),
+            example=admin_examples.PROJECT,
+            bodies=admin_examples.PROJECTS,
         ),
         Handler(
             calls.LIST_KNOWN_NAMES,

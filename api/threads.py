@@ -10,6 +10,7 @@ import asyncio
 import contextvars
 import os
 from collections.abc import AsyncIterator, Callable
+from functools import partial
 from typing import TypeVar
 
 from fastsplat.api.access.caller import caller_id
@@ -51,18 +52,15 @@ class Threads:
         Raises:
             DeadlineExceededError: it was not done in the time that the server gives it.
         """
-        return await self._run(function, self._limits.answer_s)
+        return await self.call(function, self._limits.answer_s)
 
-    async def call(self, function: Callable[[], _R]) -> _R:
+    async def call(self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S) -> _R:
         """Run a service call on a thread and await its answer. If this coroutine is cancelled, so is the call: it stops
         at its next `check_cancelled`; keys take turns.
 
         Raises:
             DeadlineExceededError: it was not done in the time that the server gives it.
         """
-        return await self._run(function, _CALL_DEADLINE_S)
-
-    async def _run(self, function: Callable[[], _R], timeout_s: float) -> _R:
         cancellation = Cancellation(timeout_s)
         account = _Account(self._limits.costly)
 
@@ -75,7 +73,10 @@ class Threads:
         try:
             while True:
                 try:
-                    return await self._run_once(watched, costly=account.costly)
+                    with self._metrics.queued() as call:
+                        run = partial(contextvars.copy_context().run, call.run, watched)  # the thread knows who calls
+                        call.future = self._calls.submit(caller_id(), run, costly=account.costly)
+                        return await asyncio.wrap_future(call.future)
                 except CallAgainError as again:  # it waits here, without a thread
                     account.costly = account.costly or again.costly
                     await asyncio.sleep(again.after_s)
@@ -88,12 +89,6 @@ class Threads:
     ) -> _R:
         """See `UploadReceiver.receive`."""
         return await self._uploads.receive(stream, sink, size, memory_bytes)
-
-    async def _run_once(self, function: Callable[[], _R], *, costly: bool) -> _R:
-        with self._metrics.queued() as call:
-            context = contextvars.copy_context()  # the thread knows who calls
-            call.future = self._calls.submit(caller_id(), lambda: context.run(call.run, function), costly=costly)
-            return await asyncio.wrap_future(call.future)
 
     def close(self) -> None:
         """Wait for what runs, drop what waits."""

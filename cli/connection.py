@@ -97,21 +97,20 @@ def link_to_share(page: str, made: NewKey) -> str:
 
 
 @contextmanager
-def local_store(data: str = "", *, adopting: bool = False) -> Iterator[Store]:
-    """The store of a data folder, for what no service is asked: what mends and saves it, projects, logs.
+def local_store(*, adopting: bool = False) -> Iterator[Store]:
+    """The store of the settings' data folder, for what no service is asked: what mends and saves it.
 
     Args:
-        data: as `Address.data`.
         adopting: see `open_store`.
     """
     from fastsplat.service.store.store import open_store  # loads the database's library
 
-    with _settings_of(data) as settings:
-        store = open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
-        try:
-            yield store
-        finally:
-            store.close()
+    settings = load_settings()
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts, adopting=adopting)
+    try:
+        yield store
+    finally:
+        store.close()
 
 
 @contextmanager

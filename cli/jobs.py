@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import islice
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,15 +11,14 @@ from fastsplat.cli.options import JobId, Watch, service_command
 from fastsplat.cli.session import Session, progress
 from fastsplat.cli.short_ids import SHOWN
 from fastsplat.cli.tables import Column, facts, minute, table
-from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract import calls
+from fastsplat_contract.operating_messages import GetJobLogRequest
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 
 jobs_app = typer.Typer(
     help="Jobs, which train scenes: list, show and watch them, end them early, cancel them, retry them, read logs.",
     no_args_is_help=True,
 )
-
-_MAX_LOG = 1 << 20
 
 
 @service_command(jobs_app, "list")
@@ -84,26 +82,12 @@ def retry(
 @service_command(jobs_app)
 def log(session: Session, job: JobId) -> None:
     """Print the end of what the trainers of a job wrote; on stderr, why the job failed."""
-    with session.store() as store:
-        job_id = session.job(job)
-        error = session.client.operation(job_id).error
-        written = _end_of(store.blobs.log(job_id), job_id)
+    job_id = session.job(job)
+    error = session.client.operation(job_id).error
+    written = session.client.call(calls.GET_JOB_LOG, GetJobLogRequest(job_id)).log
     if error is not None and not session.as_json:
         typer.echo(f"{error.stage}: {error.reason}: {error.message}", err=True)
     session.tell({"error": error, "log": written}, written.rstrip("\n"))
-
-
-def _end_of(log: Path, job_id: str) -> str:
-    try:
-        with log.open("rb") as file:
-            file.seek(max(0, log.stat().st_size - _MAX_LOG))
-            return file.read().decode(errors="replace")
-    except FileNotFoundError:
-        raise NotFoundError(
-            f"job {job_id} has no log on this machine",
-            field="job_id",
-            hint="Logs are kept on the machine of the worker, of jobs that run or failed, for a while.",
-        ) from None
 
 
 def _facts(job: Operation) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -13,17 +13,15 @@ import typer
 
 from fastsplat.cli.connection import (
     Address,
-    local_store,
     open_client,
 )
 from fastsplat.cli.short_ids import whole_id
 from fastsplat.cli.tables import duration
-from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.errors import NotFoundError, NotReadyError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation
 
 if TYPE_CHECKING:
-    from fastsplat.service.store.store import Store
     from fastsplat_client import Client
 
 _ID_LENGTH = 32
@@ -85,20 +83,6 @@ class Session:
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
         return next(each.version for each in self.client.versions(scene_id) if each.current)
-
-    @contextmanager
-    def store(self) -> Iterator[Store]:
-        """Of the data folder, for what servers have no call for.
-
-        Raises:
-            InvalidInputError: a server was named.
-        """
-        if self.address.url:
-            raise InvalidInputError(
-                "servers have no call for this", field="--server", hint="Run it on the server's machine, without."
-            )
-        with local_store(self.address.data) as store:
-            yield store
 
     def tell(self, value: Any, text: str = "", *, nothing: str = "") -> None:
         """Print a value of the contract.

@@ -27,8 +27,7 @@ from fastsplat.service.common.settings import (
     check_variables,
     settings_error,
 )
-from fastsplat.service.instances.prompt_settings import PromptOptions
-from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings
+from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings, PromptOptions
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings

@@ -11,18 +11,20 @@ from typing import Any
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
+from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
-from fastsplat.service.planning.time_budget import clock_tradeoff, with_tradeoffs
-from fastsplat.service.planning.time_left import with_time_left
+from fastsplat.service.planning.cost_model import finish_seconds, run_seconds, scene_size
+from fastsplat.service.planning.time_budget import clock_tradeoff, whole_export_seconds, with_tradeoffs
+from fastsplat.service.planning.time_left import Forecast, with_time_left
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.previews import TrainingWatch
+from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.store.codec import camera_to_json
-from fastsplat.workers.budget import make_plan, stored_plan
-from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
+from fastsplat.workers.budget import job_speed, make_plan, stored_plan
 from fastsplat.workers.look_again_stages import dictionary_rows
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stage
@@ -30,6 +32,8 @@ from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_s
 from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.json_codec import to_plain
 
+_USUAL_LABELS = 30
+"""In a dictionary that a detector has yet to fill."""
 _TRADEOFFS = "tradeoffs.json"
 
 
@@ -115,3 +119,28 @@ def _summary(scene: Scene) -> dict[str, Any]:
         "cameras": [camera_to_json(posed) for posed in scene.cameras],
         "quality": dict(scene.quality),
     }
+
+
+def perception_forecast(job: Job, capture: Capture) -> Forecast:
+    """Of a job whose poses are known: its rate will tell how long perception takes; the rest the cost model says."""
+    if capture.splat is not None:  # its labels are lifted, which nothing predicts
+        return Forecast(None, bound_s=job.options.time_budget_s)
+    settings, labels, speed = job.settings, len(job.options.labels) or _USUAL_LABELS, job_speed(job)
+    later = run_seconds(settings.training, scene_size(capture, labels), speed)
+    later += whole_export_seconds(capture, settings, labels, speed)
+    return Forecast(later, bound_s=job.options.time_budget_s)
+
+
+def training_forecast(job: Job, capture: Capture, labels: int, planned: TrainingSettings) -> Forecast:
+    """Of a job whose labels are known; `planned` is what it trains with."""
+    speed = job_speed(job)
+    later = whole_export_seconds(capture, job.settings, labels, speed)
+    if capture.splat is not None:
+        return Forecast(later)
+    size = scene_size(capture, labels)
+    return Forecast(later, run_seconds(planned, size, speed), finish_seconds(planned, size, speed))
+
+
+def export_forecast(job: Job, capture: Capture, labels: int) -> Forecast:
+    """Of a job that is trained."""
+    return Forecast(0.0, whole_export_seconds(capture, job.settings, labels, job_speed(job)))

@@ -8,11 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from fastsplat_contract.call import Rule
-from fastsplat_contract.calls import CALLS, FETCH, FOLLOW, SHOW, UPLOAD
+from fastsplat_contract.calls import CALLS, FETCH, FOLLOW, OPERATE, SHOW, UPLOAD
 from fastsplat_contract.v1 import fastsplat_pb2
 
 _OPEN = Rule(None)
-_OPERATE = Rule("operator")
 _WATCH = Rule("reader", long_lived=True)
 _MANAGE_UPLOAD = Rule("editor", one_upload=True)
 
@@ -54,7 +53,7 @@ RULES: Mapping[str, Rule] = {
 
 def rule_of(route: str) -> Rule:
     """The rule of a route, named as in `RULES`; one that is not there needs an operator."""
-    return RULES.get(route, _OPERATE)
+    return RULES.get(route, OPERATE)
 
 
 def is_known_route(route: str) -> bool:

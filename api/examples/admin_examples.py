@@ -8,6 +8,7 @@ from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, UploadKeyIn
 from fastsplat_contract.known_names import KnownName, KnownNameList
+from fastsplat_contract.operating_messages import CreateProjectRequest, Project
 from fastsplat_contract.server_status import ModelStatus, QuotaStatus, ServerStatus
 
 _MADE = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
@@ -62,4 +63,6 @@ NEW_KEYS: Bodies = {
     "person": ("a key that also creates and changes", KeyIn("Ada")),
 }
 UPLOAD_KEYS: Bodies = {"default": ("a link for one's phone", UploadKeyIn())}
+PROJECT = Project("kitchen", _MADE, scenes=3, keys=2)
+PROJECTS: Bodies = {"kitchen": ("one for the kitchen", CreateProjectRequest("kitchen"))}
 LIFETIMES: Bodies = {"hour": ("one hour more", LifetimeIn(3_600.0))}

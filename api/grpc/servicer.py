@@ -65,7 +65,7 @@ class SceneServicer:
         reads_skipped = READS_SKIPPED in [tuple(entry) for entry in context.invocation_metadata() or ()]
 
         def asked() -> list[pb.QueryResponse]:
-            answered = self._service.answers.ask(from_proto(QueryRequest, request))
+            answered = self._service.answers.query(from_proto(QueryRequest, request))
             if answered.skipped and not answered.answers and not reads_skipped:
                 raise _all_skipped(answered)
             return list(messages_of_query(answered))

@@ -17,7 +17,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.pieces import messages_of
-from fastsplat_contract.poses import Pose, quaternion_of, vector3
+from fastsplat_contract.poses import pose_of
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
@@ -193,7 +193,7 @@ class _Inbox:
 
 def _accept(service: SceneService, query: QueryRequest) -> str:
     """The scene's version, once the question has been found to make sense (a 2D mask needs the poses to come)."""
-    answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1))
+    answers = service.answers.query(replace(query, outputs=frozenset(), max_matches=1)).answers
     return answers[0].version
 
 
@@ -202,7 +202,7 @@ def _seen_from(query: QueryRequest, camera: PosedCamera) -> QueryRequest:
     asker = query.asker
     if asker is None and query.asker_view is None:
         world = camera.world_from_camera
-        asker = Pose(vector3(world[:3, 3]), quaternion_of(world[:3, :3]))
+        asker = pose_of(world)
     return replace(query, cameras=(camera,), asker=asker)
 
 
@@ -211,7 +211,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     started = time.perf_counter()
 
     def asked() -> list[pb.QueryResponse]:
-        return [message for answer in service.answers.query(query) for message in messages_of(answer)]
+        return [message for answer in service.answers.query(query).answers for message in messages_of(answer)]
 
     work = asyncio.ensure_future(threads.answer(asked))
     try:

@@ -13,12 +13,27 @@ from fastsplat.api.examples.example_parameters import PARAMETERS
 from fastsplat.api.examples.localize_examples import LOCALIZE_FORM
 from fastsplat.api.examples.scene_examples import FORM, OPERATION, VIEW
 from fastsplat.api.handlers import HANDLERS
-from fastsplat.api.rest.example_problems import PROBLEMS
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
 from fastsplat.service.application.exporting.camera_files import camera_file
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.server_info import ServerInfo
 
+PROBLEMS: Mapping[str, Mapping[str, FastSplatError]] = {
+    "4XX": {
+        "NotFound": NotFoundError("no scene 'table'", field="scene_id"),
+        "InvalidInput": InvalidInputError(
+            "a coverage of 2", field="coverage", limit="above 0 and below 1", hint="Send a share, e.g. 0.9."
+        ),
+    },
+    "5XX": {
+        "Overloaded": OverloadedError(
+            "the server has all the work it can answer in good time",
+            limit="256 calls of all keys at a time (FASTSPLAT_LIMITS__ADMITTED)",
+            hint="Wait a moment, then send it again.",
+        )
+    },
+}
 _ANSWERS: Mapping[str, Any] = {
     type(value).__name__: value
     for value in (

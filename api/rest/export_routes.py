@@ -10,7 +10,7 @@ from fastapi import Path as PathParameter
 from starlette.responses import Response
 
 from fastsplat.api.rest.files import immutable_file
-from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellable
+from fastsplat.api.rest.responses import PROBLEMS, file_response, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
@@ -37,7 +37,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         headers = {"ETag": weak + etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        content = await run_cancellable(request, threads.answer, lambda: service.exports.file(exact))
+        content = await while_connected(request, threads.answer(lambda: service.exports.file(exact)))
         headers["Content-Disposition"] = f'attachment; filename="{FILE_NAMES[export.format]}"'
         if export.format == "html":  # a page of its own, not one of this server
             headers["Content-Security-Policy"] = "sandbox"
@@ -56,8 +56,8 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         """The whole scene as a standard 3DGS PLY; Range, If-Range and If-None-Match are understood."""
         if thing:
             return await made(request, ExportRequest(scene_id, "ply", version, tuple(thing)))
-        path, current = await run_cancellable(
-            request, threads.answer, lambda: service.answers.scene_ply(scene_id, version)
+        path, current = await while_connected(
+            request, threads.answer(lambda: service.answers.scene_ply(scene_id, version))
         )
         return immutable_file(request, path, FORMATS["ply"].media_type, FILE_NAMES["ply"], f"{scene_id}-{current}")
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from fastsplat.api.rest.files import immutable_file
-from fastsplat.api.rest.responses import PROBLEMS, file_response, run_cancellable
+from fastsplat.api.rest.responses import PROBLEMS, file_response, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of
 from fastsplat.api.threads import Threads
@@ -37,7 +37,7 @@ def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
         version: Version = "",
     ) -> Response:
         """A camera's photo, undistorted: it fits the camera with the intrinsics scaled to its size."""
-        path, _ = await run_cancellable(request, threads.call, lambda: service.photos.path(scene_id, view, version))
+        path, _ = await while_connected(request, threads.call(lambda: service.photos.path(scene_id, view, version)))
         status = path.stat()  # versions share the file: the tag is the file's, so that an edit costs no new download
         tag = etag_of("photo.jpg", scene_id, view, status.st_size, status.st_mtime_ns).strip('"')
         return immutable_file(request, path, _JPEG, "photo.jpg", tag)

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, run_cancellable
+from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
@@ -49,7 +49,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(exact))
+        content = await while_connected(request, threads.answer(lambda: service.answers.picture(exact)))
         return Response(content, media_type=_MEDIA_TYPES[picture.format], headers=headers)
 
     async def tagged(name: str, scene_id: str, version: str, *question: str) -> tuple[str, dict[str, str]]:
@@ -98,13 +98,13 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             mask3d_encoding=mask3d_encoding,
             asker_view=asker_view,
         )
-        return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
+        return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
 
     @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
-        return await json_of_call(request, threads.answer, lambda: service.answers.ask(question))
+        return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",
@@ -154,7 +154,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
         """A picture from a free viewpoint, or from one of the scene's own cameras."""
         picture = PictureRequest(scene_id, **vars(body))
-        content = await run_cancellable(request, threads.answer, lambda: service.answers.picture(picture))
+        content = await while_connected(request, threads.answer(lambda: service.answers.picture(picture)))
         return Response(content, media_type=_MEDIA_TYPES[body.format])
 
     @router.get(
@@ -167,7 +167,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact, headers = await tagged("mask.ply", scene_id, version, text)
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        ply = await run_cancellable(request, threads.answer, lambda: service.answers.mask_ply(scene_id, text, exact))
+        ply = await while_connected(request, threads.answer(lambda: service.answers.mask_ply(scene_id, text, exact)))
         headers["Content-Disposition"] = 'attachment; filename="mask.ply"'
         return Response(ply, media_type=_PLY, headers=headers)
 
@@ -198,7 +198,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         question = QueryRequest(
             scene_id, (text,), outputs=frozenset({"mask3d"}), version=exact, mask3d_encoding=encoding
         )
-        answer = (await run_cancellable(request, threads.answer, lambda: service.answers.query(question)))[0]
+        (answer,) = (await while_connected(request, threads.answer(lambda: service.answers.query(question)))).answers
         return Response(
             answer.mask3d,
             media_type="application/octet-stream",
@@ -222,7 +222,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact, headers = await tagged("things.bin", scene_id, version)
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        ids = await run_cancellable(request, threads.answer, lambda: service.answers.thing_ids(scene_id, exact))
+        ids = await while_connected(request, threads.answer(lambda: service.answers.thing_ids(scene_id, exact)))
         headers["X-Scene-Version"] = exact
         return Response(ids, media_type="application/octet-stream", headers=headers)
 

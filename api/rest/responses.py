@@ -62,15 +62,6 @@ async def while_connected(request: Request, awaitable: Awaitable[_R], body_read:
         work.cancel()
 
 
-async def run_cancellable(request: Request, run: Run, function: Callable[[], _R]) -> _R:
-    """The result of a service call, made on a thread by `Threads.call` or `Threads.answer`.
-
-    Raises:
-        ClientDisconnect: nobody waits for the result any more.
-    """
-    return await while_connected(request, run(function))
-
-
 async def json_of_call(
     request: Request, run: Run, function: Callable[[], _R], encode: Callable[[_R], bytes] = to_json
 ) -> Response:
@@ -79,7 +70,7 @@ async def json_of_call(
 
     Args:
         request: what is answered.
-        run: as `run_cancellable`.
+        run: `Threads.call` or `Threads.answer`.
         function: the service call.
         encode: makes JSON of its result.
     """
@@ -91,7 +82,7 @@ async def json_of_call(
             return gzip.compress(body, _GZIP_LEVEL, mtime=0), True
         return body, False
 
-    body, compressed = await run_cancellable(request, run, answered)
+    body, compressed = await while_connected(request, run(answered))
     headers = {"Vary": "Accept-Encoding"} | ({"Content-Encoding": "gzip"} if compressed else {})
     return json_response(body, 200, headers)
 

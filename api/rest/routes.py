@@ -16,7 +16,6 @@ from fastsplat.api.rest.responses import (
     file_response,
     json_of_call,
     json_response,
-    run_cancellable,
     while_connected,
 )
 from fastsplat.api.rest.standard_http import etag_of, not_modified
@@ -85,7 +84,7 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         if MEDIA_TYPES[format] == "application/json":
             file = partial(service.camera_file, scene_id, format)
             return await json_of_call(request, threads.call, file, encode=lambda content: content)
-        content = await run_cancellable(request, threads.call, lambda: service.camera_file(scene_id, format))
+        content = await while_connected(request, threads.call(lambda: service.camera_file(scene_id, format)))
         return Response(content, media_type=MEDIA_TYPES[format])
 
     return router
@@ -127,7 +126,7 @@ def operation_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def get_preview_picture(request: Request, operation_id: str) -> Response:
         """The newest picture of a scene that is being trained, as JPEG."""
-        preview = await run_cancellable(request, threads.call, lambda: service.jobs.preview(operation_id))
+        preview = await while_connected(request, threads.call(lambda: service.jobs.preview(operation_id)))
         headers = {
             "ETag": etag_of(preview.picture),
             "Cache-Control": "private, no-cache",

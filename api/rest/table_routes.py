@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from starlette.responses import Response
 
 from fastsplat.api.handlers import HANDLERS, Handler
-from fastsplat.api.rest.responses import PROBLEMS, accepted, json_of_call, json_response, run_cancellable
+from fastsplat.api.rest.responses import PROBLEMS, accepted, json_of_call, json_response, while_connected
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.call import Call, Tag
@@ -73,7 +73,7 @@ def _endpoint(
         if call.status == 200:
             return await json_of_call(request, run, function)
         if call.status == 202:
-            return accepted(await run_cancellable(request, run, function), root_path)
+            return accepted(await while_connected(request, run(function)), root_path)
         result = await run(function)
         if call.status == 201:
             return json_response(to_json(result), 201, {"Cache-Control": "no-store"})

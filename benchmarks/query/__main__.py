@@ -25,9 +25,10 @@ from benchmarks.raster.garden import garden_file
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat_contract.poses import pose_of
+from fastsplat_contract.scenes import Edit
 
 _TEXT = "something to drink from"
 _TARGETS = {"rank_1000_labels": 1.0, "warm_query_new_text": 15.0, "label_map_640x480": 20.0}
@@ -120,8 +121,8 @@ def _slow_rows(row: Callable[..., None], scene: Any, rounds: int) -> None:
     for edit in (
         Edit("remove", label=label),
         Edit("recolor", label=label, color=(1.0, 0.0, 0.0)),
-        Edit("move", label=label, transform=turn),
-        Edit("duplicate", label=label, transform=turn),
+        Edit("move", label=label, transform=pose_of(turn)),
+        Edit("duplicate", label=label, transform=pose_of(turn)),
     ):
         row(f"edit_{edit.action}", lambda edit=edit: apply_edit(index, edit), rounds, gaussians=size)
 

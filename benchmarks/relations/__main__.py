@@ -89,7 +89,9 @@ def answer_drawn(decided: int, seed: int = 0) -> list[Answered]:
         }
         for case in drawn.cases:
             asker = None if case.asker is None else world @ case.asker
-            (answer,) = indices[case.vertical].answer(check_query((case.text,), settings), asker)
+            index = indices[case.vertical]
+            query = check_query((case.text,), settings)
+            (answer,) = index.ranked.answer(query, lambda index=index: index.things, asker)
             answered.append(_judged(case, room_seed, answer))
         room_seed += 1
     return answered

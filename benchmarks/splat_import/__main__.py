@@ -4,7 +4,7 @@
 
 By default of 100,000 and 1,000,000 Gaussians with harmonics of degree 3, a made room of flat Gaussians with boxes in
 it. Steps: `check` (the upload is read in the confined process), `pictures` (viewpoints are looked for and pictures
-rendered), `lifting` (sixteen labels of label maps, with 100 steps on the codes or for 30 s, whichever ends first),
+rendered), `lifting` (sixteen labels of label maps, and codes fitted to them),
 `write` (the scene and its PLY). What models need to label the pictures is not part of it: it does not depend on the
 Gaussians. Every size runs in a process of its own and replaces its row in benchmarks/results/splat_import.json.
 """

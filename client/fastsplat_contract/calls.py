@@ -21,6 +21,7 @@ from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.next_photo_messages import NextPhotoList
+from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.operations import Operation, OperationList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
@@ -78,6 +79,7 @@ SHOW = Rule("reader", shared=True)
 FETCH = Rule("reader", long_lived=True, shared=True)
 EDIT = Rule("editor")
 ADMIN = Rule("admin")
+OPERATE = Rule("operator")
 UPLOAD = Rule("editor", long_lived=True, upload=True, one_upload=True)
 FOLLOW = Rule("reader", one_upload=True)
 FOLLOW_LONG = Rule("reader", long_lived=True, one_upload=True)
@@ -174,6 +176,9 @@ GET_PREVIEW = Call(
 GET_PLACED_CAMERAS = Call(
     "GetPlacedCameras", "operations", GetPlacedCamerasRequest, PlacedCameras, READ, f"GET {_JOB}/cameras",
     "The cameras that a job has placed so far, and some of its points.")
+GET_JOB_LOG = Call(
+    "GetJobLog", "operations", GetJobLogRequest, JobLog, ADMIN, f"GET {_JOB}/log",
+    "The end of what the trainers of a job wrote; where a server can read the logs of its workers.")
 WAIT_OPERATION = Call(
     "WaitOperation", "operations", WaitOperationRequest, Operation, FOLLOW_LONG, f"GET {_JOB}:wait",
     "The operation as soon as it is done, or as it stands when the time is up.")
@@ -256,6 +261,13 @@ EXPIRE_KEY = Call(
 GET_SERVER_STATUS = Call(
     "GetServerStatus", "server", NoneType, ServerStatus, FOLLOW, "GET /v1/server/status",
     "What the server can do, and how much room the project has left, as the caller may know it.")
+
+LIST_PROJECTS = Call(
+    "ListProjects", "server", NoneType, ProjectList, OPERATE, "GET /v1/projects",
+    "Every project of the server, by name.")
+CREATE_PROJECT = Call(
+    "CreateProject", "server", CreateProjectRequest, Project, OPERATE, "POST /v1/projects",
+    "Make a project: its keys see its scenes only, and nobody else's keys see them.", repeatable=False)
 
 LIST_KNOWN_NAMES = Call(
     "ListKnownNames", "known names", ListKnownNamesRequest, KnownNameList, READ, "GET /v1/known-names",

@@ -86,6 +86,11 @@ def rigid(orientation: Quaternion, position: Vector3) -> F64:
     )
 
 
+def pose_of(matrix: F64) -> Pose:
+    """Of a rigid transform, float64 [4, 4]."""
+    return Pose(vector3(matrix[:3, 3]), quaternion_of(matrix[:3, :3]))
+
+
 def quaternion_of(rotation: F64) -> Quaternion:
     """x y z w with w ≥ 0 of a rotation matrix [3, 3] (Shepperd 1978, the best-conditioned branch)."""
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64).tolist()

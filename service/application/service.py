@@ -21,8 +21,7 @@ from fastsplat.service.application.answering.answers import Answers
 from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.answering.photo_pages import photo_page
-from fastsplat.service.application.answering.photos import Photos
+from fastsplat.service.application.answering.photos import Photos, photo_page
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (
@@ -85,18 +84,18 @@ class SceneService:
         self._validating = ValidationSlots()
         self._memory = MemoryBudget(settings.calls, machine_bytes())
         self._scenes = OpenScenes(self._store, settings, self._memory)
-        self.answers = Answers(self._store, settings, self._scenes, self._memory)
+        self.known_names = KnownNames(self._store, settings)
+        self.answers = Answers(self._store, settings, self._scenes, self._memory, self.known_names)
         """Questions, pictures and files of finished scenes."""
         self.exports = Exports(self._store, self._scenes, self._memory)
         """Finished scenes as files for other programs."""
-        self.detections = Detections(self._store, settings, self._scenes)
+        self.detections = Detections(settings, self._scenes, self.known_names)
         self._prompted = PromptedEdits(settings, self._memory)
         self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
         """Edits of finished scenes."""
         self.localizing = Localizing(self._store, settings, self._scenes, self._memory)
-        self.photos = Photos(self._store, settings, self._scenes, self._memory)
+        self.photos = Photos(self._store, settings, self._scenes, self._memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
-        self.known_names = KnownNames(self._store, settings)
         self.keys = ProjectKeys(self._store, settings, self.project)
         self.jobs = RunningJobs(self._store, settings)
         """What jobs show of their scenes while they run."""
@@ -120,13 +119,13 @@ class SceneService:
         other.project = project
         other._store = self._store.in_project(project, scene_id)
         other._scenes = self._scenes.over(other._store)
-        other.answers = Answers(other._store, self._settings, other._scenes, self._memory)
+        other.known_names = self.known_names.over(other._store)
+        other.answers = Answers(other._store, self._settings, other._scenes, self._memory, other.known_names)
         other.exports = self.exports.over(other._store, other._scenes)
-        other.detections = Detections(other._store, self._settings, other._scenes)
+        other.detections = Detections(self._settings, other._scenes, other.known_names)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
-        other.photos = Photos(other._store, self._settings, other._scenes, self._memory)
+        other.photos = Photos(other._store, self._settings, other._scenes, self._memory, other.known_names)
         other.localizing = self.localizing.over(other._store, other._scenes)
-        other.known_names = KnownNames(other._store, self._settings)
         other.jobs = RunningJobs(other._store, self._settings)
         other.training = FurtherTraining(other._store, self._settings, other._scenes, self._quotas, project)
         other.keys = ProjectKeys(other._store, self._settings, project)

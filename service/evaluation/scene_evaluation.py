@@ -15,7 +15,6 @@ from fastsplat.service.common.progress import Progress, ProgressEvent, silent
 from fastsplat.service.evaluation.bootstrap import bootstrap_interval
 from fastsplat.service.evaluation.datasets.types import Dataset, TrueView
 from fastsplat.service.evaluation.evaluation_report import Figure, Report, RunCost
-from fastsplat.service.evaluation.leakage import check_unseen
 from fastsplat.service.evaluation.negative_queries import ask_all
 from fastsplat.service.evaluation.predictions import predict_view, texts_of, truth_ids
 from fastsplat.service.evaluation.query_scores import query_scores
@@ -30,7 +29,9 @@ from fastsplat.service.evaluation.types import (
 )
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.errors import InvalidInputError
 
+_SAME = 1e-4
 _Measure = Callable[[ViewPrediction], Any]
 _Measured = Mapping[_Measure, Sequence[Any]]
 """By measuring function: a contribution or `Skipped` for each view, in their order."""
@@ -183,3 +184,34 @@ def _conditions(index: SceneIndex) -> dict[str, Any]:
         "text_encoder": index.scene.text_encoder[0],
         "encoder_calibrated": index.calibrated,
     }
+
+
+def check_unseen(scene: Scene, dataset: Dataset) -> None:
+    """Raise if the scene was trained on a test view, by the image's name or by its pose.
+
+    A scene's cameras are what it was trained on, but for those its quality names as held out.
+
+    Raises:
+        InvalidInputError: the scene saw a test view, or an image of the same name has another pose in it.
+    """
+    held_out = set(scene.quality.get("held_out_views", ()))
+    trained = [posed for posed in scene.cameras if posed.name not in held_out]
+    names = {posed.name for posed in trained}
+    stated = {posed.name: posed.world_from_camera for posed in scene.cameras}
+    for view in dataset.test:
+        leaked = view.name in names
+        if view.posed is not None:
+            pose = view.posed.world_from_camera
+            leaked = leaked or any(np.abs(posed.world_from_camera - pose).max() < _SAME for posed in trained)
+        if leaked:
+            raise InvalidInputError(
+                f"the scene was trained on the test view {view.name}",
+                field="scene",
+                hint="Train it on the data set's training split alone: fastsplat evaluate does, without --scene.",
+            )
+        if view.posed is not None and view.name in stated and np.abs(stated[view.name] - pose).max() > _SAME:
+            raise InvalidInputError(
+                f"{view.name} has another pose in the scene than in {dataset.folder.name}",
+                field="scene",
+                hint="Give the scene the data set's own poses; a reconstruction of its own has another world frame.",
+            )

@@ -85,7 +85,7 @@ def fit_thing_codes(
         owner.to(device),
         torch.from_numpy(seen_pixels(things.membership)).to(device),
         class_weights(classes, _NO_THING_WEIGHT).to(device),
-        epochs=max(1, min(_EPOCHS, _LOOKED_AT // len(gaussians))),
+        steps=len(labeled) * max(1, min(_EPOCHS, _LOOKED_AT // len(gaussians))),
         seed=seed,
         backend=backend,
     )

@@ -61,3 +61,12 @@ class LookAgainSettings(LookAgainOptions, SettingGroup, section="look_again"):
     name_probability: float = Field(0.45, ge=0, le=1)
     """A text is stated as a thing's name from this mean score over the pictures that show the thing; below, it is a
     suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""
+
+
+class PromptOptions(Options):
+    """How a thing that somebody points at in one view is segmented, there and in others."""
+
+    views: int = Field(3, ge=1)
+    """Views that are rendered and segmented, the one that was pointed at included; each takes about a second."""
+    max_side: int = Field(640, ge=64)
+    """They are rendered at this many pixels on the longer side, and never larger than they are."""

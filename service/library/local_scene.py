@@ -110,7 +110,9 @@ class LocalScene:
         cameras = tuple(each for each in viewpoints if not isinstance(each, str))
         views = tuple(each for each in viewpoints if isinstance(each, str))
         outputs: frozenset[Output] = frozenset({"objects", "mask2d"} if viewpoints else {"objects"})
-        (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), cameras, views, outputs, **choices))
+        (answer,) = self._service.answers.query(
+            QueryRequest(self.id, (text,), cameras, views, outputs, **choices)
+        ).answers
         return answer
 
     def mask(self, text: str, viewpoint: Viewpoint) -> NDArray[np.bool_]:
@@ -119,7 +121,7 @@ class LocalScene:
 
     def mask3d(self, text: str) -> NDArray[np.bool_]:
         """bool [G]: which Gaussians answer a text, by row of the current version."""
-        (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), outputs=frozenset({"mask3d"})))
+        (answer,) = self._service.answers.query(QueryRequest(self.id, (text,), outputs=frozenset({"mask3d"}))).answers
         return decode_mask3d(answer.mask3d or b"", "bits", answer.gaussians)
 
     def things(self) -> tuple[SceneThing, ...]:

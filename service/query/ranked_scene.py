@@ -17,7 +17,7 @@ from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
 from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.things.absence import UnseenSpace
-from fastsplat.service.query.things.names_by_looks import NameFromScene
+from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
@@ -40,6 +40,7 @@ class RankedScene:
 
     Attributes:
         names: see there.
+        elsewhere: names that other scenes suggest for its things, by their ids.
         blank: as many Gaussians as the scene has, with as many harmonics, all zero; they take no memory.
     """
 
@@ -48,7 +49,8 @@ class RankedScene:
         self.names = names
         self._words = ThingWords(names)
         self._unseen = unseen
-        self._suggesting: tuple[Mapping[int, NameFromScene], RankedScene] | None = None
+        self.elsewhere: Mapping[int, NameFromScene] = {}
+        self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
         self._unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
         self.blank = Gaussians(**{name: np.broadcast_to(np.float32(0), shape) for name, shape in shapes.items()})
@@ -61,20 +63,30 @@ class RankedScene:
         rankers = 2 if looks else 1  # names of other scenes make another one
         return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
 
-    def suggesting(self, elsewhere: Mapping[int, NameFromScene]) -> RankedScene:
-        """This scene with names that other scenes suggest for some of its things, by their ids; the last is kept."""
-        kept = self._suggesting
-        if kept is None or kept[0] != elsewhere:
-            names = self.names.suggesting(elsewhere)
-            other = copy.copy(self)
-            other.ranker, other.names, other._words = self.ranker.suggesting(names), names, ThingWords(names)
-            self._suggesting = kept = (elsewhere, other)
-        return kept[1]
+    def suggesting(self, known: Sequence[KnownThing], scene_id: str) -> RankedScene:
+        """This scene with what other scenes suggest for its things. What came of the last `known` is kept, as long as
+        that very sequence is passed.
+
+        Args:
+            known: what people named in the project's scenes; those of this scene do not count.
+            scene_id: of this scene.
+        """
+        seen, other = self._suggesting
+        if seen is not known:
+            elsewhere = names_by_looks(self.names.present, [one for one in known if one.scene_id != scene_id])
+            if elsewhere and (other is None or other.elsewhere != elsewhere):
+                names = self.names.suggesting(elsewhere)
+                other = copy.copy(self)
+                other.ranker, other.names, other._words = self.ranker.suggesting(names), names, ThingWords(names)
+                other.elsewhere = elsewhere
+            other = other if elsewhere else None
+            self._suggesting = known, other
+        return other or self
 
     def answer(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
     ) -> tuple[Answer, ...]:
-        """One answer per text of a checked question, see `SceneIndex.answer`.
+        """One answer per text of a checked question, in order; every answer ranks all names.
 
         Args:
             query: the question.
@@ -82,9 +94,6 @@ class RankedScene:
                 of one without a name, or where the scene stores none.
             asker: float64 [4, 4], world from who asks.
         """
-        if query.elsewhere:
-            other = self.suggesting(query.elsewhere)
-            return other.answer(replace(query, elsewhere={}), things, asker)
         return tuple(self._in_words(ranked, things) for ranked in self._answered(query, things, asker))
 
     def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings]) -> Answer:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.language.embeddings import TextCaches, embed_labels, embed_names
-from fastsplat.service.query.language.query_text import TextQuery, check_query
+from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.ranked_scene import RankedScene
@@ -162,13 +162,8 @@ class SceneIndex:
                 "{}", a coverage that is not above 0 and below 1.
             LimitExceededError: too many texts, negatives or templates, or one too long.
         """
-        return self.answer(
-            check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
-        )
-
-    def answer(self, query: TextQuery, asker: NDArray[np.float64] | None = None) -> tuple[Answer, ...]:
-        """One answer per text of a checked question, see `ask`; `asker`: float64 [4, 4], world from who asks."""
-        return self.ranked.answer(query, lambda: self.things, asker)
+        query = check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
+        return self.ranked.answer(query, lambda: self.things)
 
     def mask3d(self, answer: Answer) -> NDArray[np.bool_]:
         """bool [G]: Gaussians whose most probable class is a relevant entry, or that are of a part that bears one; row

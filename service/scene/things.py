@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
 from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
-    from fastsplat_contract.scenes import Box
+    pass
 
 MAX_NAME_CHARS = 200
 """Of a thing's name."""
@@ -58,28 +56,6 @@ def thing_of(things: Things, thing_id: int) -> Thing:
     raise NotFoundError(
         f"there is no thing {str(thing_id)[:40]} in this scene", field="thing", hint="List the scene's things."
     )
-
-
-def things_named(things: Things, name: str) -> tuple[Thing, ...]:
-    """The things that bear a name; case, plural and spelling variants count as the same."""
-    key = label_key(name)
-    return tuple(thing for thing in things.table if thing.name and label_key(thing.name) == key)
-
-
-def thing_boxes(scene: Scene) -> dict[int, Box]:
-    """The oriented box of each thing that has Gaussians, by id; see `oriented_box`. Computed from the Gaussians as they
-    are, so that it is right after every edit."""
-    if scene.things is None:
-        return {}
-    owner = thing_rows(scene.things)
-    up = scene.up()
-    boxes = {}
-    for thing in scene.things.table:
-        rows = np.flatnonzero(owner == thing.id)
-        if len(rows):
-            opacities = 1.0 / (1.0 + np.exp(-scene.gaussians.logit_opacities[rows].astype(np.float64)))
-            boxes[thing.id] = oriented_box(scene.gaussians.means[rows].astype(np.float64), opacities, up)
-    return boxes
 
 
 def rename_thing(

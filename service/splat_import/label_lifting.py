@@ -1,8 +1,8 @@
 """Labels of views on Gaussians that stay as they are: summed up first, then as codes that are optimized alone.
 
 Geometry and color of an imported splat are the user's. What label maps say of each Gaussian is summed over the views
-(FlashSplat's blend weights, `service.splatting.view_evidence`); codes start on the most probable class, and a few steps
-of the training's cross-entropy on codes and head alone sharpen the edges, where a Gaussian reaches over two things.
+(FlashSplat's blend weights, `service.splatting.view_evidence`); codes start on the most probable class, and are fitted
+as those of a trained scene are (`service.splatting.label_refit`), which sharpens the edges.
 """
 
 from __future__ import annotations
@@ -20,20 +20,19 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.uploads.splat_input import load_splat
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.scene.label_evidence import posterior
+from fastsplat.service.scene.label_evidence import posterior, seen_pixels
 from fastsplat.service.scene.types import Evidence, Gaussians, SemanticHead
 from fastsplat.service.splat_import.settings import SplatImportSettings
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, splats_of
+from fastsplat.service.splatting.label_refit import LabeledView, fit_codes
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.quality import psnr
 from fastsplat.service.splatting.raster.checks import device_of
-from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.semantics import (
     class_weights,
     code_size,
     ghost_share,
-    label_loss,
     separated_codes,
     start_head,
 )
@@ -44,15 +43,12 @@ from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.splatting.view_evidence import views_evidence
 from fastsplat_contract.errors import InvalidInputError
 
-_CODE_SECONDS = 30.0
-"""At most so long; a million Gaussians take fewer steps."""
-
 _STAGE = "training"
 _MEASURED_VIEWS = 8
 _LIFTED = 0.5
 """Share of the progress after which the evidence is there."""
-_CODE_RATE, _HEAD_RATE, _FINAL_SHARE = 3e-2, 5e-3, 0.1
-"""Adam's rates, and what is left of them at the end."""
+_LOOKED_AT = 600_000
+"""Gaussians that are drawn so often at most: of more than these every view is looked at once."""
 
 
 def splat_gaussians(capture: Capture) -> Gaussians:
@@ -75,7 +71,7 @@ def lift_labels(
         capture: views, and the splat in their world.
         labelling: one label map per view; an empty dictionary gives a scene without labels.
         training: its `backend`, `max_side`, `label_mode`, `code_size` and weights of undetected pixels count here.
-        settings: how long codes are optimized.
+        settings: how many steps codes are fitted.
         progress: hears of the stage "training"; may raise `CancelledError`.
 
     Raises:
@@ -123,49 +119,37 @@ def _with_codes(
     settings: SplatImportSettings,
     progress: Progress,
 ) -> tuple[Gaussians, SemanticHead]:
-    """Codes that start on each Gaussian's most probable class and are optimized with the head; all else stays."""
+    """Codes that start on each Gaussian's most probable class and are fitted with the head; all else stays."""
     device = device_of(training.backend)
     class_codes = separated_codes(classes, code_size(classes - 1, training.code_size), training.seed)
     most_probable = torch.from_numpy(posterior(evidence, classes).classes.astype(np.int64))
     weight, bias = start_head(class_codes)
-    parameters = {"codes": class_codes[most_probable], "weight": weight.clone(), "bias": bias}
-    parameters = {name: value.to(device).requires_grad_() for name, value in parameters.items()}
-    optimizer = torch.optim.Adam(
-        [
-            {"params": [parameters["codes"]], "lr": _CODE_RATE},
-            {"params": [parameters["weight"], parameters["bias"]], "lr": _HEAD_RATE},
-        ],
-        eps=1e-15,
+    starts = {"codes": class_codes[most_probable], "weight": weight, "bias": bias}
+    labeled = [
+        LabeledView(view.viewmat, view.frames[-1].camera, labels, view.frames[-1].valid)
+        for view in views
+        if (labels := view.frames[-1].labels) is not None
+    ]
+    steps = min(settings.code_steps, len(labeled) * max(1, _LOOKED_AT // len(gaussians)))
+
+    def after_step(step: int, loss: float) -> None:
+        share = _LIFTED + (1 - _LIFTED) * step / steps
+        progress(ProgressEvent(_STAGE, share, f"codes, step {step} of {steps}", {"loss": loss}))
+
+    fitted = fit_codes(
+        splats_of(gaussians, device=device),
+        labeled,
+        {name: value.to(device) for name, value in starts.items()},
+        most_probable.to(device),
+        torch.from_numpy(seen_pixels(evidence)).to(device),
+        class_weights(classes, undetected).to(device),
+        steps=steps,
+        seed=training.seed,
+        backend=training.backend,
+        after_step=after_step,
     )
-    splats = splats_of(gaussians, device=device)
-    weights = class_weights(classes, undetected).to(device)
-    labeled = [view for view in views if view.frames[-1].labels is not None]
-    rng, order = np.random.default_rng(training.seed), list[int]()
-    begun, step = time.monotonic(), 0
-    while labeled and (done := _share_done(step, begun, settings)) < 1:
-        order = order or rng.permutation(len(labeled)).tolist()
-        view = labeled[order.pop()]
-        frame = view.frames[-1]
-        assert frame.labels is not None
-        image = rasterize(
-            replace(splats, features=parameters["codes"]), view.viewmat, frame.camera, backend=training.backend
-        ).image
-        loss = label_loss(image, parameters, frame.labels, frame.valid, weights)
-        optimizer.zero_grad()
-        loss.backward()
-        for group, rate in zip(optimizer.param_groups, (_CODE_RATE, _HEAD_RATE), strict=True):
-            group["lr"] = rate * _FINAL_SHARE**done
-        optimizer.step()
-        step += 1
-        metrics = {"loss": float(loss.detach())}
-        progress(ProgressEvent(_STAGE, _LIFTED + (1 - _LIFTED) * done, f"codes, step {step}", metrics))
-    arrays = {name: value.detach().cpu().numpy() for name, value in parameters.items()}
+    arrays = {name: value.cpu().numpy() for name, value in fitted.items()}
     return replace(gaussians, codes=arrays["codes"]), SemanticHead(arrays["weight"], arrays["bias"])
-
-
-def _share_done(step: int, begun: float, settings: SplatImportSettings) -> float:
-    steps = step / settings.code_steps if settings.code_steps else 1.0
-    return max(steps, (time.monotonic() - begun) / _CODE_SECONDS)
 
 
 @torch.no_grad()

@@ -12,7 +12,7 @@ the more the longer the run was.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -93,7 +93,7 @@ def refit_codes(
         classes,
         pixels,
         class_weights,
-        epochs=epochs,
+        steps=epochs * len(labeled),
         seed=seed,
         backend=backend,
     )
@@ -125,27 +125,28 @@ def fit_codes(
     pixels: Tensor,
     class_weights: Tensor,
     *,
-    epochs: int,
+    steps: int,
     seed: int,
     backend: Backend,
+    after_step: Callable[[int, float], None] = lambda step, loss: None,
 ) -> dict[str, Tensor]:
     """Codes, weight and bias fitted to label maps, color and geometry held: Adam on the cross-entropy of pixels and,
     weighted by 0.3 · 1.65 / (1.65 + pixels / mean pixels), of the Gaussians' own classes.
 
     Args:
         splats: G activated Gaussians; features are not read.
-        views: every one is looked at `epochs` times, in an order drawn from `seed`.
+        views: looked at one a step, all once before any one again, in orders drawn from `seed`.
         starts: codes [G, D], weight [C, D] and bias [C]; they are not changed.
         classes: int64 [G], each Gaussian's own class, 0..C − 1.
         pixels: float32 [G], that each Gaussian fills.
         class_weights: [C], what pixels weigh in the cross-entropy.
-        epochs, seed: see above.
+        steps, seed: see above.
         backend: which rasterizer.
+        after_step: called with the number of each step, from 1, and its loss; may raise, as to cancel.
     """
     shares = _HALF_HELD / (_HALF_HELD + pixels / pixels.mean().clamp_min(1e-9))
     fitted = {name: value.clone().contiguous().requires_grad_() for name, value in starts.items()}
     moments = {name: (torch.zeros_like(value), torch.zeros_like(value)) for name, value in fitted.items()}
-    steps = epochs * len(views)
     for step in range(steps):
         epoch, position = divmod(step, len(views))
         order = np.random.default_rng((seed, _SEED, epoch)).permutation(len(views))
@@ -160,6 +161,7 @@ def fit_codes(
             assert param.grad is not None
             adam_update(param, param.grad, *moments[name], lr=rate, step=step + 1, backend=backend)
             param.grad = None
+        after_step(step + 1, float(loss.detach()))
     return {name: value.detach() for name, value in fitted.items()}
 
 

@@ -14,10 +14,11 @@ from fastsplat.service.splatting.photometric import corrected_for
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import Backend, Rendering, Splats
 from fastsplat.service.splatting.semantics import label_loss
-from fastsplat.service.splatting.sensor_depth import sensor_depth_terms
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import Frame, TrainingView
 
+_ALPHA_MIN = 0.1
+"""Pixels less covered than this have no depth here."""
 _OPACITY_DECAY = 0.02
 """Weight of the mean opacity in the loss (3DGS-MCMC), so that useless Gaussians die."""
 _SCALE_DECAY = 0.01
@@ -102,3 +103,36 @@ def loss_terms(
     terms["opacity"] = _OPACITY_DECAY * splats.opacities.mean()
     terms["scale"] = _SCALE_DECAY / extent * splats.scales.mean()
     return terms
+
+
+def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSettings) -> dict[str, Tensor]:
+    """The weighted term of what a sensor measured, by name; none for a frame without measurements or a weight of 0.
+
+    Args:
+        rendering: alpha and depth of a frame.
+        frame: what was measured of it.
+        settings: the weight, and `depth_every`, by which it is multiplied because it enters only so often.
+    """
+    if frame.depth is None or not settings.sensor_depth_weight:
+        return {}
+    error = sensor_depth_error(rendering.alpha, rendering.depth, frame.depth, frame.valid)
+    return {"sensor_depth": settings.sensor_depth_weight * settings.depth_every * error}
+
+
+def sensor_depth_error(alpha: Tensor, depth: Tensor, measured: Tensor, valid: Tensor | None = None) -> Tensor:
+    """Mean over the measured pixels of |ln(expected depth / measured depth)|; 0 where there is none.
+
+    The logarithm counts errors in shares of the depth, as sensors make them, and the absolute value lets a few wrong
+    measurements, at edges and on glass, pull no harder than right ones.
+
+    Args:
+        alpha: [H, W], Σ w.
+        depth: [H, W], Σ w z.
+        measured: [H, W] camera z, scene units; 0 where unknown.
+        valid: bool [H, W], pixels that count; None where all do.
+    """
+    counts = (measured > 0) & (alpha.detach() > _ALPHA_MIN) & (depth.detach() > 0)
+    if valid is not None:
+        counts = counts & valid
+    ratio = torch.where(counts, depth, 1.0) / torch.where(counts, alpha * measured, 1.0)
+    return torch.where(counts, ratio.log().abs(), 0.0).sum() / counts.sum().clamp_min(1)

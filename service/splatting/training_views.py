@@ -133,17 +133,6 @@ def drop_empty_label_maps(views: Sequence[TrainingView]) -> tuple[TrainingView, 
     )
 
 
-def with_labels(view: TrainingView, labels: NDArray[np.integer]) -> TrainingView:
-    """The view with other label maps, at all its sizes."""
-    full = torch.from_numpy(smallest_labels(labels))
-    frames = []
-    for frame in view.frames:
-        rows = ((np.arange(frame.camera.height) + 0.5) * len(labels) / frame.camera.height).astype(np.int64)
-        columns = ((np.arange(frame.camera.width) + 0.5) * labels.shape[1] / frame.camera.width).astype(np.int64)
-        frames.append(replace(frame, labels=full[rows][:, columns].contiguous()))
-    return replace(view, frames=tuple(frames))
-
-
 def training_size(camera: Camera, max_side: int, scale: float = 1.0) -> Camera:
     """The camera of an image reduced to `max_side` on its longer side, then by `scale`; never enlarged."""
     factor = min(1.0, max_side / max(camera.width, camera.height)) * scale

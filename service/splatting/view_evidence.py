@@ -16,7 +16,7 @@ from fastsplat.service.scene.types import Evidence, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import label_sums
-from fastsplat.service.splatting.raster.types import Backend, LabelSums, Splats
+from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
@@ -88,18 +88,6 @@ def views_evidence(
         if sum(len(part.labels) for part in parts[1:]) > _PENDING_ENTRIES:
             parts = [merged(parts)]
     return merged(parts)
-
-
-def region_sums(splats: Splats, view: TrainingView, ids: NDArray[np.integer], backend: Backend) -> LabelSums:
-    """The weight of each Gaussian by id, on the CPU; ids int [H, W] at the view's training size, 0 = no region. Pixels
-    that are not valid count for nothing."""
-    frame, device = view.frames[-1], splats.means.device
-    image = torch.from_numpy(ids.astype(np.int32)).to(device)
-    if frame.valid is not None:
-        image[~frame.valid.to(device)] = -1
-    bound = int(ids.max(initial=0)) + 1
-    sums = label_sums(splats, view.viewmat.to(device), frame.camera, image, bound, backend=backend)
-    return LabelSums(sums.starts.cpu(), sums.labels.cpu(), sums.sums.cpu())
 
 
 def _evidence(

@@ -58,6 +58,7 @@ class KnownNameRecord:
 
 _ROWS = known_names.c
 _PLAIN = [column for column in _ROWS if column.name != "picture"]
+_NEWEST_FIRST = _ROWS.named_at.desc(), _ROWS.id.desc()
 _OF_CURRENT = and_(scenes.c.id == _ROWS.scene_id, scenes.c.version == _ROWS.version)
 
 
@@ -92,9 +93,16 @@ class KnownNameRepository:
         self._writing = partial(transaction, engine)
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
+    def keys(self) -> Sequence[tuple[str, str]]:
+        """Id and version of every name that counts, in the order of `all`. No row ever changes: as long as these stay,
+        so does what `all` returns, whichever process writes."""
+        query = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within()).order_by(*_NEWEST_FIRST)
+        with self._reading() as connection:
+            return [(name_id, version) for name_id, version in connection.execute(query)]
+
     def all(self) -> Sequence[KnownNameRecord]:
         """Every name that counts, newest first, without pictures."""
-        query = select(*_PLAIN).join(scenes, _OF_CURRENT).where(self._within()).order_by(_ROWS.named_at.desc())
+        query = select(*_PLAIN).join(scenes, _OF_CURRENT).where(self._within()).order_by(*_NEWEST_FIRST)
         with self._reading() as connection:
             return [KnownNameRecord(**row) for row in connection.execute(query).mappings()]
 
@@ -105,7 +113,7 @@ class KnownNameRepository:
             at, name_id = after
             query = query.where(or_(_ROWS.named_at < at, and_(_ROWS.named_at == at, _ROWS.id < name_id)))
         with self._reading() as connection:
-            rows = connection.execute(query.order_by(_ROWS.named_at.desc(), _ROWS.id.desc()).limit(limit))
+            rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
             return [KnownNameRecord(**row) for row in rows.mappings()]
 
     def forget(self, name_id: str) -> None:

@@ -129,7 +129,8 @@ EXAMPLES = (
     Example("CancelOperation", of="training"),
     Example("RetryOperation", {"exclude": ("bad.jpg",)}, "cancelled"),
     *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras")),
-    Example("GetServerStatus"),
+    *(Example(name) for name in ("GetServerStatus", "ListProjects")),
+    _bad("CreateProject", {"name": "Kitchen!"}, "project"),
     Example("ListKnownNames", {"page_size": 1}, "named"),
     # What is refused: by each call something that is not there, and every way to say what makes no sense.
     *(
@@ -146,7 +147,7 @@ EXAMPLES = (
     ),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
-    *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras")),
+    *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),

@@ -226,7 +226,7 @@ class _Endless:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def ask(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest) -> QueryOut:
         self.begun.set()
         try:
             while True:
@@ -276,10 +276,10 @@ class _Watched:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def ask(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest) -> QueryOut:
         self.begun.set()
         try:
-            return self._service.answers.ask(request)
+            return self._service.answers.query(request)
         except BaseException as error:
             self.error = error
             raise

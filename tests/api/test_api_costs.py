@@ -68,7 +68,7 @@ class _Slow:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def ask(self, request: QueryRequest) -> QueryOut:
+    def query(self, request: QueryRequest) -> QueryOut:
         never = threading.Event()
         while not never.wait(0.005):
             check_cancelled()

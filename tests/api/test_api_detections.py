@@ -28,11 +28,3 @@ def test_detections_are_the_things_listed(service: SceneService, client: Client,
     mug = next(each for each in truth.detections if each.label == "mug")
     assert mug.support is not None and mug.support.label == "floor"  # the floor of that scene is called so
     assert mug.views and (mug.first_seen, mug.proposed_in) == (None, ())
-
-
-def test_pages_make_the_whole(service: SceneService, upright_id: str) -> None:
-    first = service.detections.all(upright_id, page_size=1)
-    second = service.detections.all(upright_id, page_size=1, page_token=first.next_page_token)
-    assert first.next_page_token and not second.next_page_token
-    assert first.detections + second.detections == service.detections.all(upright_id).detections
-    assert first[2:] == second[2:]

@@ -38,7 +38,7 @@ def test_answers_say_the_relation_to_what_was_found(lexicon_models_dir: Path, tm
     with open_service(settings) as service:
         scene_id = store_scene(service._store, scene, "made")
         request = QueryRequest(scene_id, _QUESTIONS)
-        truth = service.answers.query(request)
+        truth = service.answers.query(request).answers
     assert {answer.method for answer in truth} == {"lexicon"}
     assert {answer.relation for answer in truth} >= {"same", "kind_of", "absent"}
     said = {answer.text: (answer.relation, answer.relation_subject) for answer in truth}

@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import grpc
-import httpx
 import pytest
 
 from fastsplat.service.application.service import SceneService
@@ -18,15 +17,12 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, DeadlineExceededError
 from fastsplat_client.events import Event, events_of
-from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.scenes import DictionaryEntry
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
-from tests.api.made_scene import LABELS
 from tests.api.served import Faces, rest_refusal, rpc_refusal, served
-from tests.api.training_job import add_cancelled_job
 
 
 @pytest.fixture
@@ -145,23 +141,6 @@ def test_events_that_end_before_the_job_does_say_why(
             list(client_of(faces).watch(queued))
 
 
-def test_photos_are_left_out_of_a_retry_alike_on_all_faces(faces: Faces, client: Client, service: SceneService) -> None:
-    calls = (
-        lambda job, name: faces.rest.post(f"/v1/operations/{job}:retry", json={"exclude": [name]}).raise_for_status(),
-        lambda job, name: faces.rpc.RetryOperation(pb.RetryOperationRequest(operation_id=job, exclude=[name])),
-        lambda job, name: client.retry(job, [name]),
-    )
-    for retry in calls:
-        job = add_cancelled_job(service, "bad.jpg")
-        with pytest.raises((httpx.HTTPStatusError, grpc.RpcError, InvalidInputError)):
-            retry(job, "no such photo.jpg")
-        assert service.get_operation(job).state == "CANCELLED"
-        retry(job, "bad.jpg")
-        assert service.get_operation(job).left_out == {"bad.jpg": "left out on request"}
-        assert service.get_operation(job).state == "QUEUED"
-        service.delete_scene(service.get_operation(job).scene_id)
-
-
 def test_waiting_ends_with_the_job_or_with_the_time(
     faces: Faces, client: Client, service: SceneService, queued: str
 ) -> None:
@@ -198,22 +177,3 @@ def test_operations_are_listed_alike_newest_first(
     listed = faces.rpc.ListOperations(pb.ListOperationsRequest(state=pb.OPERATION_STATE_QUEUED)).operations
     assert [operation.id for operation in listed] == waiting != [operation.id for operation in every]
     assert faces.rest.get("/v1/operations", params={"state": "LOST"}).status_code == 400
-
-
-def test_labels_come_in_pages(faces: Faces, client: Client, scene_id: str) -> None:
-    rows = list(client.labels(scene_id))
-    assert [row.label for row in rows] == list(LABELS) and isinstance(rows[0], DictionaryEntry)
-    token, labels = "", []
-    while True:
-        page = faces.rpc.ListLabels(pb.ListLabelsRequest(scene_id=scene_id, page_size=2, page_token=token))
-        labels += [entry.label for entry in page.labels]
-        if not (token := page.next_page_token):
-            break
-    assert labels == list(LABELS)
-    objects = faces.rest.get(f"/v1/scenes/{scene_id}/objects", params={"page_size": 1}).json()
-    other = {"page_token": objects["next_page_token"]}
-    assert objects["next_page_token"]
-    refused = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/labels", params=other))
-    assert refused.details["field"] == "page_token"  # a token of one list is none of another
-    with pytest.raises(NotFoundError):
-        list(client.labels("none"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fastsplat.service.application.answering.photo_pages import photo_page
+from fastsplat.service.application.answering.photos import photo_page
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError

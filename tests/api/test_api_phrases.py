@@ -11,7 +11,7 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client, StandingQuestion
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.poses import Pose, quaternion_of, vector3
+from fastsplat_contract.poses import Pose, pose_of
 from fastsplat_contract.queries import QueryRequest
 from tests.api.clients import assert_same, client_of, outcome
 from tests.api.made_scene import turned
@@ -22,7 +22,7 @@ _FRONT = turned(0.0)
 
 
 def _asker(matrix: np.ndarray) -> Pose:
-    return Pose(vector3(matrix[:3, 3]), quaternion_of(matrix[:3, :3]))
+    return pose_of(matrix)
 
 
 def _behind() -> np.ndarray:
@@ -54,7 +54,7 @@ def test_every_face_answers_the_same(
     service: SceneService, client: Client, scene_id: str, text: str, choices: dict[str, Any], things: tuple[int, ...]
 ) -> None:
     request = QueryRequest(scene_id, (text,), outputs=frozenset({"mask3d", "objects"}), **choices)
-    truth = service.answers.query(request)
+    truth = service.answers.query(request).answers
     assert_same(client.ask(request), truth)
     assert_same(client.ask(request, protocol="gRPC"), truth)
     (phrase,) = (answer.phrase for answer in truth)
@@ -64,7 +64,7 @@ def test_every_face_answers_the_same(
 
 def test_a_view_to_stand_at_can_be_said_in_a_url(faces: Faces, service: SceneService, scene_id: str) -> None:
     request = QueryRequest(scene_id, ("the thing left of the ball",), asker_view="front.png")
-    (truth,) = service.answers.query(request)
+    (truth,) = service.answers.query(request).answers
     with client_of(faces) as client:
         reply = client._transport.call(
             "GET", "/query", params={"text": request.texts[0], "scene": scene_id, "asker_view": "front.png"}
@@ -84,7 +84,7 @@ def test_a_place_to_stand_at_that_makes_no_sense_is_refused(
     service: SceneService, client: Client, scene_id: str, choices: dict[str, Any], error: type[Exception], field: str
 ) -> None:
     request = QueryRequest(**{"scene_id": scene_id, "texts": ("the thing left of the ball",), **choices})
-    truth = outcome(lambda: service.answers.query(request))
+    truth = outcome(lambda: service.answers.query(request).answers)
     assert truth[0] is error and truth[2]["field"] == field
     if request.scene_id:
         assert_same(outcome(lambda: client.ask(request)), truth)

@@ -17,7 +17,7 @@ from fastsplat.service.settings import Settings
 from fastsplat_client import StandingQuestion
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import Answer, QueryRequest
+from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
@@ -78,7 +78,7 @@ def test_poses_are_answered_as_a_query_would(faces: Faces, service: SceneService
             (mug, moon) = found.answers
             expected = service.answers.query(
                 _question(scene_id, "mug", "moon", mask2d_encoding="png", cameras=(turned(_ANGLES[number - 1]),))
-            )
+            ).answers
             assert_same((mug, moon), expected)
             assert (found.sequence, found.question, found.dropped) == (number, 1, 0)
             answered.release()
@@ -119,7 +119,7 @@ class _Held:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
 
-    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
+    def query(self, request: QueryRequest) -> QueryOut:
         if request.cameras:
             self.asked.append(float(request.cameras[0].world_from_camera[0, 2]))
             self.begun.set()

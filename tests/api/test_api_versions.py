@@ -5,13 +5,11 @@ from __future__ import annotations
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
-import grpc
 import numpy as np
 import pytest
 
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import (
@@ -24,10 +22,10 @@ from fastsplat_contract.errors import (
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Color, Edit
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces
 
 _REMOVE = Edit("remove", label="mug")
 _UP = Pose((0.0, -1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -77,24 +75,6 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
         client.undo_edit(own)
 
 
-def test_one_request_id_makes_one_version(client: Client, own: str) -> None:
-    with ThreadPoolExecutor(4) as pool:
-        made = list(pool.map(lambda _: client.edit_scene(own, [_REMOVE], request_id="once"), range(4)))
-    assert len({version.version for version in made}) == 1 and len(client.versions(own)) == 2
-    with pytest.raises(ConflictError) as caught:
-        client.edit_scene(own, [Edit("remove", label="ball")], request_id="once")
-    assert caught.value.field == "request_id"
-
-
-def test_an_undo_that_is_repeated_undoes_once(client: Client, own: str) -> None:
-    first = client.edit_scene(own, [_REMOVE])
-    second = client.edit_scene(own, [Edit("remove", label="ball")])
-    assert client.undo_edit(own, second.version).version == first.version
-    with pytest.raises(ConflictError) as caught:
-        client.undo_edit(own, second.version)
-    assert caught.value.field == "version"
-
-
 @pytest.mark.parametrize(
     ("edits", "error", "field"),
     [
@@ -123,31 +103,6 @@ def test_a_bad_edit_is_named_and_changes_nothing(
     assert client.versions(scene_id) == before
 
 
-def test_beyond_their_bound_undone_versions_go_and_then_the_oldest(
-    service: SceneService, api_settings: Settings, own: str
-) -> None:
-    calls = api_settings.calls.model_copy(update={"max_versions": 3})
-    recolor = [Edit("recolor", "mug", color=Color(0.0, 0.5, 1.0))]
-    with open_service(api_settings.model_copy(update={"calls": calls})) as bounded:
-        trained = bounded.versions.resolve(own)
-        undone = bounded.versions.edit(own, recolor).version
-        bounded.versions.undo(own)
-        first = bounded.versions.edit(own, recolor).version
-        second = bounded.versions.edit(own, recolor).version
-        assert [row.version for row in bounded.versions.all(own)] == [trained, first, second]
-        assert undone not in {path.name for path in (api_settings.data_dir / "scenes" / own).iterdir()}
-        third = bounded.versions.edit(own, recolor).version
-        assert [(row.version, row.parent) for row in bounded.versions.all(own)] == [
-            (trained, ""),
-            (second, trained),
-            (third, second),
-        ]
-        with pytest.raises(NotFoundError):
-            bounded.answers.query(QueryRequest(own, ("mug",), version=first))
-        assert [bounded.versions.undo(own).version, bounded.versions.undo(own).version] == [second, trained]
-    assert len(list((api_settings.data_dir / "scenes" / own).iterdir())) == 3
-
-
 def test_versions_go_with_their_scene(service: SceneService, api_settings: Settings) -> None:
     scene_id = add_scene(service, api_settings, "gone")
     made = service.versions.edit(scene_id, [_REMOVE])
@@ -166,7 +121,7 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
     def ask(number: int) -> int:
         asked = 0
         while not over.is_set():
-            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"})))
+            (answer,) = service.answers.query(QueryRequest(own, ("mug",), outputs=frozenset({"mask3d"}))).answers
             assert len(answer.mask3d) == -(-answer.gaussians // 8)
             client.query(own, "mug", views=["front.png"], outputs=["mask2d"])
             sizes.add(answer.gaussians)
@@ -185,50 +140,3 @@ def test_no_question_fails_while_versions_come_and_go(service: SceneService, cli
             over.set()
         assert all(reader.result() > 0 for reader in readers)
     assert sizes >= {240, 180}
-
-
-def test_concurrent_edits_build_on_each_other(service: SceneService, own: str) -> None:
-    def edit(label: str) -> Any:
-        return service.versions.edit(own, [Edit("remove", label=label)])
-
-    with ThreadPoolExecutor(3) as pool:
-        list(pool.map(edit, ["mug", "ball", "story book"]))
-    assert service.get_scene(own).gaussians == 60  # only the floor is left
-    assert len(service.versions.all(own)) == 4
-
-
-def test_however_many_edits_come_at_once_each_is_made_of_the_one_before(service: SceneService, own: str) -> None:
-    count = 12
-    barrier = threading.Barrier(count)
-
-    def edit(number: int) -> str:
-        barrier.wait(30)
-        return service.versions.edit(own, [Edit("recolor", label="mug", color=Color(number / count, 0, 0))]).version
-
-    with ThreadPoolExecutor(count) as pool:
-        made = list(pool.map(edit, range(count)))
-    versions = service.versions.all(own)
-    assert {version.version for version in versions[1:]} == set(made) and len(set(made)) == count
-    assert [version.parent for version in versions[1:]] == [version.version for version in versions[:-1]]
-
-
-@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
-def test_a_request_id_whose_edit_was_undone_is_a_conflict(
-    faces: Faces, service: SceneService, own: str, protocol: str
-) -> None:
-    made = service.versions.edit(own, [_REMOVE], "first")
-    assert service.versions.edit(own, [_REMOVE], "first") == made
-    service.versions.edit(own, [Edit("remove", label="ball")])
-    assert service.versions.edit(own, [_REMOVE], "first").version == made.version  # the current one is made of it
-    service.versions.undo(own)
-    service.versions.undo(own)
-    if protocol == "REST":
-        body = {"edits": [{"action": "remove", "label": "mug"}], "request_id": "first"}
-        refusal = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:edit", json=body))
-    else:
-        message = pb.EditSceneRequest(scene_id=own, edits=[to_proto(_REMOVE)], request_id="first")
-        with pytest.raises(grpc.RpcError) as caught:
-            faces.rpc.EditScene(message)
-        refusal = rpc_refusal(caught.value)
-    assert (refusal.reason, refusal.details["field"]) == ("CONFLICT", "request_id")
-    assert len(service.versions.all(own)) == 3

@@ -130,7 +130,7 @@ def test_it_talks_with_a_real_server(python: Path, faces: Faces, service: SceneS
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     outputs = frozenset({"mask2d", "mask3d", "objects"})
-    (truth,) = service.answers.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs))
+    (truth,) = service.answers.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs)).answers
     assert truth.objects and truth.mask3d
     area = truth.masks[0].area
     assert told["answer"] == [truth.verdict, truth.explanation, area, truth.objects[0].id, len(truth.mask3d)]

@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from fastsplat.api.rest.request_heads import MAX_HEADERS
+from fastsplat.api.rest.middleware import MAX_HEADERS
 from fastsplat.service.settings import LimitSettings, Settings
 from tests.api.served import Faces, served, serving
 

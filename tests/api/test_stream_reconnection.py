@@ -138,7 +138,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> tuple[Settings, str, dic
                 mask2d_encoding="png",
                 cameras=(turned(angle),),
             )
-            expected[angle] = service.answers.query(request)
+            expected[angle] = service.answers.query(request).answers
     return settings, scene_id, expected
 
 

@@ -110,7 +110,9 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 def _alone(service: SceneService, stored: dict[str, str], request: QueryRequest) -> tuple[Answer, ...]:
     """The answers of each scene to a question to it alone, open."""
-    return tuple(answer for one in stored.values() for answer in service.answers.query(replace(request, scene_id=one)))
+    return tuple(
+        answer for one in stored.values() for answer in service.answers.query(replace(request, scene_id=one)).answers
+    )
 
 
 def _close(service: SceneService) -> None:
@@ -133,28 +135,28 @@ def test_all_scenes_answer_as_each_alone(service: SceneService, stored: dict[str
     request = QueryRequest("", (*PLAIN, *PHRASES), **more)
     expected = _alone(service, stored, request)
     assert {answer.verdict for answer in expected} >= {"exact", "related", "absent"} or "negatives" in more
-    assert service.answers.query(request) == expected  # from open scenes, and from what is kept of them
+    assert service.answers.query(request).answers == expected  # from open scenes, and from what is kept of them
     _close(service)
-    assert service.answers.query(request) == expected
+    assert service.answers.query(request).answers == expected
 
 
 @pytest.mark.parametrize("text", ["mug", "a grand piano", "the piano on the table"])
 def test_the_gaussians_of_no_answer_are_an_empty_file(service: SceneService, stored: dict[str, str], text: str) -> None:
     request = QueryRequest("", (text,), outputs=frozenset({"mask3d"}), mask3d_encoding="ply")
-    assert service.answers.query(request) == _alone(service, stored, request)
+    assert service.answers.query(request).answers == _alone(service, stored, request)
 
 
 def test_a_plain_question_reads_no_file_of_a_scene_twice(
     service: SceneService, stored: dict[str, str], opened: list[str]
 ) -> None:
     request = QueryRequest("", PLAIN)
-    expected = service.answers.query(request)
+    expected = service.answers.query(request).answers
     assert opened == list(stored.values())
     for one in stored.values():
         artefact = service._store.blobs.version(one, "1") / "artefact"
         artefact.rename(artefact.with_name("away"))
     _close(service)
-    out = service.answers.ask(request)
+    out = service.answers.query(request)
     assert (out.answers, out.skipped_count) == (expected, 0) and len(opened) == len(stored)
 
 
@@ -181,14 +183,16 @@ def test_what_needs_gaussians_opens_only_scenes_that_answer(
 
 def test_a_new_version_and_a_deleted_scene_are_noticed(service: SceneService, stored: dict[str, str]) -> None:
     request = QueryRequest("", ("mug", "teacup"))
-    before = service.answers.query(request)
+    before = service.answers.query(request).answers
     service.versions.edit(stored["things"], [Edit("name", things=(2,), name="teacup")], looked_at="1")
-    after = service.answers.query(request)
+    after = service.answers.query(request).answers
     assert after == _alone(service, stored, request)
     changed = {new.scene_id for old, new in zip(before, after, strict=True) if old != new}
     assert changed == {stored["things"]}
     service.delete_scene(stored["codes"])
-    assert {answer.scene_id for answer in service.answers.query(request)} == set(stored.values()) - {stored["codes"]}
+    assert {answer.scene_id for answer in service.answers.query(request).answers} == set(stored.values()) - {
+        stored["codes"]
+    }
     assert all(key[0] != stored["codes"] for key in service._scenes._ranked._slots)
 
 
@@ -212,11 +216,11 @@ def test_with_room_for_one_scene_all_are_answered(
     settings: Settings, service: SceneService, stored: dict[str, str]
 ) -> None:
     request = QueryRequest("", PLAIN)
-    expected = service.answers.query(request)
+    expected = service.answers.query(request).answers
     assert len(service._scenes._ranked) == len(stored) and service._scenes._ranked.bytes < 10e6
     calls = settings.calls.model_copy(update={"ranking_memory_bytes": 1})
     with open_service(settings.model_copy(update={"calls": calls})) as small:
-        assert small.answers.query(request) == expected == small.answers.query(request)
+        assert small.answers.query(request).answers == expected == small.answers.query(request).answers
         assert len(small._scenes._ranked) == 1
 
 
@@ -236,9 +240,9 @@ def test_a_second_scene_with_the_same_labels_asks_the_encoder_for_nothing(
 
         monkeypatch.setattr(encoder, "encode", counting)
         request = QueryRequest(store_scene(service._store, scenes["codes"]), PLAIN)
-        answers = service.answers.query(request)
+        answers = service.answers.query(request).answers
         assert any(text.startswith("mug: ") for text in texts) and {answer.method for answer in answers} >= {"lexicon"}
         texts.clear()
         second = store_scene(service._store, scenes["codes"])
-        again = service.answers.query(replace(request, scene_id=second))
+        again = service.answers.query(replace(request, scene_id=second)).answers
         assert texts == [] and [replace(answer, scene_id=request.scene_id) for answer in again] == list(answers)

@@ -61,7 +61,7 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
     request = QueryRequest(
         ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
     )
-    mug, banana = service.answers.query(request)
+    mug, banana = service.answers.query(request).answers
     assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
     assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
@@ -74,14 +74,14 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
 
 
 def test_nothing_is_computed_that_was_not_asked_for(service, ready):
-    (answer,) = service.answers.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",)))
+    (answer,) = service.answers.query(QueryRequest(ready.id, ("mug",), views=("front.jpg",))).answers
     assert answer.masks == () and answer.mask3d is None and answer.objects is None
 
 
 def test_all_ready_scenes_are_asked_newest_first(service, ready, post, finish):
     newer, unfinished = post("newer"), post("unfinished")
     finish(newer)
-    answers = service.answers.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"})))
+    answers = service.answers.query(QueryRequest("", ("mug", "banana"), outputs=frozenset({"mask3d"}))).answers
     assert [answer.scene_id for answer in answers] == [newer.id, newer.id, ready.id, ready.id]
     assert [answer.text for answer in answers] == ["mug", "banana"] * 2
     assert answers[0].mask3d == b"\x80" and unfinished.id not in {answer.scene_id for answer in answers}
@@ -112,7 +112,7 @@ def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
 def test_an_unfinished_scene_says_what_to_wait_for(service, post):
     info = post()
     calls = [
-        lambda: service.answers.query(QueryRequest(info.id, ("mug",))),
+        lambda: service.answers.query(QueryRequest(info.id, ("mug",))).answers,
         lambda: service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg")),
         lambda: service.answers.scene_ply(info.id),
         lambda: service.answers.mask_ply(info.id, "mug"),
@@ -142,8 +142,8 @@ def test_senseless_questions_are_refused(service, ready):
         (InvalidInputError, lambda: picture(PictureRequest(ready.id, "mask", view="front.jpg"))),
         (InvalidInputError, lambda: picture(PictureRequest(ready.id, "sketch", "mug", view="front.jpg"))),
         (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
-        (InvalidInputError, lambda: service.answers.query(QueryRequest("", ()))),
-        (LimitExceededError, lambda: service.answers.query(QueryRequest("", ("x" * 100_000,)))),
+        (InvalidInputError, lambda: service.answers.query(QueryRequest("", ())).answers),
+        (LimitExceededError, lambda: service.answers.query(QueryRequest("", ("x" * 100_000,))).answers),
         (InvalidInputError, lambda: service.answers.mask_ply(ready.id, "")),
     ]
     for error, call in refused:
@@ -158,7 +158,7 @@ def test_threads_share_one_open_scene(service, ready, monkeypatch):
     monkeypatch.setattr(service._scenes, "_load", lambda *key: opened.append(key) or real(*key))
     request = QueryRequest(ready.id, ("mug",), views=("front.jpg",), outputs=frozenset({"mask2d"}))
     with ThreadPoolExecutor(8) as pool:
-        answers = list(pool.map(lambda _: service.answers.query(request), range(16)))
+        answers = list(pool.map(lambda _: service.answers.query(request).answers, range(16)))
     assert len(opened) == 1 and all(answer == answers[0] for answer in answers)
 
 
@@ -170,7 +170,7 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
     weight = 2 * sum(path.stat().st_size for path in folder.iterdir()) + KEPT_MAP_BYTES
     calls = settings.calls.model_copy(update={"scene_memory_bytes": int(2.5 * weight)})
     with open_service(settings.model_copy(update={"calls": calls})) as bounded:
-        assert len(bounded.answers.query(QueryRequest("", ("mug",)))) == 3
+        assert len(bounded.answers.query(QueryRequest("", ("mug",))).answers) == 3
         assert bounded._scenes.count() == 2
         assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
 

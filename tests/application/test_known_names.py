@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +20,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import Thing, Things
 from fastsplat.service.settings import CallSettings, Settings
+from fastsplat.service.store.name_repository import KnownNameRecord, KnownNameRepository
 from fastsplat.service.store.schema import known_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import NotFoundError
@@ -91,6 +95,11 @@ def _name(service: SceneService, scene_id: str, thing_id: int, name: str) -> Non
     )
 
 
+def _asked(service: SceneService, scene_id: str, text: str) -> str:
+    (answer,) = service.answers.query(QueryRequest(scene_id, (text,))).answers
+    return answer.outcome
+
+
 def _current(service: SceneService, scene_id: str) -> str:
     return service.versions.resolve(scene_id)
 
@@ -130,13 +139,40 @@ def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(
     first, other = add(3, 7, 9), add(7, 3, 11)
     _name(service, first, 2, "mug")
     (told,) = _suggested(service, other)[1]
-    (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"})))
+    (answer,) = service.answers.query(QueryRequest(other, ("the mug",), outputs=frozenset({"mask3d"}))).answers
     assert (answer.outcome, answer.things, answer.probability) == ("probably_here", (1,), told.probability)
     assert answer.mask3d is not None and np.unpackbits(np.frombuffer(answer.mask3d, np.uint8)).sum() == _EACH
-    everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",)))}
+    everywhere = {each.scene_id: each.outcome for each in service.answers.query(QueryRequest("", ("mug",))).answers}
     assert everywhere == {first: "here", other: "probably_here"}
     service.versions.undo(first)
-    assert service.answers.query(QueryRequest(other, ("mug",)))[0].outcome == "not_here"
+    assert _asked(service, other, "mug") == "not_here"
+
+
+def test_names_are_read_once_until_any_process_changes_them(
+    service: SceneService, add: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, other = add(3, 7, 9), add(7, 3, 11)
+    _name(service, first, 2, "mug")
+    read: list[int] = []
+    every = KnownNameRepository.all
+
+    def counted(names: KnownNameRepository) -> Sequence[KnownNameRecord]:
+        read.append(1)
+        return every(names)
+
+    monkeypatch.setattr(KnownNameRepository, "all", counted)
+    for _ in range(2):
+        assert _asked(service, other, "mug") == "probably_here"
+        assert len(_suggested(service, other)[1]) == 1
+    assert len(read) == 1
+    script = (
+        "import pickle, sys\n"
+        "from fastsplat.service.application.service import open_service\n"
+        "settings, scene_id = pickle.load(sys.stdin.buffer)\n"
+        "with open_service(settings) as service: service.versions.undo(scene_id)"
+    )
+    subprocess.run([sys.executable, "-c", script], input=pickle.dumps((service._settings, first)), check=True)
+    assert _asked(service, other, "mug") == "not_here" and len(read) == 2
 
 
 def test_names_follow_undo_unname_rename_and_the_scenes_end(service: SceneService, add: Callable[..., str]) -> None:

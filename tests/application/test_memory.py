@@ -66,10 +66,10 @@ view = lambda side: PosedCamera(Camera(side, side, 0.8 * side, 0.8 * side, side 
 
 def draw(kind, posed):
     text = "mug" if kind in ("overlay", "relevancy", "mask") else None
-    return picture(index, PictureRequest("scene", kind, text, camera=posed), query)
+    return picture(index, index.ranked, PictureRequest("scene", kind, text, camera=posed), query)
 
 def masks(posed, encoding):
-    (answer,) = index.answer(query)
+    (answer,) = index.ranked.answer(query, lambda: index.things)
     assert view_mask(index, answer, "", 0, posed, encoding).area > 0.1 * posed.camera.width**2
 
 rows = {}
@@ -211,7 +211,7 @@ def test_edits_and_scenes_that_open_take_their_share_of_the_memory(
             with pytest.raises(CallAgainError):  # without a thread
                 service.answers.query(QueryRequest(info.id, ("mug",)))
             memory._waiting.clear()
-        assert service.answers.query(QueryRequest(info.id, ("mug",)))
+        assert service.answers.query(QueryRequest(info.id, ("mug",))).answers
         with memory.opening(memory._all), run_by(_Runner()), pytest.raises(CallAgainError):
             service.versions.edit(info.id, recolor)
         memory._waiting.clear()
@@ -226,7 +226,8 @@ from fastsplat.service.application.base.memory import edit_bytes
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.edits.edit import Edit
+from fastsplat_contract.poses import pose_of
+from fastsplat_contract.scenes import Edit
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
@@ -244,10 +245,10 @@ shift = np.eye(4)
 shift[0, 3] = 5.0
 edits = {
     "recolor": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0))],
-    "move": [Edit("move", "mug", transform=shift)],
+    "move": [Edit("move", "mug", transform=pose_of(shift))],
     "remove": [Edit("remove", "mug")],
-    "duplicate": [Edit("duplicate", "mug", transform=shift)],
-    "three": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0)), Edit("move", "banana", transform=shift),
+    "duplicate": [Edit("duplicate", "mug", transform=pose_of(shift))],
+    "three": [Edit("recolor", "mug", color=(1.0, 0.0, 0.0)), Edit("move", "banana", transform=pose_of(shift)),
               Edit("recolor", "mug", color=(0.0, 1.0, 0.0))],
 }
 

@@ -48,7 +48,7 @@ _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
     "export": lambda service, scene: service.exports.file(ExportRequest(scene)),
     "thing_ids": lambda service, scene: service.answers.thing_ids(scene),
-    "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))),
+    "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))).answers,
     "edit_scene": lambda service, scene: service.versions.edit(scene, [Edit("remove", label="mug")]),
     "undo_edit": lambda service, scene: service.versions.undo(scene, ""),
     "delete_scene": lambda service, scene: service.delete_scene(scene),
@@ -76,7 +76,7 @@ def test_operations_and_lists_are_a_projects_own(opened: SceneService) -> None:
             call(operation.id)
     assert [row.id for row in mine.list_operations().operations] == [operation.id]
     assert [row.id for row in theirs.list_scenes().scenes] == [other.scene_id]
-    assert opened.list_scenes() == ((), "") and opened.answers.query(QueryRequest("", ("mug",))) == ()
+    assert opened.list_scenes() == ((), "") and opened.answers.query(QueryRequest("", ("mug",))).answers == ()
     assert mine.cancel_operation(operation.id).state == "CANCELLED"
     assert theirs.get_operation(other.id).state == "QUEUED"
 
@@ -126,7 +126,7 @@ def test_projects_have_plain_names_of_their_own(opened: SceneService) -> None:
         opened.admin.projects.create("default")
     _post(opened.in_project("a"))
     opened.admin.keys.create("robot", "editor", project="a")
-    counts = [(record.name, record.scenes, record.keys) for record in opened.admin.projects.all()]
+    counts = [(record.name, record.scenes, record.keys) for record in opened.admin.projects.all().projects]
     assert counts == [("a", 1, 1), ("b", 0, 0), ("default", 0, 0)]
 
 

@@ -66,7 +66,7 @@ def test_deleted_is_gone_from_disk_and_database(service, settings, post, finish)
     for call in (service.get_scene, service.delete_scene, service.answers.scene_ply):
         with pytest.raises(NotFoundError):
             call(info.id)
-    assert service.answers.query(QueryRequest("", ("mug",))) == ()
+    assert service.answers.query(QueryRequest("", ("mug",))).answers == ()
     assert list((settings.data_dir / "scenes").iterdir()) == []
     assert list((settings.data_dir / "uploads").iterdir()) == []
     assert service.get_operation(info.operation_id).state == "SUCCEEDED"
@@ -78,7 +78,7 @@ def test_a_damaged_scene_is_left_out_of_a_question_to_all_and_named(service, set
     finish(damaged)
     (file,) = (settings.data_dir / "scenes" / damaged.id).glob("*/artefact/scene.json")
     file.write_bytes(file.read_bytes()[:-20])
-    answered = service.answers.ask(QueryRequest("", ("mug",)))
+    answered = service.answers.query(QueryRequest("", ("mug",)))
     assert [answer.scene_id for answer in answered.answers] == [whole.id]
     with pytest.raises(SceneFileError) as caught:
         service.answers.query(QueryRequest(damaged.id, ("mug",)))

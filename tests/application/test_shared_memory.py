@@ -58,10 +58,10 @@ def test_what_one_project_asked_spares_another_no_encoding(tmp_path: Path, encod
             own, scene_id = service.in_project(project), _add(service, settings, project)
             own.answers.query(QueryRequest(scene_id, ("cup",)))  # opens the scene
             encoded.clear()
-            answers[project] = [own.answers.query(QueryRequest(scene_id, ("elephant",)))[0] for _ in range(2)]
+            answers[project] = [own.answers.query(QueryRequest(scene_id, ("elephant",))).answers[0] for _ in range(2)]
             assert [text for text in encoded if "elephant" in text], project
             encoded.clear()
-            again = service.in_project(project, scene_id).answers.query(QueryRequest(scene_id, ("elephant",)))
+            again = service.in_project(project, scene_id).answers.query(QueryRequest(scene_id, ("elephant",))).answers
             assert encoded == [] and again[0] == answers[project][0]  # a link to the scene is of its project
         (cache,) = service._scenes._caches.values()
         assert len(cache.texts._recent) <= settings.query.cached_texts

@@ -79,6 +79,9 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Home]:
             error = {"kind": "INTERNAL", "reason": "X", "message": LONG, "stage": "training", "details": {}}
             service._store.jobs.fail(claim, error)
             ids |= {"failed": job.operation_id, "failed_scene": job.scene_id}
+            log = service._store.blobs.log(job.operation_id)
+            log.parent.mkdir(exist_ok=True)
+            log.write_text(LONG)
             ids["cancelled"] = add_cancelled_job(service, "a.jpg")
             ids["name"] = add_known_name(service, ids["scene"], LONG[:200])
             ids["done"] = service.get_scene(ids["scene"]).operation_id
@@ -99,6 +102,8 @@ LOOKING = (
     "jobs list --state failed --limit 1",
     "jobs show $failed",
     "jobs watch $done",
+    "jobs log $failed",
+    "projects list",
     "keys list",
     "things list $scene",
     "things detections $upright",
@@ -126,6 +131,7 @@ BY_REST = {
     "things detections $upright": "/v1/scenes/{upright}/detections",
     "things versions $scene": "/v1/scenes/{scene}/versions",
     "things known": "/v1/known-names",
+    "projects list": "/v1/projects",
     "status": "/v1/server/status",
 }
 
@@ -221,6 +227,8 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     made = home.json("keys create robot --role reader", server=True)
     assert {key["id"]: key["state"] for key in home.json("keys list")["keys"]}[made["key"]["id"]] == "VALID"
     assert home.json("keys expire", made["key"]["id"][:6], "--days", "1")["expires_at"]
+    assert home.json("projects create kitchen", server=True)["name"] == "kitchen"
+    assert [each["name"] for each in home.json("projects list")["projects"]] == ["default", "kitchen"]
     assert home.run("scenes delete $failed_scene", server=True).exit_code == 1  # nobody said yes
     assert home.run("scenes delete $failed_scene --yes", server=True).exit_code == 0
     assert isinstance(home.run("scenes show", ids["failed_scene"]).exception, NotFoundError)
@@ -246,14 +254,6 @@ def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
     said = home.run("ask $scene mug elephant").stdout.splitlines()
     assert said[0] == answers[0]["explanation"] and answers[1]["explanation"] in said[1:]
     assert said[1].startswith("  thing 1, mug, at (")
-
-
-def test_what_servers_have_no_call_for_is_refused_of_a_server_and_told_of_a_folder(home: Home) -> None:
-    names = [project["name"] for project in home.json("projects list")["projects"]]
-    assert names == ["default"] and "default" in home.run("projects list").stdout
-    for words in ("projects list", "projects create kitchen", "jobs log $failed"):
-        refused = home.run(words, server=True).exception
-        assert isinstance(refused, InvalidInputError) and refused.field == "--server"
 
 
 def test_a_folder_stands_for_its_newest_scene(home: Home) -> None:

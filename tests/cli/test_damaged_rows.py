@@ -136,8 +136,8 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "list scenes": service.list_scenes,
         "get scene": lambda: service.get_scene(scene),
         "labels": lambda: service.list_labels(scene),
-        "query": lambda: service.answers.query(QueryRequest(scene, ("mug",))),
-        "query all": lambda: service.answers.ask(QueryRequest("", ("mug",))),
+        "query": lambda: service.answers.query(QueryRequest(scene, ("mug",))).answers,
+        "query all": lambda: service.answers.query(QueryRequest("", ("mug",))),
         "list operations": service.list_operations,
         "get operation": lambda: service.get_operation(operation),
         "cancel": lambda: service.cancel_operation(operation),
@@ -178,7 +178,7 @@ def test_a_damaged_row_is_typed_or_left_out_and_the_doctor_finds_it(
     assert not untyped
     assert place.other in {scene.id for scene in service.list_scenes().scenes}
     assert service.get_scene(place.other).state == "READY"
-    answers = service.answers.ask(QueryRequest("", ("mug",))).answers
+    answers = service.answers.query(QueryRequest("", ("mug",))).answers
     assert place.other in {answer.scene_id for answer in answers}
     others = {operation.scene_id for operation in service.list_operations().operations}
     assert place.other in others

@@ -13,13 +13,6 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.evaluation.datasets.types import Dataset, QueryTruth, TrueView
-from fastsplat.service.evaluation.published.class_lists import (
-    MIPNERF360,
-    SCANNET_CLASSES,
-    SCANNET_NAMES,
-    SCANNET_SCENES,
-    scannet_figures,
-)
 from fastsplat.service.evaluation.published.mask_pairs import (
     PairScore,
     direct_selection,
@@ -167,45 +160,6 @@ def test_nothing_asked_is_nothing_measured() -> None:
     assert all(math.isnan(figure) for figure in figures)
     silent = [_score("a", "mug", 0.0, predicted=False)]
     assert lerf_mask(silent, strict=True).miou == 0 and math.isnan(lerf_mask(silent, strict=False).miou)
-
-
-def test_the_lists_are_those_of_the_published_code() -> None:
-    assert {count: len(ids) for count, ids in SCANNET_CLASSES.items()} == {19: 19, 15: 15, 10: 10}
-    assert set(SCANNET_CLASSES[10]) < set(SCANNET_CLASSES[15]) < set(SCANNET_CLASSES[19]) == set(SCANNET_NAMES)
-    assert [SCANNET_NAMES[number] for number in SCANNET_CLASSES[10]] == [
-        "wall", "floor", "bed", "chair", "sofa", "table", "door", "window", "bookshelf", "toilet",
-    ]  # fmt: skip
-    dropped = {SCANNET_NAMES[i] for i in set(SCANNET_CLASSES[19]) - set(SCANNET_CLASSES[15])}
-    assert dropped == {"picture", "refrigerator", "shower curtain", "bathtub"}
-    assert len(SCANNET_SCENES) == 10
-    counts = {scene: (len(asked.texts), len(asked.views)) for scene, asked in MIPNERF360.items()}
-    assert counts == {
-        "bicycle": (6, 19), "bonsai": (6, 29), "counter": (11, 24), "garden": (9, 18), "kitchen": (5, 28),
-        "room": (11, 19),
-    }  # fmt: skip
-    for asked in MIPNERF360.values():
-        assert list(asked.views) == sorted(set(asked.views)) and len(set(asked.texts)) == len(asked.texts)
-    assert MIPNERF360["kitchen"].views[0] == "DSCF0660" and MIPNERF360["garden"].views[-1] == "DSC08135"
-
-
-def test_points_of_scannet_count_as_in_the_published_code() -> None:
-    """Walls (1) and chairs (5), a picture (11) that the list of 15 does not have, one transparent Gaussian."""
-    truth = np.array([1, 1, 1, 5, 5, 11, 0, 5])
-    predicted = np.array([1, 5, 1, 5, 1, 5, 5, 1])
-    opacities = np.array([1, 1, 1, 1, 1, 1, 1, 0.05])
-    figures = scannet_figures(truth, predicted, 15, opacities)
-    assert figures.iou == pytest.approx({"wall": 2 / 4, "chair": 1 / 3})
-    assert figures.miou == pytest.approx((2 / 4 + 1 / 3) / 2)
-    assert figures.macc == pytest.approx((2 / 3 + 1 / 2) / 2) and figures.accuracy == pytest.approx(3 / 5)
-    assert scannet_figures(truth, predicted, 19, opacities).iou["picture"] == 0
-    assert scannet_figures(truth, predicted, 15).accuracy == pytest.approx(3 / 6)
-    assert math.isnan(scannet_figures(np.array([0, 11]), np.array([1, 1]), 10).miou)
-
-
-def test_points_that_do_not_fit_are_refused() -> None:
-    for truth, predicted, classes in (([1], [1, 1], 19), ([1], [11], 15), ([1], [-1], 19), ([1], [1], 20)):
-        with pytest.raises(InvalidInputError):
-            scannet_figures(np.array(truth), np.array(predicted), classes)
 
 
 def _dataset(views: tuple[TrueView, ...], labels: tuple[str, ...]) -> Dataset:

@@ -20,7 +20,6 @@ from fastsplat.service.application.exporting.foxglove_file import STEP_NS, foxgl
 from fastsplat.service.application.exporting.geometry_files import points_file
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.query.edits.aligning import align_scene
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
 from fastsplat.service.scene.frames import frame_of, scaled
@@ -28,6 +27,7 @@ from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
+from fastsplat_contract.scenes import Edit
 from tests.interop.wall_views import HOSTILE, PHOTOS, START, seen_wall
 
 _NUMPY = {1: "u1", 3: "<u2", 7: "<f4"}

@@ -53,7 +53,7 @@ def test_a_folder_answers_as_the_service_does(scene: LocalScene, folder: Path) -
     with open_service(folder_settings(folder)) as service:
         for text in ("mug", "cup", "elephant"):
             request = QueryRequest(scene.id, (text,), views=("front.png",), outputs=frozenset({"objects", "mask2d"}))
-            (answer,) = service.answers.query(request)
+            (answer,) = service.answers.query(request).answers
             assert scene.ask(text, viewpoints=("front.png",)) == answer
     assert scene.ask("elephant").verdict == "absent"
 

@@ -28,7 +28,7 @@ def scene(request: pytest.FixtureRequest, models_dir: Path, lexicon_models_dir: 
 
 
 def _ask(scene: LocalScene, *texts: str) -> tuple[Answer, ...]:
-    return tuple(scene._service.answers.query(QueryRequest(scene.id, texts)))
+    return tuple(scene._service.answers.query(QueryRequest(scene.id, texts)).answers)
 
 
 def test_no_answer_contradicts_itself(scene: LocalScene) -> None:

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.edits.aligning import align_scene, fit_pairs, placed_gaussians
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.frames import frame_of, scaled
@@ -22,6 +21,7 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
+from fastsplat_contract.scenes import Edit
 from tests.query.conftest import DrawnEncoder
 from tests.scenes import labelled_scene
 

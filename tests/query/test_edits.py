@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit, edited_rows
+from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.poses import Pose, Quaternion, Vector3, pose_of
+from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -84,7 +86,7 @@ def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened:
 def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
     aside = np.eye(4)
     aside[0, 3] = 0.2
-    two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=aside)))
+    two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
     first, second = (thing for thing in two.objects if thing.label == "mug")
     (left,) = (
         thing for thing in opened(apply_edit(two, Edit("remove", object_id=first.id))).objects if thing.label == "mug"
@@ -96,8 +98,8 @@ def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
 def test_moving_there_and_back_is_nothing(opened: Open, degree: int) -> None:
     scene = scene_of([MUG, BOOK], orbit(), degree=degree)
     pose = rigid(degree)
-    there = apply_edit(opened(scene), Edit("move", label="mug", transform=pose))
-    back = apply_edit(opened(there), Edit("move", label="mug", transform=np.linalg.inv(pose)))
+    there = apply_edit(opened(scene), Edit("move", label="mug", transform=pose_of(pose)))
+    back = apply_edit(opened(there), Edit("move", label="mug", transform=pose_of(np.linalg.inv(pose))))
     sign = np.sign((back.gaussians.quats * scene.gaussians.quats).sum(axis=1, keepdims=True))  # q and −q turn alike
     assert_same(replace(back.gaussians, quats=back.gaussians.quats * sign), scene.gaussians, atol=1e-5)
     rows = np.arange(MUG.count, MUG.count + BOOK.count)
@@ -110,7 +112,7 @@ def test_moving_there_and_back_is_nothing(opened: Open, degree: int) -> None:
 def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: int) -> None:
     scene = scene_of([MUG], degree=degree)
     pose = rigid(10 + degree)
-    moved = apply_edit(opened(scene), Edit("move", label="mug", transform=pose))
+    moved = apply_edit(opened(scene), Edit("move", label="mug", transform=pose_of(pose)))
     turned = replace(FRONT, world_from_camera=pose @ FRONT.world_from_camera)
     before = opened(scene).render(FRONT).astype(int)
     after = opened(moved).render(turned).astype(int)
@@ -124,11 +126,11 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
 def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
     index = opened(scene)
     pose, count = rigid(5), len(scene.gaussians)
-    rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose))
-    after = apply_edit(index, Edit("duplicate", label="mug", transform=pose))
+    rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose_of(pose)))
+    after = apply_edit(index, Edit("duplicate", label="mug", transform=pose_of(pose)))
     assert len(after.gaussians) == count + len(rows) == len(after.evidence or ())
     assert_same(rows_of(after, np.arange(count)), scene.gaussians)
-    moved = apply_edit(index, Edit("move", label="mug", transform=pose))
+    moved = apply_edit(index, Edit("move", label="mug", transform=pose_of(pose)))
     assert_same(rows_of(after, np.arange(count, len(after.gaussians))), rows_of(moved, rows))
     np.testing.assert_array_equal(
         opened(after).gaussian_classes, np.append(index.gaussian_classes, index.gaussian_classes[rows])
@@ -170,8 +172,8 @@ def test_an_edit_leaves_the_index_as_it_was(opened: Open, scene: Scene) -> None:
     for edit in (
         Edit("remove", label="mug"),
         Edit("recolor", label="mug", color=(1, 0, 0)),
-        Edit("move", label="mug", transform=rigid(0)),
-        Edit("duplicate", label="mug", transform=rigid(0)),
+        Edit("move", label="mug", transform=pose_of(rigid(0))),
+        Edit("duplicate", label="mug", transform=pose_of(rigid(0))),
     ):
         apply_edit(index, edit)
         assert_same(index.scene.gaussians, Gaussians(**before))
@@ -182,13 +184,14 @@ def test_what_has_no_gaussians_can_be_edited(opened: Open, scene: Scene) -> None
     for edit in (
         Edit("remove", label="mug"),
         Edit("recolor", label="mug", color=(1, 0, 0)),
-        Edit("move", label="mug", transform=rigid(0)),
-        Edit("duplicate", label="mug", transform=rigid(0)),
+        Edit("move", label="mug", transform=pose_of(rigid(0))),
+        Edit("duplicate", label="mug", transform=pose_of(rigid(0))),
     ):
         assert_same(apply_edit(index, edit).gaussians, index.scene.gaussians)
 
 
-SCALED, MIRRORED, NAN = np.diag([2.0, 2, 2, 1]), np.diag([-1.0, 1, 1, 1]), np.full((4, 4), np.nan)
+STILL = Vector3(0, 0, 0)
+STRETCHED, NAN = Pose(STILL, Quaternion(0, 0, 1, 1)), Pose(STILL, Quaternion(0, 0, np.nan, 1))
 
 
 @pytest.mark.parametrize(
@@ -204,11 +207,9 @@ SCALED, MIRRORED, NAN = np.diag([2.0, 2, 2, 1]), np.diag([-1.0, 1, 1, 1]), np.fu
         (Edit("recolor", label="mug", color=(np.nan, 0, 0)), InvalidInputError, "color"),
         (Edit("remove", label="mug", color=(1, 0, 0)), InvalidInputError, "color"),
         (Edit("move", label="mug"), InvalidInputError, "transform"),
-        (Edit("recolor", label="mug", color=(1, 0, 0), transform=np.eye(4)), InvalidInputError, "transform"),
-        (Edit("move", label="mug", transform=SCALED), InvalidInputError, "transform"),
-        (Edit("move", label="mug", transform=MIRRORED), InvalidInputError, "transform"),
+        (Edit("recolor", label="mug", color=(1, 0, 0), transform=pose_of(np.eye(4))), InvalidInputError, "transform"),
+        (Edit("move", label="mug", transform=STRETCHED), InvalidInputError, "transform"),
         (Edit("duplicate", label="mug", transform=NAN), InvalidInputError, "transform"),
-        (Edit("move", label="mug", transform=np.eye(3)), InvalidInputError, "transform"),
     ],
 )
 def test_what_cannot_be_done(opened: Open, scene: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
@@ -220,7 +221,7 @@ def test_what_cannot_be_done(opened: Open, scene: Scene, edit: Edit, error: type
 def test_duplicates_that_double_a_scene_again_and_again_are_bounded(opened: Open, scene: Scene) -> None:
     aside = np.eye(4)
     aside[0, 3] = 0.01
-    edit, limit = Edit("duplicate", label="mug", transform=aside), 3 * len(scene.gaussians)
+    edit, limit = Edit("duplicate", label="mug", transform=pose_of(aside)), 3 * len(scene.gaussians)
     error: LimitExceededError | None = None
     for _ in range(20):
         try:

@@ -9,7 +9,6 @@ import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.goals import goal_near
@@ -19,7 +18,7 @@ from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import NameSource, Scene, SurfaceKind, Thing, Things
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Box, Scale
+from fastsplat_contract.scenes import Box, Edit, Scale
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.query.conftest import DrawnEncoder

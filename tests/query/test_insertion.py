@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.scenes import InsertSource
+from fastsplat_contract.poses import pose_of
+from fastsplat_contract.scenes import Edit, InsertSource
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -33,7 +33,7 @@ def opened(drawn_encoder: Callable[..., Any]) -> Open:
 
 
 def insert(pose: np.ndarray, **target: Any) -> Edit:
-    return Edit("insert", transform=pose, source=SOURCE, **target)
+    return Edit("insert", transform=pose_of(pose), source=SOURCE, **target)
 
 
 @pytest.mark.parametrize(("here", "there"), [(2, 2), (1, 3), (3, 0)])
@@ -45,7 +45,7 @@ def test_an_inserted_thing_is_the_thing_moved(opened: Open, here: int, there: in
     after = apply_edit(target, insert(pose, label="cup"), source=source)
     count = len(target.scene.gaussians)
     assert len(after.gaussians) == count + MUG.count and after.gaussians.sh_degree == here
-    moved = apply_edit(source, Edit("move", label="cup", transform=pose))
+    moved = apply_edit(source, Edit("move", label="cup", transform=pose_of(pose)))
     for name in ("means", "quats", "log_scales", "logit_opacities"):
         np.testing.assert_array_equal(
             getattr(after.gaussians, name)[count:], getattr(moved.gaussians, name)[: MUG.count], err_msg=name
@@ -88,7 +88,7 @@ def test_what_cannot_be_inserted_is_refused(opened: Open) -> None:
     with pytest.raises(InvalidInputError, match="an edit speaks"):
         apply_edit(index, insert(np.eye(4)), source=source)
     with pytest.raises(InvalidInputError, match="source"):
-        apply_edit(index, Edit("insert", label="book", transform=np.eye(4)), source=source)
+        apply_edit(index, Edit("insert", label="book", transform=pose_of(np.eye(4))), source=source)
     with pytest.raises(InvalidInputError, match="source"):
         apply_edit(index, Edit("remove", label="mug", source=SOURCE))
     with pytest.raises(InvalidInputError, match="transform"):

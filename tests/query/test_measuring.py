@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.measuring import measure
 from fastsplat.service.query.scene_index import SceneIndex
@@ -20,6 +19,7 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoun
 from fastsplat_contract.measure_messages import Measurement
 from fastsplat_contract.places import KnownLength, KnownSize, Place, ThingSide
 from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 

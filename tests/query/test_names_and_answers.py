@@ -18,7 +18,7 @@ from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.names_by_looks import NameFromScene
+from fastsplat.service.query.things.names_by_looks import KnownThing
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Scene, Thing, Things
 from tests.query.conftest import DrawnEncoder, calibrated
@@ -130,16 +130,19 @@ def test_a_label_that_nothing_bears_is_no_name_of_the_scene(drawn_encoder: Calla
 
 
 def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder: Callable[..., Any]) -> None:
-    things = (Thing(1, suggestions=(("jar", 0.4),)), Thing(3, "vase", "person", 1.0))
+    looks, other = (np.eye(8, dtype=np.float16)[row].tobytes() for row in (0, 1))
+    things = (Thing(1, suggestions=(("jar", 0.4),), appearance=looks), Thing(3, "vase", "person", 1.0))
     index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
-    query = replace(
-        check_query(("my samovar", "jar", "vase"), index.settings), elsewhere={1: NameFromScene("samovar", 0.85, "s")}
-    )
-    samovar, jar, vase = index.answer(query)
-    assert (samovar.outcome, samovar.probability, samovar.things) == ("probably_here", 0.85, (1,))
+    known = [KnownThing("s", "samovar", looks), KnownThing("own", "jar", looks)]
+    ranked = index.ranked.suggesting(known, "own")
+    query = check_query(("my samovar", "jar", "vase"), index.settings)
+    samovar, jar, vase = ranked.answer(query, lambda: index.things)
+    (told,) = ranked.elsewhere.values()
+    assert (samovar.outcome, samovar.probability, samovar.things) == ("probably_here", told.probability, (1,))
     assert (jar.outcome, jar.probability, vase.outcome) == ("probably_here", 0.4, "here")
     assert index.ask(["samovar"])[0].outcome == "not_here"  # of this scene alone
-    assert index.ranked.suggesting(query.elsewhere) is index.ranked.suggesting(dict(query.elsewhere))
+    assert index.ranked.suggesting([*known, KnownThing("t", "kettle", other)], "own") is ranked  # it says the same
+    assert index.ranked.suggesting(known[1:], "own") is index.ranked
 
 
 @pytest.fixture

@@ -60,7 +60,7 @@ def index(scene: Scene, make: Callable[[Scene], SceneIndex]) -> SceneIndex:
 
 
 def _answer(index: SceneIndex, text: str, asker: np.ndarray | None = _ASKER) -> Answer:
-    (answer,) = index.answer(check_query((text,), index.settings), asker)
+    (answer,) = index.ranked.answer(check_query((text,), index.settings), lambda: index.things, asker)
     return answer
 
 

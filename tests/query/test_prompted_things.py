@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.prompt_views import further_views
 from fastsplat.service.scene.things import thing_rows
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel, ThingPrompt
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 

@@ -12,14 +12,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.poses import pose_of
+from fastsplat_contract.scenes import Edit, SceneObject
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
 
 MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
@@ -56,7 +56,7 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
     index = opened(scene_of([MUG, TABLE], orbit()))
     aside = np.eye(4)
     aside[:3, 3] = (0.16, 0, 0)
-    twice = opened(apply_edit(index, Edit("duplicate", label="mug", transform=aside)))
+    twice = opened(apply_edit(index, Edit("duplicate", label="mug", transform=pose_of(aside))))
     first, second = named(twice, "mug")
     np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
     np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
@@ -158,7 +158,7 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
     scene = scene_of([MUG, BOOK, TABLE], orbit())
     moved = scene
     for label in ("mug", "book", "table"):
-        moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose))
+        moved = apply_edit(opened(moved), Edit("move", label=label, transform=pose_of(pose)))
     moved = with_cameras_moved(moved, pose)
     still, there = opened(scene), opened(moved)
     np.testing.assert_array_equal(still.things.owner, there.things.owner)
@@ -176,7 +176,7 @@ def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
     flat = BoxShell("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
     pose = rigid(7)
     (a,) = opened(scene_of([flat])).objects
-    (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose))).objects
+    (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose_of(pose)))).objects
     np.testing.assert_allclose(a.box.size, flat.size, rtol=0.1, atol=2e-3)
     np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
 

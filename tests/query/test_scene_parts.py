@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.edits.prompted_things import split_thing
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -20,8 +19,8 @@ from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Parts, Scene, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import InsertSource
+from fastsplat_contract.poses import Vector3, pose_of
+from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import Pixel
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
@@ -172,10 +171,10 @@ def test_copies_have_new_ids_and_no_parts(opened: Open, scene: Scene) -> None:
     index = opened(scene)
     aside = np.eye(4)
     aside[0, 3] = 1.0
-    copied = edited(index, Edit("duplicate", things=(3,), transform=aside))
+    copied = edited(index, Edit("duplicate", things=(3,), transform=pose_of(aside)))
     assert [thing.id for thing in copied.things.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     np.testing.assert_array_equal(copied.things.part_owner[len(scene.gaussians) :], 0)
-    insert = Edit("insert", things=(3,), transform=aside, source=InsertSource("s"))
+    insert = Edit("insert", things=(3,), transform=pose_of(aside), source=InsertSource("s"))
     inserted = index.after(apply_edit(index, insert, source=opened(scene)))
     assert [thing.id for thing in inserted.things.listed_with_parts] == [3, RIM, 5, SPINE, SPINE + 1]
     with pytest.raises(InvalidInputError, match="a part of thing 3"):

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
@@ -24,7 +23,8 @@ from fastsplat_contract.errors import (
     LimitExceededError,
     NotFoundError,
 )
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.poses import Vector3, pose_of
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
@@ -102,7 +102,7 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, la
     (mug, twin, book) = ids_of(first)
     aside = np.eye(4)
     aside[2, 3] = 0.5
-    copied = edited(first, Edit("duplicate", things=(twin,), transform=aside))
+    copied = edited(first, Edit("duplicate", things=(twin,), transform=pose_of(aside)))
     assert ids_of(copied) == {mug: "mug", twin: "mug", book: "book", book + 1: "mug"}
     moved = next(thing for thing in copied.things.listed if thing.id == book + 1)
     old = next(thing for thing in first.things.listed if thing.id == twin)
@@ -114,7 +114,11 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, la
     assert list(ids_of(removed)) == [twin, book, book + 1]
     # No id is given twice, not even that of the last thing once it is gone.
     gone = edited(removed, Edit("discard", things=(book + 1,)))
-    assert list(ids_of(edited(gone, Edit("duplicate", things=(book,), transform=aside)))) == [twin, book, book + 2]
+    assert list(ids_of(edited(gone, Edit("duplicate", things=(book,), transform=pose_of(aside))))) == [
+        twin,
+        book,
+        book + 2,
+    ]
 
 
 @pytest.mark.parametrize("kind", ["labeled", "discovered"])

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -21,7 +20,8 @@ from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
+from fastsplat_contract.poses import Pose, Vector3, pose_of, quaternion_of, vector3
+from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
 
 _TABLE = BoxShell("table", (0.0, 0.0, 0.35), (1.2, 0.7, 0.7), count=6_000)
@@ -111,7 +111,7 @@ def test_a_round_thing_has_no_heading(made: Made) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_said_goes_along_with_the_frame(made: Made, seed: int) -> None:
     index, motion = made(_scene()), rigid(seed)
-    pose = Pose(vector3(motion[:3, 3]), quaternion_of(motion[:3, :3]))
+    pose = pose_of(motion)
     moved = made(apply_edit(index, Edit("align", alignment=Alignment("hall", pose))))
     before, after = _listed(index), _listed(moved)
     assert after.frame_id == "hall" and after.up is not None and before.up is not None
@@ -205,7 +205,7 @@ def test_who_proposed_a_thing_and_who_missed_it_is_named(made: Made) -> None:
     # No photo shows a copy.
     lifted = np.eye(4)
     lifted[2, 3] = 1.0
-    copy = apply_edit(index, Edit("duplicate", label="book", transform=lifted))
+    copy = apply_edit(index, Edit("duplicate", label="book", transform=pose_of(lifted)))
     assert copy.things is not None
     assert [thing.proposed_in for thing in copy.things.table if thing.name == "book"] == [(0, 2), ()]
 

@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.scene.types import Scene, SurfaceKind
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
 from tests.query.walled_room import HEIGHT, SCREEN, THINGS, WALLS, from_corner
 

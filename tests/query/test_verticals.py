@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from fastsplat.service.application.exporting.geometry_files import about
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, described
 from fastsplat.service.query.edits.aligning import align_scene
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.edits.scale_edits import scale_scene
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.next_viewpoints import next_photos
@@ -21,14 +20,13 @@ from fastsplat.service.query.measures.thing_extents import thing_extents
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.surfaces.occupancy import check_map_frame
-from fastsplat.service.scene.things import thing_boxes
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of, rigid, vector3
-from fastsplat_contract.scenes import Box, SceneVertical
+from fastsplat_contract.poses import Vector3, pose_of, rigid, vector3
+from fastsplat_contract.scenes import Box, Edit, SceneVertical
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 from tests.query.box_scenes import rigid as any_motion
 from tests.query.conftest import DrawnEncoder
@@ -61,7 +59,7 @@ def _as_trained(scene: Scene) -> Scene:
 
 def _aligned(scene: Scene) -> Scene:
     motion = any_motion(11)
-    transform = Pose(vector3(motion[:3, 3]), quaternion_of(motion[:3, :3]))
+    transform = pose_of(motion)
     return align_scene(_index(scene), Edit("align", alignment=Alignment("map", transform)))
 
 
@@ -97,8 +95,6 @@ def test_all_that_ask_get_the_recorded_vertical(cameras: str, edit: str) -> None
     (on,) = index.ask(["mug on the tray"])
     assert on.phrase is not None and on.phrase.refusal is None
     for box in (*(thing.box for thing in listed), *(each.box for each in index.objects)):
-        upright(box)
-    for box in thing_boxes(index.things.scene).values():
         upright(box)
     extents = thing_extents(index, 1)
     assert extents is not None

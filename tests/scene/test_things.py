@@ -20,10 +20,8 @@ from fastsplat.service.scene.things import (
     discard_thing,
     merge_things,
     rename_thing,
-    thing_boxes,
     thing_of,
     thing_rows,
-    things_named,
     things_of_rows,
 )
 from fastsplat.service.scene.types import Scene, Thing, Things
@@ -176,13 +174,6 @@ def test_who_is_not_there_cannot_be_named(scene: Scene, make_scene: Callable[...
         rename_thing(scene, 2, "cup", probability=1.5)
 
 
-def test_a_label_is_the_set_of_things_that_bear_it(scene: Scene) -> None:
-    both = rename_thing(scene, 5, "Mugs")
-    assert both.things is not None
-    assert [thing.id for thing in things_named(both.things, "mug")] == [5, 9]
-    assert things_named(both.things, "teapot") == () and things_named(both.things, "") == ()
-
-
 def test_merged_things_have_all_gaussians_of_both_and_the_first_one_name(scene: Scene) -> None:
     assert scene.things is not None
     before = thing_rows(scene.things)
@@ -213,16 +204,6 @@ def test_things_follow_the_rows(scene: Scene) -> None:
     assert taken is not None and taken.table == scene.things.table
     assert (thing_rows(taken) == thing_rows(scene.things)[rows]).all()
     assert things_of_rows(None, rows) is None
-
-
-def test_boxes_are_those_of_the_gaussians_as_they_are(scene: Scene) -> None:
-    assert scene.things is not None
-    boxes = thing_boxes(scene)
-    assert set(boxes) == set(IDS)
-    moved = replace(scene, gaussians=replace(scene.gaussians, means=scene.gaussians.means + np.float32(10)))
-    for thing_id, box in thing_boxes(moved).items():
-        assert box.center.position.x == pytest.approx(boxes[thing_id].center.position.x + 10, abs=1e-3)
-        assert box.size.x == pytest.approx(boxes[thing_id].size.x, rel=1e-3)
 
 
 def _bare(things: Things) -> Scene:

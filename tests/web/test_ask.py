@@ -69,7 +69,7 @@ def test_left_is_as_the_page_shows_it(place: Place, browser: Browser) -> None:
 def test_an_address_with_a_question_can_be_sent(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball&view={_VIEW}") as visit:
         expect(visit.page.get_by_role("searchbox")).to_have_value("ball")
-        (answer,) = place.service.answers.query(QueryRequest(place.scene_id, ("ball",)))
+        (answer,) = place.service.answers.query(QueryRequest(place.scene_id, ("ball",))).answers
         expect(visit.page.locator(".verdict.here")).to_have_text(answer.sentence)
         visit.at_rest()
         assert f"view={_VIEW}" in visit.page.url  # nothing flies away from the view that was sent

@@ -21,7 +21,7 @@ _NAMES = ("mug", "ball", "story book")
 
 def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
     request = QueryRequest(place.scene_id, (name,), cameras=(posed,), outputs=frozenset({"mask2d"}))
-    (answer,) = place.service.answers.query(request)
+    (answer,) = place.service.answers.query(request).answers
     return answer.masks[0].array()
 
 

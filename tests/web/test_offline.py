@@ -56,7 +56,7 @@ def test_what_glows_in_the_file_is_the_servers_mask(place: Place, webgl_browser:
         posed = page_camera(visit.page, width, height)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
-        )
+        ).answers
         mask = answer.masks[0].array()
         assert mask.sum() > 2_000 and overlap(mask, shown) >= 0.9
 
@@ -72,7 +72,7 @@ def test_the_file_answers_its_own_names_as_the_server_does(
             visit.page.get_by_role("searchbox").fill(asked)
             visit.page.get_by_role("button", name="Ask", exact=True).click()
             expect(visit.page.locator(".verdict.here")).to_be_visible()
-            (answer,) = place.service.answers.query(QueryRequest(place.scene_id, (label,)))
+            (answer,) = place.service.answers.query(QueryRequest(place.scene_id, (label,))).answers
             assert answer.outcome == "here"
             expect(visit.page.get_by_text(answer.sentence)).to_be_visible()
             expect(visit.page.get_by_role("button", name=f"Look at {label} 1")).to_be_visible()

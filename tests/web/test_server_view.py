@@ -51,7 +51,7 @@ def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Br
         glows = np.abs(shown - glow).sum(axis=2) < np.abs(shown - 0.45 * plain).sum(axis=2)
         (answer,) = place.service.answers.query(
             QueryRequest(place.scene_id, ("mug",), cameras=(posed,), outputs=frozenset({"mask2d"}))
-        )
+        ).answers
         mask = answer.masks[0].array()
         assert mask.sum() > 2_000 and overlap(mask, glows) >= 0.9
         visit.check_accessible()

@@ -19,7 +19,7 @@ from fastsplat.service.planning.time_budget import plan_perception, with_tradeof
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.budget import make_plan, stored_plan
-from fastsplat.workers.forecasts import export_forecast, perception_forecast, training_forecast
+from fastsplat.workers.create_scene_stages import export_forecast, perception_forecast, training_forecast
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import SceneOptions

@@ -116,7 +116,7 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
         view = info.cameras[0].name
         outputs = frozenset({"mask2d", "mask3d"})
         request = QueryRequest(info.id, ("red ball",), views=(view,), outputs=outputs, mask3d_encoding="indices")
-        (answer,) = service.answers.query(request)
+        (answer,) = service.answers.query(request).answers
         assert answer.verdict == "exact" and answer.masks[0].area > 0 and answer.mask3d is not None
         rows = np.frombuffer(answer.mask3d, "<u4")
         assert len(rows) > 20 and 17 not in rows and (owner[rows] == 1).mean() > 0.9

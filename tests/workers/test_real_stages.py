@@ -75,7 +75,7 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
         view = info.cameras[0].name
         outputs = frozenset({"mask2d", "mask3d"})
         texts = ("the mug", "swimming pool")
-        mug, pool = service.answers.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs))
+        mug, pool = service.answers.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs)).answers
         assert mug.verdict == "exact" and mug.matches[0].label == "mug" and mug.masks[0].area > 0
         assert pool.verdict != "exact"
         assert service.answers.picture(PictureRequest(info.id, "overlay", "mug", view=view)).startswith(b"\x89PNG")

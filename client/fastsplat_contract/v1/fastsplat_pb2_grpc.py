@@ -165,6 +165,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPlacedCamerasRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PlacedCameras.FromString,
                 _registered_method=True)
+        self.GetJobLog = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetJobLog',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetJobLogRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.JobLog.FromString,
+                _registered_method=True)
         self.WaitOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/WaitOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.SerializeToString,
@@ -279,6 +284,16 @@ class SceneServiceStub:
                 '/fastsplat.v1.SceneService/GetServerStatus',
                 request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
+                _registered_method=True)
+        self.ListProjects = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListProjects',
+                request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListProjectsResponse.FromString,
+                _registered_method=True)
+        self.CreateProject = channel.unary_unary(
+                '/fastsplat.v1.SceneService/CreateProject',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateProjectRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Project.FromString,
                 _registered_method=True)
         self.ListKnownNames = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListKnownNames',
@@ -486,6 +501,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetJobLog(self, request, context):
+        """The end of what the trainers of a job wrote; where a server can read the logs of its workers.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def WaitOperation(self, request, context):
         """The operation as soon as it is done, or as it stands when the time is up.
         """
@@ -651,6 +673,20 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListProjects(self, request, context):
+        """Every project of the server, by name.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def CreateProject(self, request, context):
+        """Make a project: its keys see its scenes only, and nobody else's keys see them.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListKnownNames(self, request, context):
         """What people named in the scenes of the project and is suggested in others, in pages, newest first.
         """
@@ -805,6 +841,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetPlacedCamerasRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PlacedCameras.SerializeToString,
             ),
+            'GetJobLog': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetJobLog,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetJobLogRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.JobLog.SerializeToString,
+            ),
             'WaitOperation': grpc.unary_unary_rpc_method_handler(
                     servicer.WaitOperation,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.WaitOperationRequest.FromString,
@@ -919,6 +960,16 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.GetServerStatus,
                     request_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.SerializeToString,
+            ),
+            'ListProjects': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListProjects,
+                    request_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListProjectsResponse.SerializeToString,
+            ),
+            'CreateProject': grpc.unary_unary_rpc_method_handler(
+                    servicer.CreateProject,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateProjectRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Project.SerializeToString,
             ),
             'ListKnownNames': grpc.unary_unary_rpc_method_handler(
                     servicer.ListKnownNames,
@@ -1649,6 +1700,33 @@ class SceneService:
             _registered_method=True)
 
     @staticmethod
+    def GetJobLog(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetJobLog',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetJobLogRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.JobLog.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def WaitOperation(request,
             target,
             options=(),
@@ -2259,6 +2337,60 @@ class SceneService:
             '/fastsplat.v1.SceneService/GetServerStatus',
             google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListProjects(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListProjects',
+            google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListProjectsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def CreateProject(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/CreateProject',
+            fastsplat_dot_v1_dot_fastsplat__pb2.CreateProjectRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Project.FromString,
             options,
             channel_credentials,
             insecure,

@@ -119,6 +119,8 @@ class SceneServiceStub:
     """The newest picture of a scene that is being trained, with its step and figures."""
     GetPlacedCameras: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPlacedCamerasRequest, _fastsplat_pb2.PlacedCameras]
     """The cameras that a job has placed so far, and some of its points."""
+    GetJobLog: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetJobLogRequest, _fastsplat_pb2.JobLog]
+    """The end of what the trainers of a job wrote; where a server can read the logs of its workers."""
     WaitOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _grpc.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]
@@ -175,6 +177,10 @@ class SceneServiceStub:
     """Let a valid key expire at another time, sooner or later."""
     GetServerStatus: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]
     """What the server can do, and how much room the project has left, as the caller may know it."""
+    ListProjects: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]
+    """Every project of the server, by name."""
+    CreateProject: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateProjectRequest, _fastsplat_pb2.Project]
+    """Make a project: its keys see its scenes only, and nobody else's keys see them."""
     ListKnownNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]
     """What people named in the scenes of the project and is suggested in others, in pages, newest first."""
     DeleteKnownName: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]
@@ -249,6 +255,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """The newest picture of a scene that is being trained, with its step and figures."""
     GetPlacedCameras: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetPlacedCamerasRequest, _fastsplat_pb2.PlacedCameras]  # type: ignore[assignment]
     """The cameras that a job has placed so far, and some of its points."""
+    GetJobLog: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetJobLogRequest, _fastsplat_pb2.JobLog]  # type: ignore[assignment]
+    """The end of what the trainers of a job wrote; where a server can read the logs of its workers."""
     WaitOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WaitOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """The operation as soon as it is done, or as it stands when the time is up."""
     WatchOperation: _aio.UnaryStreamMultiCallable[_fastsplat_pb2.WatchOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
@@ -305,6 +313,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Let a valid key expire at another time, sooner or later."""
     GetServerStatus: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]  # type: ignore[assignment]
     """What the server can do, and how much room the project has left, as the caller may know it."""
+    ListProjects: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]  # type: ignore[assignment]
+    """Every project of the server, by name."""
+    CreateProject: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateProjectRequest, _fastsplat_pb2.Project]  # type: ignore[assignment]
+    """Make a project: its keys see its scenes only, and nobody else's keys see them."""
     ListKnownNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListKnownNamesRequest, _fastsplat_pb2.ListKnownNamesResponse]  # type: ignore[assignment]
     """What people named in the scenes of the project and is suggested in others, in pages, newest first."""
     DeleteKnownName: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.DeleteKnownNameRequest, _empty_pb2.Empty]  # type: ignore[assignment]
@@ -532,6 +544,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """The cameras that a job has placed so far, and some of its points."""
 
     @_abc_1.abstractmethod
+    def GetJobLog(
+        self,
+        request: _fastsplat_pb2.GetJobLogRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.JobLog, _abc.Awaitable[_fastsplat_pb2.JobLog]]:
+        """The end of what the trainers of a job wrote; where a server can read the logs of its workers."""
+
+    @_abc_1.abstractmethod
     def WaitOperation(
         self,
         request: _fastsplat_pb2.WaitOperationRequest,
@@ -723,6 +743,22 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ServerStatus, _abc.Awaitable[_fastsplat_pb2.ServerStatus]]:
         """What the server can do, and how much room the project has left, as the caller may know it."""
+
+    @_abc_1.abstractmethod
+    def ListProjects(
+        self,
+        request: _empty_pb2.Empty,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListProjectsResponse, _abc.Awaitable[_fastsplat_pb2.ListProjectsResponse]]:
+        """Every project of the server, by name."""
+
+    @_abc_1.abstractmethod
+    def CreateProject(
+        self,
+        request: _fastsplat_pb2.CreateProjectRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Project, _abc.Awaitable[_fastsplat_pb2.Project]]:
+        """Make a project: its keys see its scenes only, and nobody else's keys see them."""
 
     @_abc_1.abstractmethod
     def ListKnownNames(

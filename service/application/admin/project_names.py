@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import copy
+import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.query_text import TextQuery
-from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.query.things.thing_names import ThingNames
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.thing_messages import NameSuggestion, SceneThing
+
+_KEPT_PROJECTS = 64
+"""Those whose names are kept in memory, 1 to 2 MB each at most."""
 
 
 class KnownNames:
@@ -25,6 +28,14 @@ class KnownNames:
     def __init__(self, store: Store, settings: Settings) -> None:
         self._store = store
         self._settings = settings
+        self._kept: dict[str, tuple[Sequence[tuple[str, str]], Sequence[KnownThing]]] = {}
+        self._lock = threading.Lock()
+
+    def over(self, store: Store) -> KnownNames:
+        """The same, and what it keeps in memory, for another view of the store."""
+        other = copy.copy(self)
+        other._store = store
+        return other
 
     def list(self, page_size: int = 0, page_token: str = "") -> KnownNameList:
         """The names that people gave and that stand, newest first, in pages as `SceneService.list_scenes`.
@@ -62,31 +73,38 @@ class KnownNames:
         """As `forget`, of every name of the project."""
         self._store.reserve.lend(self._store.known_names.forget_all)
 
-    def suggest(self, scene_id: str, table: Things, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
-        """Listed things with the names of other scenes among their suggestions; where there is one scene alone, as they
-        are: what others are called is nothing to show.
+    def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
+        """Listed things with the names of other scenes among their suggestions.
 
         Args:
             scene_id: whose things they are.
-            table: all things of the scene's version.
-            listed: some of them.
+            ranked: of the scene's version.
+            listed: some of its things.
         """
-        names = self._by_looks(scene_id, table.table)
+        names = self.suggesting(scene_id, ranked).elsewhere
         return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
 
-    def asked(self, query: TextQuery, scene_id: str, names: ThingNames) -> TextQuery:
-        """A question to a scene that knows what other scenes suggest for its things, as they are listed."""
-        return replace(query, elsewhere=self._by_looks(scene_id, names.present))
+    def suggesting(self, scene_id: str, ranked: RankedScene) -> RankedScene:
+        """A version of a scene with what other scenes suggest for its things; where there is one scene alone, as it is:
+        what others are called is nothing to show."""
+        if self._store.only_scene or not any(thing.appearance for thing in ranked.names.present):
+            return ranked
+        return ranked.suggesting(self._known(), scene_id)
 
-    def _by_looks(self, scene_id: str, things: Sequence[Thing]) -> Mapping[int, NameFromScene]:
-        if self._store.only_scene or not any(thing.appearance for thing in things):
-            return {}
-        known = [
-            KnownThing(record.scene_id, record.name, record.appearance)
-            for record in self._store.known_names.all()
-            if record.scene_id != scene_id
-        ]
-        return names_by_looks(things, known)
+    def _known(self) -> Sequence[KnownThing]:
+        """All names of the project; the same sequence until there are others."""
+        project = self._store.project
+        keys, known = self._kept.get(project, ((), ()))
+        if list(keys) != self._store.known_names.keys():
+            records = self._store.known_names.all()
+            keys = [(record.id, record.version) for record in records]
+            known = tuple(KnownThing(record.scene_id, record.name, record.appearance) for record in records)
+            with self._lock:
+                self._kept.pop(project, None)
+                self._kept[project] = keys, known
+                while len(self._kept) > _KEPT_PROJECTS:
+                    del self._kept[next(iter(self._kept))]
+        return known
 
 
 def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:

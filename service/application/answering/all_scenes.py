@@ -66,7 +66,7 @@ class AllScenes:
         self._known_names = known_names
         self._ask_one = ask_one
 
-    def ask(self, query: TextQuery, request: QueryRequest) -> QueryOut:
+    def query(self, query: TextQuery, request: QueryRequest) -> QueryOut:
         """The answers of the READY scenes, newest first, and those scenes that were not asked.
 
         Raises:
@@ -94,8 +94,8 @@ class AllScenes:
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
         version, ranked = self._scenes.ranked(request.scene_id)
-        answers = ranked.answer(
-            self._known_names.asked(query, request.scene_id, ranked.names),
+        answers = self._known_names.suggesting(request.scene_id, ranked).answer(
+            query,
             lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things),
         )
         present = any(answer.shows_something for answer in answers)

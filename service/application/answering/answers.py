@@ -9,7 +9,7 @@ from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels, rendering_cost
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
-from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of, view_of
+from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.base.paging import page_of
@@ -27,8 +27,8 @@ from fastsplat_contract.errors import (
     NotFoundError,
     SceneFileError,
 )
+from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.poses import F64
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
@@ -40,16 +40,19 @@ _Camera = tuple[str, int, PosedCamera]
 class Answers:
     """Queries to finished scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
+    ) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
-        self._known_names = KnownNames(store, settings)
-        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, self._known_names, self._ask)
+        self._known_names = known_names
+        self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
 
-    def query(self, request: QueryRequest) -> tuple[Answer, ...]:
-        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first.
+    def query(self, request: QueryRequest) -> QueryOut:
+        """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first:
+        then those that were not asked are named, too, damaged ones or too many.
 
         Cameras, views and versions belong to one scene.
 
@@ -61,14 +64,10 @@ class Answers:
             ModelUnavailableError: the scene's text encoder is not in the model directory.
             CancelledError: nobody waits for the answer any more.
         """
-        return self.ask(request).answers
-
-    def ask(self, request: QueryRequest) -> QueryOut:
-        """As `query`; a question to all scenes also names those that were not asked: damaged ones, or too many."""
         query = self._check(request)
         if request.scene_id:
-            return QueryOut(self._ask(query, request))
-        return self._all_scenes.ask(query, request)
+            return QueryOut(self._of_scene(query, request))
+        return self._all_scenes.query(query, request)
 
     def picture(self, request: PictureRequest) -> bytes:
         """One view of a scene as a picture, or as an array file.
@@ -81,13 +80,13 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))
 
         def read(index: SceneIndex, _: str) -> bytes:
-            posed = request.camera or view_of(index, request.view or "")
+            posed = request.camera or index.view(request.view or "")
             index.check_view(posed)
             gaussians = len(index.scene.gaussians)
             charge(rendering_cost([posed], 1, gaussians))
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
-                asked = query and self._known_names.asked(query, request.scene_id, index.ranked.names)
-                return picture(index, dataclasses.replace(request, camera=posed), asked)
+                ranked = self._known_names.suggesting(request.scene_id, index.ranked)
+                return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 
@@ -119,7 +118,8 @@ class Answers:
         query = check_query((text,), self._settings.query)
 
         def read(index: SceneIndex, _: str) -> bytes:
-            (answer,) = index.answer(self._known_names.asked(query, scene_id, index.ranked.names))
+            ranked = self._known_names.suggesting(scene_id, index.ranked)
+            (answer,) = ranked.answer(query, lambda: index.things)
             with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
                 return mask_ply(index.scene.gaussians, index.mask3d(answer))
 
@@ -189,7 +189,7 @@ class Answers:
             page, token = page_of(
                 listed, size, page_token, f"things {scene_id} {read_version}{' parts' if parts else ''}"
             )
-            return ThingList(self._known_names.suggest(scene_id, index.things.table, page), token, read_version)
+            return ThingList(self._known_names.suggest(scene_id, index.ranked, page), token, read_version)
 
         return self._scenes.reading(scene_id, version, read)
 
@@ -208,7 +208,7 @@ class Answers:
         check_texts(dataclasses.replace(request, scene_id=""))
 
         def read(index: SceneIndex, read_version: str) -> PickedThing:
-            posed = view_of(index, request.view) if request.view is not None else request.camera
+            posed = index.view(request.view) if request.view is not None else request.camera
             if posed is not None:
                 check_pixels((posed,), 1)
             things, part_id = index.things, 0
@@ -228,7 +228,7 @@ class Answers:
                 inside = things.map(posed) == thing_id
                 mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
             part = things.get(part_id) if part_id else None
-            (thing,) = self._known_names.suggest(request.scene_id, things.table, (things.get(thing_id),))
+            (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(thing_id),))
             return PickedThing(thing, mask, read_version, part)
 
         return self._scenes.reading(request.scene_id, request.version, read)
@@ -253,57 +253,36 @@ class Answers:
 
         return self._scenes.reading(request.scene_id, request.version, read)
 
-    def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        return self._scenes.reading(
-            request.scene_id, request.version, lambda index, version: self._answer(index, version, query, request)
-        )
-
-    def _answer(self, index: SceneIndex, version: str, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
-        cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
-        cameras += [(name, 0, view_of(index, name)) for name in request.views]
-        if "mask2d" in request.outputs:
-            views = [posed for _, _, posed in cameras]
-            check_pixels(views, len(request.texts))
-            for posed in views:
-                index.check_view(posed)
-            charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
-        asker = asker_of(index, request)
-        size, field = _bytes_to_hold(index, cameras, request)
-        with self._memory.reserve(size, field):
-            return self._answered(index, version, query, request, cameras, asker)
-
-    def _answered(
-        self,
-        index: SceneIndex,
-        version: str,
-        query: TextQuery,
-        request: QueryRequest,
-        cameras: list[_Camera],
-        asker: F64 | None,
-    ) -> tuple[Answer, ...]:
-        answers: list[Answer] = []
-        query = self._known_names.asked(query, request.scene_id, index.ranked.names)
-        for answer in index.answer(query, asker):
-            masks = []
-            for camera in cameras if "mask2d" in request.outputs else ():
-                check_cancelled()
-                masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
-            mask3d = None
-            if "mask3d" in request.outputs:
-                mask3d = encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
-            objects = index.objects_of(answer) if "objects" in request.outputs else None
-            answers.append(
-                completed(
-                    answer,
-                    request,
-                    version,
-                    self._settings.calls,
-                    masks=tuple(masks),
-                    mask3d=mask3d,
-                    objects=objects,
+    def _of_scene(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+        def read(index: SceneIndex, version: str) -> tuple[Answer, ...]:
+            cameras: list[_Camera] = [("", number, posed) for number, posed in enumerate(request.cameras)]
+            cameras += [(name, 0, index.view(name)) for name in request.views]
+            if "mask2d" in request.outputs:
+                views = [posed for _, _, posed in cameras]
+                check_pixels(views, len(request.texts))
+                for posed in views:
+                    index.check_view(posed)
+                charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
+            asker = asker_of(index, request)
+            ranked = self._known_names.suggesting(request.scene_id, index.ranked)
+            size, field = _bytes_to_hold(index, cameras, request)
+            with self._memory.reserve(size, field):
+                return tuple(
+                    completed(
+                        answer,
+                        request,
+                        version,
+                        self._settings.calls,
+                        masks=_masks(index, answer, cameras, request),
+                        mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
+                        if "mask3d" in request.outputs
+                        else None,
+                        objects=index.objects_of(answer) if "objects" in request.outputs else None,
+                    )
+                    for answer in ranked.answer(query, lambda: index.things, asker)
                 )
-            )
-        return tuple(answers)
+
+        return self._scenes.reading(request.scene_id, request.version, read)
 
     def _check(self, request: QueryRequest) -> TextQuery:
         query = check_query(
@@ -342,6 +321,16 @@ class Answers:
                 hint="Ask in several requests.",
             )
         return query
+
+
+def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: QueryRequest) -> tuple[ViewMask, ...]:
+    if "mask2d" not in request.outputs:
+        return ()
+    masks = []
+    for camera in cameras:
+        check_cancelled()
+        masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
+    return tuple(masks)
 
 
 def _one_pixel(posed: PosedCamera) -> PosedCamera:

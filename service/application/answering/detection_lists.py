@@ -8,17 +8,16 @@ from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.store import Store
 from fastsplat_contract.detection_messages import DetectionList
 
 
 class Detections:
     """Records of things with all that is known of them. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes) -> None:
+    def __init__(self, settings: Settings, scenes: OpenScenes, known_names: KnownNames) -> None:
         self._settings = settings
         self._scenes = scenes
-        self._known_names = KnownNames(store, settings)
+        self._known_names = known_names
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> DetectionList:
         """Every thing of a scene, by id, in pages as `SceneService.list_scenes`; its parts are not among them.
@@ -39,7 +38,7 @@ class Detections:
 
         def read(index: SceneIndex, read_version: str) -> DetectionList:
             page, token = page_of(index.things.listed, size, page_token, f"detections {scene_id} {read_version}")
-            named = self._known_names.suggest(scene_id, index.things.table, page)
+            named = self._known_names.suggest(scene_id, index.ranked, page)
             return detections_of(index, named, read_version, token)
 
         return self._scenes.reading(scene_id, version, read)

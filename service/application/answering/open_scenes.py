@@ -18,7 +18,6 @@ from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.poses import F64
 from fastsplat_contract.queries import QueryIn
@@ -187,15 +186,6 @@ class OpenScenes:
             return self._lexicons.get(name)
 
 
-def view_of(index: SceneIndex, name: str) -> PosedCamera:
-    """One of the scene's own cameras.
-
-    Raises:
-        NotFoundError: there is none of that name.
-    """
-    return index.view(name)
-
-
 def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
     """float64 [4, 4], where who asks stands: world from camera, OpenCV axes; None where the request does not say.
 
@@ -208,7 +198,7 @@ def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:
     if request.asker_view is None:
         return None if request.asker is None else request.asker.matrix()
     try:
-        return view_of(index, request.asker_view).world_from_camera
+        return index.view(request.asker_view).world_from_camera
     except NotFoundError as error:
         raise NotFoundError(error.message, field="asker_view", hint=error.hint) from error
 

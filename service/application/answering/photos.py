@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
@@ -16,12 +18,15 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
+from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
+from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
+from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.requests import MAX_VIEWS
 
 _USUAL_VIEWS = 3
@@ -31,12 +36,14 @@ _MAX_NAMED = 20
 class Photos:
     """The photos of scenes. Every method is safe from any thread."""
 
-    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget) -> None:
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, memory: MemoryBudget, known_names: KnownNames
+    ) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
         self._memory = memory
-        self._known_names = KnownNames(store, settings)
+        self._known_names = known_names
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
@@ -141,7 +148,7 @@ class Photos:
             thing_ids = (
                 tuple(dict.fromkeys(things))
                 if query is None
-                else _answering(index, self._known_names.asked(query, scene_id, index.ranked.names))
+                else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
             )
             if not thing_ids or not index.scene.cameras:
                 return BestViewList((), read_version)
@@ -173,9 +180,9 @@ class Photos:
         return version, names, self._scenes.folder(scene_id, version)
 
 
-def _answering(index: SceneIndex, query: TextQuery) -> tuple[int, ...]:
+def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tuple[int, ...]:
     """The ids of the things that answer a text."""
-    (answer,) = index.answer(query)
+    (answer,) = ranked.answer(query, lambda: index.things)
     if answer.is_absent:
         return ()
     return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
@@ -187,3 +194,27 @@ def size_of(path: Path) -> int:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
+
+
+def photo_page(
+    rows: Sequence[Mapping[str, Any]], quality: Mapping[str, Any], size: int, page_token: str, scene_id: str
+) -> PhotoVerdictList:
+    """At most `size` of the stored verdicts of a scene's photos, those that the token names, with what its training
+    estimated of them (`photometric` of its quality).
+
+    Raises:
+        InvalidInputError: a token that no page returned.
+    """
+    placed = sum(bool(row["placed"]) for row in rows)
+    page, token = page_of(rows, size, page_token, f"photos {scene_id} {len(rows)}")
+    corrections = quality.get("photometric", {})
+    photos = tuple(_verdict(row, corrections.get(row["name"])) for row in page)
+    return PhotoVerdictList(photos, token, bool(rows), placed, len(rows))
+
+
+def _verdict(row: Mapping[str, Any], correction: Sequence[float] | None) -> PhotoVerdict:
+    verdict = from_plain(PhotoVerdict, dict(row))
+    if correction is None:
+        return verdict
+    exposure_ev, red_ev, blue_ev = correction
+    return replace(verdict, exposure_ev=exposure_ev, red_ev=red_ev, blue_ev=blue_ev)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
-from fastsplat.service.application.answering.open_scenes import view_of
 from fastsplat.service.query.drawing import pictures
 from fastsplat.service.query.language.query_text import TextQuery
+from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
@@ -68,13 +68,14 @@ def question_of(request: PictureRequest) -> str:
     return request.text or "" if kind in _ASKING else ""
 
 
-def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None) -> bytes:
-    """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked.
+def picture(index: SceneIndex, ranked: RankedScene, request: PictureRequest, query: TextQuery | None) -> bytes:
+    """The bytes of one picture; the request has passed `question_of`, and `query` is that question, checked, to be
+    asked of `ranked`.
 
     Raises:
         NotFoundError: the scene has no such view, or not a thing that is tinted.
     """
-    posed = request.camera or view_of(index, request.view or "")
+    posed = request.camera or index.view(request.view or "")
     kind, image_format = request.kind, request.format
     if kind in ("label_map", "thing_map"):
         ids = index.label_map(posed) if kind == "label_map" else index.thing_map(posed)
@@ -89,11 +90,13 @@ def picture(index: SceneIndex, request: PictureRequest, query: TextQuery | None)
         if kind == "normals":
             return pictures.png_bytes(_normals_picture(seen.normals))
         return _png16(np.rint(seen.confidence.clip(0, 1) * _FARTHEST).astype(np.uint16))
-    image = _image(index, posed, request, query)
+    image = _image(index, ranked, posed, request, query)
     return pictures.jpeg_bytes(image) if image_format == "jpeg" else pictures.png_bytes(image)
 
 
-def _image(index: SceneIndex, posed: PosedCamera, request: PictureRequest, query: TextQuery | None) -> pictures.U8:
+def _image(
+    index: SceneIndex, ranked: RankedScene, posed: PosedCamera, request: PictureRequest, query: TextQuery | None
+) -> pictures.U8:
     """uint8 [H, W, 3], or [H, W] of a mask."""
     if request.kind == "rgb":
         rgb = index.render(posed)
@@ -104,7 +107,7 @@ def _image(index: SceneIndex, posed: PosedCamera, request: PictureRequest, query
     if request.kind == "depth_picture":
         return _depth_picture(index.depth(posed))
     assert query is not None
-    (answer,) = index.answer(query, posed.world_from_camera)  # "left of" is as in this picture
+    (answer,) = ranked.answer(query, lambda: index.things, posed.world_from_camera)  # "left of" is as in this picture
     mask2d = index.mask2d(answer, posed)
     if request.kind == "mask":
         return np.asarray(mask2d.mask.astype(np.uint8) * 255)

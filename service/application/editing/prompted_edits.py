@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.application.answering.open_scenes import view_of
 from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
 from fastsplat.service.application.editing.segmenter_cache import SegmenterCache
 from fastsplat.service.common.call_scheduling import charge
@@ -23,7 +22,6 @@ from fastsplat_contract.thing_prompts import PROMPTED, Pixel, PixelBox, ThingPro
 
 if TYPE_CHECKING:
     from fastsplat.service.instances.prompt_answers import PicturePrompt
-    from fastsplat.service.query.edits.edit import Edit as SceneEdit
 
 _MAX_PROMPT_PIXELS = 64
 """Pixels on and beside the thing that one prompt may have."""
@@ -85,7 +83,7 @@ class PromptedEdits:
         else:
             yield
 
-    def piece(self, index: SceneIndex, edit: SceneEdit) -> ShownPiece | None:
+    def piece(self, index: SceneIndex, edit: Edit) -> ShownPiece | None:
         """The Gaussians that the prompt of a `split` or `add` shows; None for an edit without one.
 
         Raises:
@@ -103,7 +101,7 @@ class PromptedEdits:
 
         thing_id = split_thing(index, edit) if edit.action == "split" else 0
         try:
-            posed = view_of(index, edit.prompt.view) if edit.prompt.view is not None else edit.prompt.camera
+            posed = index.view(edit.prompt.view) if edit.prompt.view is not None else edit.prompt.camera
             assert posed is not None
             prompt = _in_picture(edit.prompt, posed)
             small = self._picture_of(posed)

@@ -8,7 +8,7 @@ import os
 import secrets
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +48,19 @@ _MAX_EDITS = 100
 """Edits in one request."""
 
 _TRIES = 5
+
+
+@dataclass(frozen=True)
+class _Order:
+    """What `Versions.edit` was called with, the edits also as JSON."""
+
+    scene_id: str
+    edits: Sequence[Edit]
+    rows: Sequence[Mapping[str, Any]]
+    digest: str
+    request_id: str
+    looked_at: str
+    author: str
 
 
 class Versions:
@@ -102,7 +115,7 @@ class Versions:
                     return self._in_force(earlier)
                 current = self._scenes.version(scene_id, "")
                 try:
-                    return self._make(scene_id, current, edits, request_id, digest, rows, looked_at, author)
+                    return self._make(_Order(scene_id, edits, rows, digest, request_id, looked_at, author), current)
                 except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
                     if not remaining:
                         raise
@@ -196,40 +209,21 @@ class Versions:
             )
         return versions[version]
 
-    def _make(
-        self,
-        scene_id: str,
-        parent: str,
-        edits: Sequence[Edit],
-        request_id: str,
-        digest: str,
-        rows: Sequence[Mapping[str, Any]],
-        looked_at: str,
-        author: str,
-    ) -> SceneVersion:
+    def _make(self, order: _Order, parent: str) -> SceneVersion:
         seen: Things | None = None
-        if looked_at:
-            seen = self._scenes.reading(scene_id, looked_at, lambda index, _: index.things.table)
-        before = self._scenes.reading(scene_id, parent, lambda index, _: index)
-        sources = self._sources(edits)  # first: opening a scene has its own share of the memory
+        if order.looked_at:
+            seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
+        before = self._scenes.reading(order.scene_id, parent, lambda index, _: index)
+        sources = self._sources(order.edits)  # first: opening a scene has its own share of the memory
         size = edit_bytes(before.scene, (one.scene for one in sources.values()))
-        size += self._prompted.bytes(edits, len(before.scene.gaussians))
-        with self._prompted.running(edits), self._memory.reserve(size, "edits"):
-            index, made = self._apply(before, edits, seen, sources)
-            stored = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
-            return self._publish(scene_id, parent, before, index, request_id, digest, stored, author)
+        size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
+        with self._prompted.running(order.edits), self._memory.reserve(size, "edits"):
+            index, made = self._apply(before, order.edits, seen, sources)
+            rows = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(order.rows)]
+            return self._publish(replace(order, rows=rows), parent, before, index)
 
-    def _publish(
-        self,
-        scene_id: str,
-        parent: str,
-        before: SceneIndex,
-        index: SceneIndex,
-        request_id: str,
-        digest: str,
-        rows: Sequence[Mapping[str, Any]],
-        author: str,
-    ) -> SceneVersion:
+    def _publish(self, order: _Order, parent: str, before: SceneIndex, index: SceneIndex) -> SceneVersion:
+        scene_id = order.scene_id
         edited = index.scene
         version = f"e{secrets.token_hex(8)}"
         record = self._store.scenes.scene(scene_id)
@@ -237,7 +231,7 @@ class Versions:
         changes = list(changed_views(edited.quality))
         same = edited.gaussians is before.scene.gaussians
         self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
-        key = self._store.keys.find(author) if author else None
+        key = self._store.keys.find(order.author) if order.author else None
         try:
             names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
             published, removed = self._store.versions.publish(
@@ -245,11 +239,11 @@ class Versions:
                     scene_id=scene_id,
                     version=version,
                     parent=parent,
-                    request_id=request_id,
-                    request_digest=digest,
+                    request_id=order.request_id,
+                    request_digest=order.digest,
                     gaussians=len(edited.gaussians),
                     dictionary=dictionary,
-                    edits=rows,
+                    edits=order.rows,
                     names=names,
                     author=key.name if key is not None else "",
                     scaling=scaling_to_json(edited.scaling),
@@ -276,18 +270,15 @@ class Versions:
     ) -> tuple[SceneIndex, dict[int, dict[str, Any]]]:
         """The index of the edited scene, and what was made of prompts, by the number of the edit, as JSON."""
         from fastsplat.service.query.edits.apply_edit import apply_edit
-        from fastsplat.service.query.edits.edit import Edit as SceneEdit
 
         before = index.things.table
         made: dict[int, dict[str, Any]] = {}
         for number, edit in enumerate(edits):
-            matrix = None if edit.transform is None else edit.transform.matrix()
-            scene_edit = SceneEdit(**{**vars(edit), "transform": matrix})
             try:
-                piece = self._prompted.piece(index, scene_edit)
+                piece = self._prompted.piece(index, edit)
                 scene = apply_edit(
                     index,
-                    scene_edit,
+                    edit,
                     seen,
                     before,
                     sources.get(number),

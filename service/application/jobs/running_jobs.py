@@ -14,7 +14,10 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_json
+from fastsplat_contract.operating_messages import JobLog
 from fastsplat_contract.operations import FINAL_STATES, Operation
+
+_MAX_LOG = 1 << 20
 
 
 class RunningJobs:
@@ -61,6 +64,24 @@ class RunningJobs:
         info, content = self._file(operation_id, "placed")
         stored = from_json(PlacedCameras, content)
         return PlacedCameras(PlacedInfo(**info), stored.cameras, stored.points, stored.colors)
+
+    def log(self, operation_id: str) -> JobLog:
+        """The end of what the trainers of a job wrote.
+
+        Raises:
+            NotFoundError: there is no such operation, or no log of it on this machine.
+        """
+        path = self._store.blobs.log(self._store.scenes.operation(operation_id).id)
+        try:
+            with path.open("rb") as file:
+                file.seek(max(0, path.stat().st_size - _MAX_LOG))
+                return JobLog(file.read().decode(errors="replace"))
+        except FileNotFoundError:
+            raise NotFoundError(
+                f"job {operation_id} has no log on this machine",
+                field="operation",
+                hint="Logs are kept on the machine of the worker, of jobs that run or failed, for a while.",
+            ) from None
 
     def _file(self, operation_id: str, kind: str) -> tuple[Mapping[str, Any], bytes]:
         before = None

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
+from fastsplat.service.capture.formats.depth_files import IMAGE_SUFFIXES, depth_size, read_depth
 from fastsplat.service.capture.formats.image_io import PhotoInfo, open_map, read_size
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
 from fastsplat.service.capture.photos.camera_model import aspect_error
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.colmap_model import read_colmap
-from fastsplat.service.capture.uploads.depth_validation import check_depths, depth_images
 from fastsplat.service.capture.uploads.label_maps import check_label_map, match_label_maps, read_label_table
 from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.phones.polycam import read_polycam
@@ -21,8 +21,10 @@ from fastsplat.service.capture.uploads.photo_validation import check_pixels, usa
 from fastsplat.service.capture.uploads.posed_input import PosedDataset, PosedImage
 from fastsplat.service.capture.uploads.transforms import read_transforms
 from fastsplat.service.capture.uploads.upload_kind import UploadContents
-from fastsplat_contract.errors import InvalidInputError
+from fastsplat.service.common.file_names import list_names
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
+_LEAST_KNOWN = 0.01
 _PHONES = {"polycam": read_polycam, "record3d": read_record3d, "arkit": read_scanner_app}
 
 
@@ -170,3 +172,51 @@ def _check_mask(files: Path, name: str, photo: PhotoInfo, settings: CaptureSetti
             hint="Send masks of exactly their image's size.",
         )
     return bool(mask.any())
+
+
+def depth_images(dataset: PosedDataset) -> tuple[str, ...]:
+    """Paths of the depth and confidence maps that are images, sorted."""
+    depths = [image.depth for image in dataset.images if image.depth is not None]
+    names = {name for depth in depths for name in (depth.path, depth.confidence) if name is not None}
+    return tuple(sorted(name for name in names if PurePosixPath(name).suffix.lower() in IMAGE_SUFFIXES))
+
+
+def check_depths(
+    files: Path, dataset: PosedDataset, settings: CaptureSettings, left_out: LeftOut
+) -> tuple[dict[str, tuple[int, int]], tuple[str, ...]]:
+    """The sizes of the depth maps by their photo's path, and what is not used, as sentences for people.
+
+    A map of which less than 1 % is known is left out, with a warning. One that is damaged, larger than images may be or
+    in another aspect ratio than its camera costs its frame, which goes to `left_out`.
+
+    Raises:
+        LimitExceededError: together they have more than `max_pixels`.
+    """
+    sizes: dict[str, tuple[int, int]] = {}
+    pixels, empty = 0, []
+    for image in dataset.images:
+        if image.depth is None:
+            continue
+        with left_out.costs(image.path):
+            width, height = depth_size(files, image.depth, settings)
+            if not image.camera_model.fits(width, height):
+                raise aspect_error(image.depth.path, image.camera_model, width, height)
+            pixels += width * height
+            if pixels > settings.max_pixels:
+                break
+            known = read_depth(files, image.depth, settings) > 0
+            if known.mean() < _LEAST_KNOWN:
+                empty.append(image.name)
+            else:
+                sizes[image.path] = (width, height)
+    if pixels > settings.max_pixels:
+        raise LimitExceededError(
+            "the depth maps of the upload have too many pixels together",
+            field="files",
+            limit=f"{settings.max_pixels} pixels",
+            hint="Send fewer or smaller depth maps.",
+        )
+    if not empty:
+        return sizes, ()
+    warning = f"{len(empty)} depth maps have hardly a known pixel and are not used: {list_names(empty)}."
+    return sizes, (warning,)

@@ -7,13 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.depth_maps import F32
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.formats.upload_manifest import UploadManifest
-from fastsplat.service.capture.photos.camera_model import CameraModel, check_camera_model
+from fastsplat.service.capture.photos.camera_model import (
+    CameraModel,
+    check_camera_model,
+    compute_undistortion,
+    rotate90,
+)
 from fastsplat.service.capture.photos.lens_faces import face_name, is_fisheye, lens_of
 from fastsplat.service.capture.photos.photo_quality import PhotoMatches, measure_photo
 from fastsplat.service.capture.photos.withholding import WithheldPixels, both_masks
@@ -23,11 +30,12 @@ from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.uploads.label_maps import LabelTable
 from fastsplat.service.capture.uploads.posed_input import PosedImage
 from fastsplat.service.capture.views.lens_views import ViewLog, posed_lens, views_of
-from fastsplat.service.capture.views.view_depths import view_depth
 from fastsplat.service.capture.views.view_writer import SourceImage
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
+MAX_SIDE = 640
+"""Pixels of a stored map's longer side at most; trainings do not look at photos more closely."""
 _BROKEN = (InvalidInputError, LimitExceededError)
 """What `ImageDecoder` raises where it is the file's fault."""
 
@@ -155,3 +163,39 @@ class ViewSources:
         except _BROKEN:
             self.log.broken_maps.append(stored)
             return None
+
+
+def view_depth(
+    image: PosedImage,
+    file: DepthFile,
+    stored_size: tuple[int, int],
+    photo: PhotoInfo,
+    decoder: ImageDecoder,
+    root: Path,
+) -> tuple[F32, Camera]:
+    """A depth map float32 [H, W] of a posed image's view, scene units, 0 where unknown, and its pinhole camera.
+
+    A map keeps its own pixels: blown up to a photo's size it would have values where nothing was measured.
+
+    Args:
+        image: the image, whose camera model is for the photo as stored.
+        file: its depth map, which covers what the photo covers, in the orientation of the photo as stored.
+        stored_size: (width, height) of the map.
+        photo: the photo.
+        decoder: reads the map.
+        root: the upload's files.
+
+    Raises:
+        CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.
+    """
+    scale = min(1.0, MAX_SIDE / max(stored_size))
+    width, height = (max(1, round(side * scale)) for side in stored_size)
+    depth = decoder.depth(root, file, photo, (width, height))
+    turns = photo.quarter_turns if image.camera_model.fits(photo.width, photo.height) else 0
+    undistortion = compute_undistortion(image.camera_model.scaled_to(width, height), MAX_SIDE, field=image.name)
+    undistortion = rotate90(undistortion, turns, width, height)
+    depth = np.ascontiguousarray(np.rot90(depth, -turns))
+    if undistortion.map_xy is not None:
+        x, y = undistortion.map_xy[..., 0], undistortion.map_xy[..., 1]
+        depth = np.asarray(cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT))
+    return depth, undistortion.camera

@@ -21,9 +21,9 @@ from fastsplat.service.scene.scaling import ScaledLength, combined
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 F64 = NDArray[np.float64]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fastsplat.service.query.edits.edit import Edit, Rows, edited_rows
+from fastsplat.service.query.edits.edited_rows import Rows, edited_rows
 from fastsplat.service.query.edits.gaussian_edits import duplicate, move, recolor, remove
 from fastsplat.service.query.edits.insertion import insert_things
 from fastsplat.service.query.edits.prompted_things import make_prompted_thing
@@ -21,6 +21,7 @@ from fastsplat.service.scene.changes import with_change
 from fastsplat.service.scene.types import Scene, Things
 from fastsplat_contract.camera import check_rigid
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -116,7 +117,7 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
     if not kind.named and (edit.name is not None or edit.aliases):
         raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
     if edit.transform is not None:
-        check_rigid(np.asarray(edit.transform, dtype=np.float64), field="transform")
+        check_rigid(edit.transform.matrix(), field="transform")
     if edit.color is not None:
         color = np.asarray(edit.color, dtype=np.float64)
         if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():

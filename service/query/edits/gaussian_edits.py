@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fastsplat.service.query.edits.edit import Edit, Rows
+from fastsplat.service.query.edits.edited_rows import Rows
 from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.scene.label_evidence import evidence_of, rows_of
 from fastsplat.service.scene.things import (
@@ -24,6 +24,7 @@ from fastsplat.service.scene.things import (
 )
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
 from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.scenes import Edit
 
 F64 = NDArray[np.float64]
 
@@ -41,7 +42,7 @@ def remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 
 def move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     """The scene with the Gaussians `rows`, int64 [K], moved by the edit's transform."""
-    moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), edit.transform)
+    moved = moved_gaussians(gaussians_of_rows(scene.gaussians, rows), motion_of(edit))
     return replace(scene, gaussians=_put(scene.gaussians, rows, moved))
 
 
@@ -52,7 +53,7 @@ def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     copies = np.arange(count, count + len(rows))
     if scene.things is not None and grown.things is not None:
         grown = replace(grown, things=_copied(scene.things, grown.things, rows))
-    moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), edit.transform)
+    moved = moved_gaussians(gaussians_of_rows(grown.gaussians, copies), motion_of(edit))
     return replace(grown, gaussians=_put(grown.gaussians, copies, moved))
 
 
@@ -100,9 +101,14 @@ def recolor(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     return replace(scene, gaussians=_put(scene.gaussians, rows, replace(part, sh=sh.astype(np.float32))))
 
 
-def moved_gaussians(part: Gaussians, transform: F64 | None) -> Gaussians:
+def motion_of(edit: Edit) -> F64:
+    """float64 [4, 4] of an edit that has a transform."""
+    assert edit.transform is not None
+    return edit.transform.matrix()
+
+
+def moved_gaussians(part: Gaussians, pose: F64) -> Gaussians:
     """The Gaussians after a rigid motion, float64 [4, 4]: turned, colors included, and shifted."""
-    pose = np.asarray(transform, dtype=np.float64)
     turn = Rotation.from_matrix(pose[:3, :3])  # the nearest rotation: the input is one to 1e-3 only
     rotation = turn.as_matrix()
     means = part.means.astype(np.float64) @ rotation.T + pose[:3, 3]

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fastsplat.service.query.edits.edit import Edit, edited_rows
-from fastsplat.service.query.edits.gaussian_edits import gaussians_of_rows, moved_gaussians
+from fastsplat.service.query.edits.edited_rows import edited_rows
+from fastsplat.service.query.edits.gaussian_edits import gaussians_of_rows, motion_of, moved_gaussians
 from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
 from fastsplat.service.scene.types import Evidence, Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -70,7 +71,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     new_ids[list(ids)] = np.arange(first, first + len(ids))
     # What lies enclosed in a thing and is of none of them goes with the first.
     inside = np.where(np.isin(owner, ids), new_ids[np.minimum(owner, max(ids))], first)
-    part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), edit.transform)
+    part = moved_gaussians(gaussians_of_rows(source.scene.gaussians, rows), motion_of(edit))
     assert scene.things is not None
     return replace(
         scene,

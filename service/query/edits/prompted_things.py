@@ -15,9 +15,9 @@ from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.types import Scene, Things
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 _REST = 0.02

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from fastsplat.service.common.combined_ratios import NORMAL_95
-from fastsplat.service.query.edits.edit import Edit
 from fastsplat.service.query.measures.locating import locate
 from fastsplat.service.query.measures.measuring import apart, extents_of
 from fastsplat.service.query.scene_index import SceneIndex
@@ -14,6 +13,7 @@ from fastsplat.service.scene.scaling import ScaledLength, capture_scaling, combi
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.places import KnownSize
+from fastsplat_contract.scenes import Edit
 
 _MAX_LENGTHS = 100
 _UNSURE_ENDS = 0.03

@@ -17,9 +17,9 @@ from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
 from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
-    from fastsplat.service.query.edits.edit import Edit
     from fastsplat.service.query.scene_index import SceneIndex
 
 MAX_ALIASES = 20

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import check_coverage
 
@@ -28,14 +27,12 @@ class TextQuery:
         negatives: canonical negatives.
         templates: prompt templates, each with one "{}".
         coverage: of the label sets, above 0 and below 1.
-        elsewhere: names that other scenes suggest for things of the scene that is asked, by their ids.
     """
 
     texts: tuple[str, ...]
     negatives: tuple[str, ...]
     templates: tuple[str, ...]
     coverage: float
-    elsewhere: Mapping[int, NameFromScene] = field(default_factory=dict)
 
 
 def check_query(

@@ -12,10 +12,10 @@ from torch import Tensor
 from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth, save_depth
 from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.objective import sensor_depth_error
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.schedule import depth_regularized
-from fastsplat.service.splatting.sensor_depth import sensor_depth_error
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.camera import Camera

@@ -1,8 +1,7 @@
-"""An edit of a scene, as every kind of it is asked for, and the Gaussians that it is about."""
+"""The Gaussians that an edit of a scene is about."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,9 +13,7 @@ from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.types import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.places import Alignment, KnownLength, KnownSize
-from fastsplat_contract.scenes import EditAction, InsertSource
-from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.scenes import Edit
 
 if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
@@ -26,43 +23,6 @@ Rows = NDArray[np.int64]
 _NEIGHBORS = 12
 _ENCLOSED = 0.5
 _MARGIN = 0.25
-
-
-@dataclass(frozen=True)
-class Edit:
-    """What to do to everything of a label, to one object, or to things.
-
-    Attributes:
-        action: what.
-        label: a name of the scene's dictionary (as in its hash table: case, plural and aliases do not matter), or None;
-            with it everything of that label is meant, objects and specks.
-        object_id: `SceneObject.id`, or None.
-        things: ids of things, or none; exactly one of label, object_id and things.
-        color: RGB 0..1 for `recolor`, the mean color afterwards; None otherwise.
-        transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
-            units; None otherwise.
-        name, aliases: for `name`, see `edit_things`.
-        source: for `insert`, where the things come from; None otherwise.
-        prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
-        texts: of versions that looking again made; none for an edit.
-        known_lengths, known_sizes: for `scale`; none otherwise.
-        alignment: for `align`; None otherwise.
-    """
-
-    action: EditAction
-    label: str | None = None
-    object_id: str | None = None
-    color: tuple[float, float, float] | None = None
-    transform: NDArray[np.float64] | None = None
-    things: tuple[int, ...] = ()
-    name: str | None = None
-    aliases: tuple[str, ...] = ()
-    source: InsertSource | None = None
-    prompt: ThingPrompt | None = None
-    texts: tuple[str, ...] = ()
-    known_lengths: tuple[KnownLength, ...] = ()
-    known_sizes: tuple[KnownSize, ...] = ()
-    alignment: Alignment | None = None
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
