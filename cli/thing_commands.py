@@ -15,7 +15,7 @@ from fastsplat.cli.tables import Column, minute, point, table
 from fastsplat_contract.detection_messages import Detection
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.thing_messages import PickedThing, SceneThing, ThingList
+from fastsplat_contract.thing_messages import AskedLevel, PickedThing, SceneThing, ThingList
 
 things_app = typer.Typer(
     help="What a scene holds, named or not: list, pick, measure, name, merge, split, add, discard, insert, look again.",
@@ -105,12 +105,13 @@ def pick(
         tuple[float, float, float, float] | None, typer.Option(help="Of the view: left top right bottom.")
     ] = None,
     at: Annotated[tuple[float, float, float] | None, typer.Option("--point", help="Of the scene: x y z.")] = None,
+    level: Annotated[AskedLevel, typer.Option(help="What the mask of --json shows.")] = "likeliest",
     version: Version = "",
 ) -> None:
-    """Say which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    """Say which thing is at a pixel or in a box of a view, or at a point; which part of it, and in which group."""
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
-    picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version)
+    picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version, level=level)
     session.tell(picked, _picked(picked))
 
 
@@ -156,6 +157,12 @@ def _picked(picked: PickedThing) -> str:
     lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else ""]
     if picked.part is not None:
         lines.append(f"there its part: {thing_name(picked.part)}")
+    for each in picked.levels:
+        if each.level == "group":
+            lines.append(f"in group {each.id}: things {', '.join(map(str, each.members))}")
+    if len(picked.levels) > 1:
+        meant = ", ".join(f"{each.level} {each.probability:.0%}" for each in picked.levels)
+        lines.append(f"meant: {meant}; the mask is of the {picked.level}")
     return "\n".join(line for line in lines if line)
 
 

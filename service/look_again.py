@@ -218,7 +218,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
     scene, table = before, []
     for thing in added.things.table:
         if thing.id in added.named:
-            scene, label = with_label(index, scene, thing.name, ())
+            scene, label = with_label(index, scene, thing.name)
             table.append(replace(thing, name=label))
         else:
             table.append(thing)

@@ -13,7 +13,7 @@ from fastsplat_contract.assessments import Grade
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Outcome, Relation
-from fastsplat_contract.thing_messages import ThingKind
+from fastsplat_contract.thing_messages import PickedLevel, PickLevel, ThingKind
 
 Unit = Literal["m", "scene units"]
 Point = tuple[float, float, float]
@@ -77,6 +77,28 @@ class ThingBrief:
     kind: ThingKind
     center: Point | None
     size: Point | None
+
+
+@dataclass(frozen=True)
+class PickedBrief:
+    """What a photo shows at a place.
+
+    Attributes:
+        thing: the thing there.
+        part: the part of it there; None for none.
+        levels: part, thing and group with the probability that each is meant.
+        level: the one that was asked for, or is likeliest meant.
+        area: pixels that it fills in the photo.
+    """
+
+    scene: str
+    version: str
+    unit: Unit
+    thing: ThingBrief
+    part: ThingBrief | None
+    levels: list[PickedLevel]
+    level: PickLevel
+    area: int
 
 
 @dataclass(frozen=True)
@@ -247,12 +269,14 @@ class StandingPlace:
 
 @dataclass(frozen=True)
 class Named:
-    """A name that was given: `version` is the scene's new version, which can be undone."""
+    """A name that was given: `version` is the scene's new version, which can be undone. Where `asks_kind`, no word of the
+    name is known: ask the user once what it is, and name it again with these kinds."""
 
     scene: str
     thing: int
     name: str
     version: str
+    asks_kind: bool
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
-from fastsplat.service.application.editing.version_rows import PROMPTED, dictionary_rows, version_of
+from fastsplat.service.application.editing.version_rows import ASKS_KIND, PROMPTED, dictionary_rows, version_of
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
@@ -216,7 +216,14 @@ class Versions:
         size += self._prompted.bytes(edits, len(before.scene.gaussians))
         with self._prompted.running(edits), self._memory.reserve(size, "edits"):
             index, made = self._apply(before, edits, seen, sources)
-            stored = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(rows)]
+            stored = [
+                {
+                    **row,
+                    **({PROMPTED: made[number]} if number in made else {}),
+                    **({ASKS_KIND: True} if edit.name is not None and not index.is_understood(edit.name) else {}),
+                }
+                for number, (edit, row) in enumerate(zip(edits, rows, strict=True))
+            ]
             return self._publish(scene_id, parent, before, index, request_id, digest, stored, author)
 
     def _publish(

@@ -40,7 +40,7 @@ class Edit:
         color: RGB 0..1 for `recolor`, the mean color afterwards; None otherwise.
         transform: float64 [4, 4] for `move` and `duplicate`, the rigid motion x' = R x + t in the world frame, scene
             units; None otherwise.
-        name, aliases: for `name`, see `edit_things`.
+        name, aliases, kinds: for `name`, see `edit_things`.
         source: for `insert`, where the things come from; None otherwise.
         prompt: for `split` and `add`, where the piece or the missing thing is in a picture; None otherwise.
         texts: of versions that looking again made; none for an edit.
@@ -56,6 +56,7 @@ class Edit:
     things: tuple[int, ...] = ()
     name: str | None = None
     aliases: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
     source: InsertSource | None = None
     prompt: ThingPrompt | None = None
     texts: tuple[str, ...] = ()

@@ -2,6 +2,13 @@ import { plural } from "./plural";
 
 const unnamed = (id: number) => `Thing ${id}, no name`;
 
+interface Named {
+  id: number;
+  name: string;
+}
+
+const titleOf = ({ name, id }: Named) => name || unnamed(id);
+
 /** Questions and things. */
 export const thingsTexts = {
   ask: {
@@ -21,7 +28,13 @@ export const thingsTexts = {
     none: "No things were found in this scene.",
     unnamed,
     /** The name of a thing, or what stands for it. */
-    titleOf: ({ name, id }: { name: string; id: number }) => name || unnamed(id),
+    titleOf,
+    /** Which level of what is at a place is selected; `members` is the number of things of its group. */
+    level: (level: "part" | "thing" | "group", thing: Named, part: Named | null, members: number) => {
+      if (level === "part") return `${part?.name ? `${part.name}, ` : ""}part of ${titleOf(thing)}`;
+      return level === "thing" ? titleOf(thing) : `group: ${titleOf(thing)} and ${members - 1} more`;
+    },
+    clickAgain: (selected: string, next: string) => `Selected: ${selected}. Click again for ${next}.`,
     unnamedCount: (count: number) =>
       count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
     nameNext: "Name the next one",
@@ -30,6 +43,12 @@ export const thingsTexts = {
     nothingThere: "There is no thing at this place.",
     name: "Name",
     save: "Save the name",
+    aliases: "Other names, separated by commas",
+    alsoCalled: (aliases: readonly string[]) => `Also called ${aliases.join(", ")}.`,
+    isA: (name: string) => `${name} is a …`,
+    kindExample: "teddy bear, toy",
+    saveKind: "Save what it is",
+    skipKind: "Do not say",
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",
