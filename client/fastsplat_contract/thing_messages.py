@@ -152,7 +152,8 @@ class PickedThing(Response):
     mask3d: Annotated[
         Base64 | None,
         Field(
-            description="of `level`: one bit per Gaussian in row order, most significant bit first; absent unless asked for"
+            description="of `level`: one bit per Gaussian in row order, most significant bit first; absent unless "
+            "asked for"
         ),
     ] = None
 

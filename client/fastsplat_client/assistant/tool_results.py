@@ -269,8 +269,8 @@ class StandingPlace:
 
 @dataclass(frozen=True)
 class Named:
-    """A name that was given: `version` is the scene's new version, which can be undone. Where `asks_kind`, no word of the
-    name is known: ask the user once what it is, and name it again with these kinds."""
+    """A name that was given: `version` is the scene's new version, which can be undone. Where `asks_kind`, no word of
+    the name is known: ask the user once what it is, and name it again with these kinds."""
 
     scene: str
     thing: int

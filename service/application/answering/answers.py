@@ -196,8 +196,8 @@ class Answers:
         return self._scenes.reading(scene_id, version, read)
 
     def pick(self, request: PickRequest) -> PickedThing:
-        """The thing at a pixel or in a box of a view, or at a point of the scene, the part of it there and the group that
-        it is in; with the mask of the level that is asked for.
+        """The thing at a pixel or in a box of a view, or at a point of the scene, the part of it there and the group
+        that it is in; with the mask of the level that is asked for.
 
         Raises:
             NotFoundError: unknown scene, version or view; no thing is there, or no part or group that is asked for.

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.mask_encodings import mask_ply
 from fastsplat.service.application.answering.open_scenes import OpenScenes

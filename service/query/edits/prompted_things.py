@@ -59,8 +59,8 @@ def make_prompted_thing(
 
     Raises:
         NotFoundError: no such thing, label or object here.
-        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases or kinds
-            without a name, or a name that is none.
+        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases or
+            kinds without a name, or a name that is none.
         LimitExceededError, ConflictError: see `edit_things` and `with_new_thing`.
     """
     owner = index.things.owner
