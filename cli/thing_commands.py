@@ -45,7 +45,7 @@ def list_things(
         (
             f"{'  ' if each.parent else ''}{each.id}",
             each.name,
-            f"{each.source} {each.probability:.0%}" if each.source else each.surface,
+            f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
             ", ".join(f"{name} {probability:.0%}" for name, probability, _ in each.suggestions),
             f"{each.gaussian_count:,}",
         )
@@ -149,7 +149,11 @@ def thing_name(thing: SceneThing) -> str:
     """A thing by its id and, if it has one, its name."""
     if not thing.name:
         return f"thing {thing.id}, without a name"
-    return f"thing {thing.id}, {thing.name} ({thing.source} {thing.probability:.0%})"
+    return f"thing {thing.id}, {thing.name} ({_said_by(thing)} {thing.probability:.0%})"
+
+
+def _said_by(thing: SceneThing) -> str:
+    return "a guess," if thing.guess else str(thing.source)
 
 
 def _picked(picked: PickedThing) -> str:

@@ -64,6 +64,9 @@ class SceneThing(Response):
     meters: Annotated[bool, Field(description="whether lengths are meters")]
     parent: Annotated[int, Field(description="of a part: the thing that it is a part of; else 0")] = 0
     parts: Annotated[Many[int], Field(description="ids of its parts, which lists of things have on request")] = ()
+    guess: Annotated[
+        bool, Field(description="whether the name is a detector's and less probable than 0.95: to be shown as a guess")
+    ] = False
     groups: Annotated[
         Many[int],
         Field(

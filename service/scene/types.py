@@ -108,6 +108,9 @@ class Evidence:
         return len(self.starts) - 1
 
 
+STATED_FROM = 0.95
+"""Probability from which a detector's name is stated without a word of doubt."""
+
 SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
 """What a thing is by its geometry: "" is no surface, "surface" one that gravity says nothing of."""
 
@@ -150,6 +153,11 @@ class Thing:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
         assert all(0 <= probability <= 1 for _, probability in self.suggestions)
+
+    @property
+    def guessed(self) -> bool:
+        """Whether its name is a detector's, and not probable enough to be stated."""
+        return self.source == "detected" and self.probability < STATED_FROM
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
     owner = label_gaussians(scene).classes
     half = np.flatnonzero((owner == 2) & (scene.gaussians.means[:, 2] > 0.3))
     things = Things(
-        tuple(Thing(number, label, "detected", 0.9) for number, label in enumerate(LABELS, start=1)),
+        tuple(Thing(number, label, "detected", 0.97) for number, label in enumerate(LABELS, start=1)),
         evidence_of(rows, owner, np.full(len(rows), 50 * UNIT), len(rows)),
         0,
         Parts(

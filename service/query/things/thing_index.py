@@ -289,6 +289,7 @@ class SceneThings:
             meters=self.scene.scale == "METRIC",
             parent=thing.parent,
             parts=parts,
+            guess=thing.guessed,
             groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
         )
 

@@ -5,9 +5,12 @@ const unnamed = (id: number) => `Thing ${id}, no name`;
 interface Named {
   id: number;
   name: string;
+  guess?: boolean;
+  probability?: number;
 }
 
-const titleOf = ({ name, id }: Named) => name || unnamed(id);
+const titleOf = ({ name, id, guess, probability = 0 }: Named) =>
+  guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id);
 
 /** Questions and things. */
 export const thingsTexts = {
@@ -27,7 +30,7 @@ export const thingsTexts = {
     title: "Things",
     none: "No things were found in this scene.",
     unnamed,
-    /** The name of a thing, or what stands for it. */
+    /** The name of a thing, and whether that is a guess; or what stands for it. */
     titleOf,
     /** Which level of what is at a place is selected; `members` is the number of things of its group. */
     level: (level: "part" | "thing" | "group", thing: Named, part: Named | null, members: number) => {
