@@ -13,7 +13,7 @@ from fastsplat_contract.assessments import Grade
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Outcome, Relation
-from fastsplat_contract.thing_messages import PickedLevel, PickLevel, ThingKind
+from fastsplat_contract.thing_messages import PickLevel, ThingKind
 
 Unit = Literal["m", "scene units"]
 Point = tuple[float, float, float]
@@ -80,13 +80,23 @@ class ThingBrief:
 
 
 @dataclass(frozen=True)
+class LevelBrief:
+    """A part, a thing, or a group with its members, and the probability that it is meant."""
+
+    level: PickLevel
+    id: int
+    members: list[int]
+    probability: float
+
+
+@dataclass(frozen=True)
 class PickedBrief:
     """What a photo shows at a place.
 
     Attributes:
         thing: the thing there.
         part: the part of it there; None for none.
-        levels: part, thing and group with the probability that each is meant.
+        levels: the part, if any, the thing, the group, if any.
         level: the one that was asked for, or is likeliest meant.
         area: pixels that it fills in the photo.
     """
@@ -96,7 +106,7 @@ class PickedBrief:
     unit: Unit
     thing: ThingBrief
     part: ThingBrief | None
-    levels: list[PickedLevel]
+    levels: list[LevelBrief]
     level: PickLevel
     area: int
 
