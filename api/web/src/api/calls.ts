@@ -6,6 +6,7 @@ import type {
   Measurement,
   Operation,
   PickedThing,
+  PickIn,
   Place,
   Pose,
   PosedCamera,

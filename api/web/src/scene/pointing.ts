@@ -5,6 +5,7 @@ import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
+import { nextLevel } from "./levels";
 
 type Asked = Partial<Pick<PickIn, "level" | "mask3d">>;
 type AskedLevel = PickIn["level"];
@@ -12,12 +13,6 @@ type AskedLevel = PickIn["level"];
 const REST_MS = 90; // a moving pointer asks nothing
 const CLICK_PIXELS = 4;
 const LONGEST_SIDE = 640; // of the picture that the server picks in
-
-/** The level after the one that was picked: part, thing, group, part, as far as they are there. */
-export function nextLevel({ levels, level }: Pick<PickedThing, "levels" | "level">): PickLevel {
-  const there = levels.map((each) => each.level);
-  return there[(there.indexOf(level) + 1) % there.length] ?? "thing";
-}
 
 /** Asks the server which thing is under the pointer: hovering lights it up, a click selects it, a second one a part. */
 export class Pointing {

@@ -110,9 +110,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           {texts.things.save}
         </button>
       </form>
-      {asksKind && (
-        <AskKind state={state} thing={thing.id} name={thing.name} onSkip={() => setSkipped(made.version)} />
-      )}
+      {asksKind && <AskKind state={state} thing={thing.id} name={thing.name} onSkip={() => setSkipped(made.version)} />}
       {entry && entry.aliases.length > 0 && <p class="hint">{texts.things.alsoCalled(entry.aliases)}</p>}
       {thing.suggestions.length > 0 && (
         <>

@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { nextLevel } from "./pointing";
+import { nextLevel } from "./levels";
 
 const at = (...levels: ("part" | "thing" | "group")[]) =>
   levels.map((level, number) => ({ level, id: number + 1, members: [], probability: 1 / levels.length }));
