@@ -32,6 +32,9 @@ _AroundThing = Annotated[
 ]
 _NewName = Annotated[str | None, typer.Option(help="What it is.")]
 _Aliases = Annotated[list[str], typer.Option(help="Another name of it; several are allowed.")]
+_Kinds = Annotated[
+    list[str], typer.Option(help="What it is, of a name that does not say so, as Oskar; several are allowed.")
+]
 
 
 @service_command(things_app)
@@ -41,10 +44,12 @@ def name(
     name: Annotated[str, typer.Argument(help="What they are.")],
     things: _Ids,
     alias: _Aliases = [],
+    kind: _Kinds = [],
     looked_at: _LookedAt = "",
 ) -> None:
     """Give things a name."""
-    _edit(session, scene, Edit("name", things=tuple(things), name=name, aliases=tuple(alias)), looked_at)
+    edit = Edit("name", things=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
+    _edit(session, scene, edit, looked_at)
 
 
 @service_command(things_app)
@@ -134,6 +139,8 @@ def _edit(session: Session, scene: str, edit: Edit, looked_at: str) -> None:
     for new in made.prompted:
         agree = f", seen in {len(new.views)} views" if len(new.views) > 1 else ", seen in one view"
         lines.append(f"thing {new.thing_id} has {new.gaussian_count} Gaussians{agree}")
+    if made.asks_kind:
+        lines.append(f"no word of {edit.name!r} is known here: to be found by what it is, name it again with --kind")
     session.tell(made, "\n".join([*lines, f"version {made.version} is current"]))
 
 

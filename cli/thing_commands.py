@@ -15,7 +15,7 @@ from fastsplat.cli.tables import Column, minute, point, table
 from fastsplat_contract.detection_messages import Detection
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.thing_messages import PickedThing, SceneThing, ThingList
+from fastsplat_contract.thing_messages import AskedLevel, PickedThing, SceneThing, ThingList
 
 things_app = typer.Typer(
     help="What a scene holds, named or not: list, pick, measure, name, merge, split, add, discard, insert, look again.",
@@ -45,7 +45,7 @@ def list_things(
         (
             f"{'  ' if each.parent else ''}{each.id}",
             each.name,
-            f"{each.source} {each.probability:.0%}" if each.source else each.surface,
+            f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
             ", ".join(f"{name} {probability:.0%}" for name, probability, _ in each.suggestions),
             f"{each.gaussian_count:,}",
         )
@@ -105,12 +105,13 @@ def pick(
         tuple[float, float, float, float] | None, typer.Option(help="Of the view: left top right bottom.")
     ] = None,
     at: Annotated[tuple[float, float, float] | None, typer.Option("--point", help="Of the scene: x y z.")] = None,
+    level: Annotated[AskedLevel, typer.Option(help="What the mask of --json shows.")] = "likeliest",
     version: Version = "",
 ) -> None:
-    """Say which thing is at a pixel or in a box of a view, or at a point of the scene."""
+    """Say which thing is at a pixel or in a box of a view, or at a point; which part of it, and in which group."""
     scene_id = session.scene(scene)
     version = session.version(scene_id, version)
-    picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version)
+    picked = session.client.pick(scene_id, view or None, pixel=pixel, box=box, point=at, version=version, level=level)
     session.tell(picked, _picked(picked))
 
 
@@ -148,7 +149,11 @@ def thing_name(thing: SceneThing) -> str:
     """A thing by its id and, if it has one, its name."""
     if not thing.name:
         return f"thing {thing.id}, without a name"
-    return f"thing {thing.id}, {thing.name} ({thing.source} {thing.probability:.0%})"
+    return f"thing {thing.id}, {thing.name} ({_said_by(thing)} {thing.probability:.0%})"
+
+
+def _said_by(thing: SceneThing) -> str:
+    return "a guess," if thing.guess else str(thing.source)
 
 
 def _picked(picked: PickedThing) -> str:
@@ -156,6 +161,12 @@ def _picked(picked: PickedThing) -> str:
     lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else ""]
     if picked.part is not None:
         lines.append(f"there its part: {thing_name(picked.part)}")
+    for each in picked.levels:
+        if each.level == "group":
+            lines.append(f"in group {each.id}: things {', '.join(map(str, each.members))}")
+    if len(picked.levels) > 1:
+        meant = ", ".join(f"{each.level} {each.probability:.0%}" for each in picked.levels)
+        lines.append(f"meant: {meant}; the mask is of the {picked.level}")
     return "\n".join(line for line in lines if line)
 
 

@@ -148,7 +148,7 @@ def look_for(
     votes = replace(votes, able=np.maximum(votes.able, votes.voted))
     found = {
         thing.id: {name: float(sure) for name, sure in zip(names, row[1:], strict=True) if sure > 0}
-        for thing, row in zip(things.table, votes.probability, strict=True)
+        for thing, row in zip(things.table, votes.mean_scores, strict=True)
         if row.any()
     }
     for thing_id, closer in _look_closer(scene, cameras, pictures, detector, texts, settings, progress).items():
@@ -213,12 +213,11 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
         before.things,
         sightings.found,
         name_probability=settings.look_again.name_probability,
-        name_rivals=settings.discovery.name_rivals,
     )
     scene, table = before, []
     for thing in added.things.table:
         if thing.id in added.named:
-            scene, label = with_label(index, scene, thing.name, ())
+            scene, label = with_label(index, scene, thing.name)
             table.append(replace(thing, name=label))
         else:
             table.append(thing)

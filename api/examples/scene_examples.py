@@ -41,6 +41,7 @@ from fastsplat_contract.scenes import (
 )
 from fastsplat_contract.thing_messages import (
     NameSuggestion,
+    PickedLevel,
     PickedThing,
     PickIn,
     Pixel,
@@ -182,7 +183,7 @@ LABELS = LabelList((_MUG, _BALL), "")
 PHOTO_VERDICTS = PhotoVerdictList((_PHOTO,), PAGE_TOKEN, True, placed_count=59, photo_count=60)
 OBJECTS = ObjectList((_OBJECT,), "", "1")
 THINGS = ThingList((_THING, _UNNAMED), "", "1")
-PICKED = PickedThing(_THING, _VIEW_MASK, "1")
+PICKED = PickedThing(_THING, _VIEW_MASK, "1", levels=(PickedLevel("thing", _THING.id, (), 1.0),))
 PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
 VERSIONS = VersionList((VERSION,))
@@ -263,6 +264,10 @@ PLACES: Bodies = {
     "pixel": ("the thing at a pixel of a view", PickIn(view="front.png", pixel=Pixel(24.0, 18.0))),
     "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
     "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
+    "level": (
+        "which Gaussians are of the part at a pixel",
+        PickIn(view="front.png", pixel=Pixel(24.0, 18.0), level="part", mask3d=True),
+    ),
 }
 NAMES: Bodies = {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))}
 UNDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", UndoIn(IDS["version"]))}

@@ -61,7 +61,7 @@ from fastsplat_contract.scenes import (
     SceneVersion,
 )
 from fastsplat_contract.server_info import ServerInfo
-from fastsplat_contract.thing_messages import NameSuggestion, PickedThing, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, PickedThing, SceneThing
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
 __all__ = [
@@ -106,6 +106,7 @@ __all__ = [
     "Operation",
     "OperationError",
     "PermissionDeniedError",
+    "PickedLevel",
     "PickedThing",
     "PictureRequest",
     "Place",

@@ -18,7 +18,7 @@ from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, SceneVersion
-from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
 from fastsplat_contract.train_more_messages import PresetName
 
@@ -45,8 +45,10 @@ class ThingCalls(TableCalls):
         box: tuple[float, float, float, float] | None = None,
         point: tuple[float, float, float] | None = None,
         version: str = "",
+        level: AskedLevel = "likeliest",
+        mask3d: bool = False,
     ) -> PickedThing:
-        """The thing at a place, with its mask, and the part of it there.
+        """The thing at a place, the part of it there and the group that it is in, with the mask of one of these.
 
         Args:
             scene_id: which scene.
@@ -55,6 +57,8 @@ class ThingCalls(TableCalls):
             box: left, top, right, bottom, instead of `pixel`.
             point: x, y, z in the world frame, instead of `pixel`.
             version: of the scene; "" is the current one.
+            level: what the masks show: part, thing, group, or what is likeliest meant.
+            mask3d: whether to answer the Gaussians of it as well, see `decode_mask3d`.
         """
         request = PickRequest(
             scene_id,
@@ -64,6 +68,8 @@ class ThingCalls(TableCalls):
             box=None if box is None else PixelBox(*box),
             point=None if point is None else Vector3(*point),
             version=version,
+            level=level,
+            mask3d=mask3d,
         )
         return self.call(calls.PICK_THING, request)
 
@@ -109,11 +115,21 @@ class ThingCalls(TableCalls):
         return self.edit_scene(scene_id, [Edit("scale", known_lengths=lengths, known_sizes=sizes)])
 
     def name_things(
-        self, scene_id: str, things: int | Sequence[int], name: str, *, aliases: Sequence[str] = (), looked_at: str = ""
+        self,
+        scene_id: str,
+        things: int | Sequence[int],
+        name: str,
+        *,
+        aliases: Sequence[str] = (),
+        kinds: Sequence[str] = (),
+        looked_at: str = "",
     ) -> SceneVersion:
-        """Make a new version in which these things have a name; see `edit_scene`."""
+        """Make a new version in which these things have a name; see `edit_scene`.
+
+        Where it says `asks_kind`, no word of the name is known: `kinds` say what it is, in another such call.
+        """
         ids = (things,) if isinstance(things, int) else tuple(things)
-        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases))
+        edit = Edit("name", things=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
 
     def split_thing(

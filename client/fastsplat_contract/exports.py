@@ -117,7 +117,8 @@ class ExportRequest(Request):
     ] = "ply"
     version: Version = ""
     things: Annotated[
-        Many[int], Field(description="only the Gaussians of these things, by id, in their order; empty: all")
+        Many[int],
+        Field(description="only the Gaussians of these things, parts or groups, by id, in their order; empty: all"),
     ] = ()
     cell: Annotated[
         float,

@@ -260,7 +260,7 @@ class ListNextPhotosRequest(Request, OfVersion):
 class ListBestViewsRequest(Request, OfVersion):
     """What the cameras shall show."""
 
-    things: Annotated[Many[int], Field(description="ids of things or parts, seen together")] = ()
+    things: Annotated[Many[int], Field(description="ids of things, parts or groups, seen together")] = ()
     text: Annotated[str, Field(description="instead of things: those that answer it")] = ""
     max_views: Annotated[
         int,

@@ -277,6 +277,13 @@ class Edit(Request):
         ),
     ] = None
     aliases: Annotated[Many[str], Field(description="with a name: other names of the same label")] = ()
+    kinds: Annotated[
+        Many[str],
+        Field(
+            description="with a name that says nothing of what it is, as Oskar: what it is, as teddy bear and toy. It "
+            "is then found by these words and what they are kinds of; each becomes an alias of the name and the kind"
+        ),
+    ] = ()
     source: Annotated[
         InsertSource | None,
         Field(description="for insert: the other scene; label, object_id and things are then of that one"),
@@ -363,6 +370,13 @@ class SceneVersion(Response):
     edits: Annotated[Many[Edit], Field(description="what made it of its parent")]
     prompted: Annotated[Many[PromptedThing], Field(description="what those edits made of their prompts")] = ()
     author: Annotated[str, Field(description="the name of the key that made it; empty where that is unknown")] = ""
+    asks_kind: Annotated[
+        bool,
+        Field(
+            description="whether an edit of it gave a name of which no word is known, so that it is found by this name "
+            "alone until its `kinds` are said"
+        ),
+    ] = False
 
 
 @travels(request=False, proto="ListVersionsResponse")

@@ -14,12 +14,14 @@ from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.scenes import Box, NextPageToken
 from fastsplat_contract.thing_prompts import Pixel as Pixel
 from fastsplat_contract.thing_prompts import PixelBox as PixelBox
-from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
+from fastsplat_contract.wire import Base64, Int64, Many, OneOf, Request, Response, travels
 
 NameSource = Literal["given", "detected", "person"]
 """Who named a thing: label maps that came with the capture, a detector, a person."""
 
 ThingKind = Literal["thing", "surface", "part"]
+PickLevel = Literal["part", "thing", "group"]
+AskedLevel = Literal["likeliest", "part", "thing", "group"]
 
 
 @travels(request=False)
@@ -65,6 +67,16 @@ class SceneThing(Response):
     centroid: Annotated[
         Vector3 | None, Field(description="the mean of its surface, world frame, scene units; absent as `box` is")
     ] = None
+    guess: Annotated[
+        bool, Field(description="whether the name is a detector's and less probable than 0.95: to be shown as a guess")
+    ] = False
+    groups: Annotated[
+        Many[int],
+        Field(
+            description="ids of the groups of things that it is in; where things are shown or taken away, a group's id "
+            "stands for its members"
+        ),
+    ] = ()
 
 
 @travels(request=False, proto="ListThingsResponse")
@@ -103,6 +115,14 @@ class PickIn(Request):
     mask2d_encoding: Annotated[
         MaskEncoding, Field(description="rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside")
     ] = "rle"
+    level: Annotated[
+        AskedLevel,
+        Field(
+            description="what the masks show: the part that is there, the thing, the group of things that it is in, or "
+            "what is likeliest meant"
+        ),
+    ] = "likeliest"
+    mask3d: Annotated[bool, Field(description="whether to answer which Gaussians are of it, too")] = False
 
 
 @dataclass(frozen=True)
@@ -110,11 +130,40 @@ class PickRequest(PickIn, OfScene):
     """Which thing of one scene is there."""
 
 
+@travels(request=False)
+class PickedLevel(NamedTuple):
+    """A part, thing or group at a place, and how likely it is the one that is meant."""
+
+    level: PickLevel
+    id: Annotated[int, Field(description="of the part, the thing or the group")]
+    members: Annotated[Many[int], Field(description="ids of the things of a group")]
+    probability: Annotated[float, Field(description="that it is meant, 0..1; those of one place add up to 1")]
+
+
 @dataclass(frozen=True)
 class PickedThing(Response):
-    """The thing at a place."""
+    """The thing at a place, with its part there and the group that it is in."""
 
     thing: SceneThing
-    mask: Annotated[ViewMask | None, Field(description="of the thing in the camera or view; absent without one")]
+    mask: Annotated[ViewMask | None, Field(description="of `level` in the camera or view; absent without one")]
     version: Annotated[str, Field(description="which version was read")]
-    part: Annotated[SceneThing | None, Field(description="of the thing, at the pixel or point; absent for none")] = None
+    part: Annotated[SceneThing | None, Field(description="of the thing, at the place; absent for none")] = None
+    levels: Annotated[
+        Many[PickedLevel],
+        Field(
+            description="what is there: the part, if any, the thing, the group, if any; a second click takes the next"
+        ),
+    ] = ()
+    level: Annotated[PickLevel, Field(description="which of `levels` was asked for, or is likeliest meant")] = "thing"
+    mask3d: Annotated[
+        Base64 | None,
+        Field(
+            description="of `level`: one bit per Gaussian in row order, most significant bit first; absent unless "
+            "asked for"
+        ),
+    ] = None
+
+    @property
+    def picked(self) -> PickedLevel:
+        """The one of `levels` that was asked for, or is likeliest meant."""
+        return next(each for each in self.levels if each.level == self.level)

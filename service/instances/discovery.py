@@ -16,6 +16,7 @@ from fastsplat.service.instances.refinement import MaskedView, refined_membershi
 from fastsplat.service.instances.selection import Selection, select_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import surface_kinds
+from fastsplat.service.instances.thing_groups import find_groups
 from fastsplat.service.instances.thing_parts import find_parts
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import evidence_of, no_evidence, posterior
@@ -167,10 +168,9 @@ def _described(
     ids[np.array(order, np.intp) + 1] = np.arange(1, len(order) + 1)
     rows = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
     inside = [(part, int(ids[n + 1]) - 1) for part, n in selection.parts if ids[n + 1]]
-    parts = find_parts(inside, (ids[owners] - 1).astype(np.int32), size, settings, len(table) + 1)
-    return Things(
-        table,
-        evidence_of(rows, ids[membership.labels], membership.counts, len(membership)),
-        len(table) + 1 + (0 if parts is None else len(parts.table)),
-        parts,
-    )
+    numbers_of_things = (ids[owners] - 1).astype(np.int32)
+    parts = find_parts(inside, numbers_of_things, size, settings, len(table) + 1)
+    first = len(table) + 1 + (0 if parts is None else len(parts.table))
+    groups = find_groups(selection.groups, numbers_of_things, size, first)
+    members = evidence_of(rows, ids[membership.labels], membership.counts, len(membership))
+    return Things(table, members, first + len(groups), parts, groups=groups)

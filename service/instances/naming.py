@@ -8,12 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.name_calibration import name_probability
 from fastsplat.service.perception.types import Regions
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Gaussians, NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
+NAMED_FROM = 0.75
+"""A detected name is given from this probability; below, it is a suggestion. See `Thing.guessed` for those between."""
+_GIVEN_FROM, _GIVEN_RIVALS = 0.28, 0.5
+"""A name of label maps is given from this share of the views, if no other has more than this part of it."""
 _NAME_SIZE_RATIO = 1.6
 """A detected name that things bear of which one is so many times as large as another is a class that the detector
 puts everything into: then it is a suggestion for all of them. Names that were asked for are spared."""
@@ -46,7 +50,7 @@ class NameVotes:
     voted: F64 | None = None
 
     @property
-    def probability(self) -> F64:
+    def mean_scores(self) -> F64:
         """float64 [T, N + 1], 0..1: the mean score of each label over the views that could have named the thing, the
         views that are silent counting as 0; [:, 0] is 0."""
         mean = np.minimum(self.scores / np.maximum(self.able, 1)[:, None], 1.0)
@@ -100,32 +104,29 @@ def name_things(
     votes: NameVotes,
     names: Sequence[str],
     source: NameSource,
-    settings: DiscoverySettings,
     extents: F64 | None = None,
 ) -> Things:
     """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
 
-    How probable a name is says `NameVotes.probability`. It is stated from `name_probability`, and if no other has more
-    than `name_rivals` of it, and if all things of which it is the best are about as large (`name_size_ratio`);
-    otherwise it is suggested.
+    How probable a detected name is says `name_probability`. It is given from `NAMED_FROM`, if all things of which it is
+    the best are about as large; otherwise it is suggested. Of exact label maps the probability is the share of views.
 
     Args:
         things: T of them.
         votes: see `count_votes`.
         names: of labels 1..N.
         source: who votes.
-        settings: the bounds.
         extents: float64 [T], see `thing_extents`; None: sizes do not matter.
     """
-    probability = votes.probability
+    probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores)
     mixed = np.zeros(probability.shape[1], np.bool_)
     if extents is not None:
         best = probability.argmax(axis=1)
         for label in range(1, len(mixed)):
-            own = extents[(best == label) & (probability[:, label] >= settings.name_probability)]
+            own = extents[(best == label) & (probability[:, label] >= NAMED_FROM)]
             mixed[label] = len(own) > 1 and own.max() > _NAME_SIZE_RATIO * own.min()
     table = tuple(
-        thing if thing.source == "person" else _named(thing, row, mixed, names, source, settings)
+        thing if thing.source == "person" else _named(thing, row, mixed, names, source)
         for thing, row in zip(things.table, probability, strict=True)
     )
     return replace(things, table=table)
@@ -148,7 +149,6 @@ def _named(
     mixed: NDArray[np.bool_],
     names: Sequence[str],
     source: NameSource,
-    settings: DiscoverySettings,
 ) -> Thing:
     order = np.argsort(-row, kind="stable")
     order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
@@ -156,7 +156,9 @@ def _named(
     if not suggestions:
         return replace(thing, name="", source=None, probability=0.0, suggestions=())
     (best, sure), rivals = suggestions[0], suggestions[1:]
-    clear = sure >= settings.name_probability and all(other <= settings.name_rivals * sure for _, other in rivals)
+    clear = sure >= NAMED_FROM
+    if source == "given":
+        clear = sure >= _GIVEN_FROM and all(other <= _GIVEN_RIVALS * sure for _, other in rivals)
     if not clear or mixed[order[0]]:
         return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
     return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)

@@ -84,9 +84,9 @@ def _named(
     used = [(view, own) for view, own in zip(capture.views, regions, strict=True) if own.votes]
     votes = votes_of_views(things, gaussians, used, len(names), settings, backend=backend)
     if labelling.exact:
-        return name_things(things, votes, names, "given", settings)
+        return name_things(things, votes, names, "given")
     extents = None if labelling.expected else thing_extents(things, gaussians)
-    return name_things(things, votes, names, "detected", settings, extents)
+    return name_things(things, votes, names, "detected", extents)
 
 
 @torch.no_grad()

@@ -28,6 +28,8 @@ _NAMED_WORTH = 0.5
 _LOOSE_WORTH = 1.0
 """Worth of seeing all that belongs to no thing."""
 _MAX_SUGGESTIONS = 5
+_RIVALS = 0.5
+"""A text is clear only where no other name has more than this share of its probability."""
 
 
 @torch.no_grad()
@@ -109,27 +111,25 @@ class NamesAdded:
     suggested: tuple[int, ...]
 
 
-def add_names(
-    things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float, name_rivals: float
-) -> NamesAdded:
+def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float) -> NamesAdded:
     """The same things, named where the look is clear, else with suggestions.
 
     A text is clear from `name_probability`, if no other text of this look and no name that a detector has stated before
-    has more than `name_rivals` of its probability, and nothing that was suggested before is more probable. The name of
+    has more than half of its probability, and nothing that was suggested before is more probable. The name of
     a person or of label maps stays, and with it the thing as it is; the name of a detector stays unless another is
     clear, and is a suggestion after that.
 
     Args:
         things: T of them.
         sighted: for ids of things the probability of each text, 0..1; ids that are no thing's are left out.
-        name_probability, name_rivals: the bounds, 0..1.
+        name_probability: the bound, 0..1.
     """
     named, suggested, table = [], [], []
     for thing in things.table:
         texts = {name: sure for name, sure in sighted.get(thing.id, {}).items() if sure >= LEAST_SUGGESTED}
         changed = thing
         if texts and thing.source not in ("person", "given"):
-            changed = _judged(thing, texts, name_probability, name_rivals)
+            changed = _judged(thing, texts, name_probability)
         keys = {label_key(name) for name in texts}
         if changed is not thing and changed.name and label_key(changed.name) in keys:
             named.append(thing.id)
@@ -139,7 +139,7 @@ def add_names(
     return NamesAdded(replace(things, table=tuple(table)), tuple(named), tuple(suggested))
 
 
-def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float, name_rivals: float) -> Thing:
+def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float) -> Thing:
     by_key = {label_key(name): (name, sure) for name, sure in texts.items()}
     own = label_key(thing.name) if thing.name else ""
     best = max(by_key, key=lambda key: by_key[key][1])
@@ -148,7 +148,7 @@ def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float, n
     if own not in ("", best):
         rivals.append(max(thing.probability, by_key.get(own, ("", 0.0))[1]))
     before = [other for name, other in thing.suggestions if label_key(name) != best]
-    clear = sure >= name_probability and max(rivals, default=0.0) <= name_rivals * sure
+    clear = sure >= name_probability and max(rivals, default=0.0) <= _RIVALS * sure
     clear = clear and max(before, default=0.0) <= sure
     pool: dict[str, tuple[str, float]] = {}
     stated = ((thing.name, thing.probability),) if thing.name else ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,7 @@ class Selection:
         shares: float32 [G], how sure that is: share of the views that say so; 0 where nobody owns.
         surfaces: the planes of things that are surfaces.
         parts: candidates that are parts, each with the number of the thing that it is a part of, the largest first.
+        groups: candidates that are several things.
     """
 
     things: tuple[Candidate, ...]
@@ -57,6 +58,7 @@ class Selection:
     shares: F32
     surfaces: Mapping[int, Plane]
     parts: tuple[tuple[Candidate, int], ...] = ()
+    groups: tuple[Candidate, ...] = ()
 
 
 def select_things(
@@ -105,7 +107,8 @@ def select_things(
     owners = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)
     shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
-    return _numbered(things, parts, owners, shares, surfaces, size, settings)
+    groups = tuple(candidates[row] for row in hierarchy.groups)
+    return replace(_numbered(things, parts, owners, shares, surfaces, size, settings), groups=groups)
 
 
 def _numbered(

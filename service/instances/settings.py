@@ -10,7 +10,7 @@ from fastsplat.service.common.settings import Options, SettingGroup
 
 
 class DiscoveryOptions(Options):
-    """Which things of several views are the same, and when their names are stated."""
+    """Which things of several views are the same."""
 
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
@@ -25,11 +25,6 @@ class DiscoveryOptions(Options):
     refinement_rounds: int = Field(2, ge=0)
     """Rounds in which things take the masks of the views that they match, and Gaussians count the masks' pixels; 0: the
     views vote on whole Gaussians alone."""
-    name_probability: float = Field(0.28, ge=0, le=1)
-    """A name is stated from this mean score over the views that see the thing; below, it is a suggestion. Chosen on the
-    demo's sample, whose books have 0.30; on a table top of the tests the first wrong name has 0.27."""
-    name_rivals: float = Field(0.5, ge=0, le=1)
-    """A name is stated only where no other has more than this share of its score."""
 
 
 class DiscoverySettings(DiscoveryOptions, SettingGroup, section="discovery"):

@@ -28,7 +28,7 @@ from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.places import Place
 from fastsplat_contract.queries import Answer, Output, PictureKind, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, SceneThing
 
 Viewpoint = str | PosedCamera
 """The name of one of the scene's own cameras, or a free viewpoint."""
@@ -134,14 +134,31 @@ class LocalScene:
             if not (token := page.next_page_token):
                 return tuple(things)
 
+    def pick(self, viewpoint: Viewpoint, pixel: tuple[float, float], *, level: AskedLevel = "likeliest") -> PickedThing:
+        """The thing that a view shows at a pixel (x, y), its part there and the group that it is in.
+
+        The masks are of `level`: `mask` in the view, `mask3d` of the Gaussians, see `decode_mask3d`.
+        """
+        named = isinstance(viewpoint, str)
+        request = PickRequest(
+            self.id,
+            camera=None if named else viewpoint,
+            view=viewpoint if named else None,
+            pixel=Pixel(*pixel),
+            level=level,
+            mask3d=True,
+        )
+        return self._service.answers.pick(request)
+
     def measure(self, *places: Place | int) -> Measurement:
         """Where one place is, how large one thing is (by its id), or how far two are from each other."""
         located = tuple(Place(thing=one) if isinstance(one, int) else one for one in places)
         return self._service.answers.measure(MeasureRequest(self.id, located))
 
-    def name(self, thing: int, name: str) -> SceneVersion:
-        """Give a thing a name, as a new version of the scene."""
-        return self._service.versions.edit(self.id, [Edit("name", things=(thing,), name=name)])
+    def name(self, thing: int, name: str, *, aliases: Sequence[str] = (), kinds: Sequence[str] = ()) -> SceneVersion:
+        """Give a thing a name, as a new version of the scene; see `Edit` for its aliases and kinds."""
+        edit = Edit("name", things=(thing,), name=name, aliases=tuple(aliases), kinds=tuple(kinds))
+        return self._service.versions.edit(self.id, [edit])
 
     def image(self, viewpoint: Viewpoint) -> NDArray[np.uint8]:
         """uint8 [H, W, 3]: the scene from one of its cameras or from a free viewpoint."""

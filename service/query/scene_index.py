@@ -16,6 +16,7 @@ from fastsplat.service.query.language.embeddings import TextCaches, embed_labels
 from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.scene_labels import labels_of
+from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
@@ -190,6 +191,14 @@ class SceneIndex:
                     scene = replace(scene, things=labeled_things(scene, self._labels))
                 self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, before)
             return self._things
+
+    def is_understood(self, name: str) -> bool:
+        """Whether a word that a name, or an alias of its label, ends in is known, so that the lexicon relates it to
+        other words; True without a lexicon, which alone could tell."""
+        label_id = self.scene.dictionary.id_of(name)
+        entry = None if label_id is None else self.scene.dictionary.entries[label_id - 1]
+        names = (name,) if entry is None else (entry.label, *entry.aliases)
+        return self._lexicon is None or bool(label_meaning(names, self._lexicon).senses)
 
     def with_label(self, scene: Scene, entry: DictionaryEntry, head: SemanticHead) -> Scene:
         """A scene of this index with one more label, embedded, and with the head that knows it.

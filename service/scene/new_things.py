@@ -21,8 +21,9 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
 
     In the membership of each of them the new thing takes the place of the thing, or of no thing, that it most probably
     belonged to, with the least that can be counted on top, so that it wins where two were equally probable; everything
-    else of the membership stays as it is. The new thing has no parts, and parts of others lose its Gaussians. A thing
-    that lost all its Gaussians stays in the table, and is present no more.
+    else of the membership stays as it is. The new thing has no parts, and parts of others lose its Gaussians; it is in
+    the groups of which all its Gaussians were. A thing that lost all its Gaussians stays in the table, and is present
+    no more.
 
     Args:
         scene: with things.
@@ -54,7 +55,11 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
     )
     parts = None if things.parts is None else _without_rows(things.parts, taken)
     table = (*things.table, Thing(new_id))
-    made = replace(things, table=table, membership=evidence, next_id=new_id + 1, parts=parts)
+    groups = tuple(
+        replace(group, members=(*group.members, new_id)) if np.isin(owner[rows], group.members).all() else group
+        for group in things.groups
+    )
+    made = replace(things, table=table, membership=evidence, next_id=new_id + 1, parts=parts, groups=groups)
     return replace(scene, things=made), new_id
 
 

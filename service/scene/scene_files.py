@@ -83,6 +83,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             parts=None if scene.things is None or scene.things.parts is None else scene.things.parts.table,
             parts_entries=len(parts["counts"]) if parts else 0,
             parts_sha256=digest_arrays(parts) if parts else "",
+            groups=() if scene.things is None else scene.things.groups,
             scaling=scene.scaling,
             alignment=scene.alignment,
         ),
@@ -224,7 +225,7 @@ def _read_things(folder: Path, manifest: Manifest) -> Things | None:
         path = folder / _PARTS
         arrays = _mapped(path, evidence_shapes(manifest.gaussians, manifest.parts_entries), manifest.parts_sha256)
         parts = Parts(manifest.parts, _members(path, _sparse_counts(path, arrays), manifest.parts))
-    return Things(manifest.things, membership, manifest.next_thing_id, parts, head)
+    return Things(manifest.things, membership, manifest.next_thing_id, parts, head, manifest.groups)
 
 
 def _members(path: Path, membership: Evidence, table: tuple[Thing, ...]) -> Evidence:

@@ -15,18 +15,18 @@ from pydantic import AfterValidator, Field, ValidationError
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene.alignment import Alignment, alignment_from_json, alignment_to_json
 from fastsplat.service.scene.scaling import Scaling, scaling_from_json, scaling_to_json
-from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, thing_of_row, thing_row
-from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing
+from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
+from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing, ThingGroup
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 10
+SCHEMA = 11
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
 no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
-what answers by a label mode."""
+what answers by a label mode. 10 had no groups of things."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -52,6 +52,7 @@ class Manifest:
         next_thing_id: see `Things.next_id`.
         parts: the table of parts; None for things without.
         parts_entries, parts_sha256: of the parts' membership, as of the things'.
+        groups: of the things.
         scaling, alignment: as in `Scene`.
     """
 
@@ -77,6 +78,7 @@ class Manifest:
     parts: tuple[Thing, ...] | None = None
     parts_entries: int = 0
     parts_sha256: str = ""
+    groups: tuple[ThingGroup, ...] = ()
     scaling: Scaling | None = None
     alignment: Alignment | None = None
 
@@ -131,6 +133,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
                 "entries": manifest.parts_entries,
                 "sha256": manifest.parts_sha256,
             },
+            "groups": [asdict(group) for group in manifest.groups],
         },
         "cameras_sha256": hashlib.sha256(cameras).hexdigest(),
     }
@@ -199,6 +202,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         parts=None if parts is None else tuple(thing_of_row(row) for row in parts.table),
         parts_entries=0 if parts is None else parts.entries,
         parts_sha256="" if parts is None else parts.sha256,
+        groups=() if checked.things is None else tuple(group_of_row(row) for row in checked.things.groups),
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
         alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
     )

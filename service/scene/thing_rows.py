@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing
+from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing, ThingGroup
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
@@ -53,6 +53,14 @@ class ThingRow(StrictRow):
         return self
 
 
+class GroupRow(StrictRow):
+    """One group of things."""
+
+    id: Annotated[int, Field(ge=1, le=65535)]
+    members: Annotated[tuple[int, ...], Field(strict=False, min_length=2)]
+    consensus: _Share
+
+
 class _Parts(StrictRow):
     table: list[ThingRow]
     entries: Annotated[int, Field(ge=0)]
@@ -68,6 +76,7 @@ class ThingsRow(StrictRow):
     sha256: str
     classes: Annotated[int, Field(ge=1)] | None = None
     parts: _Parts | None = None
+    groups: list[GroupRow] = []
 
     @model_validator(mode="after")
     def _ids_ascend(self) -> ThingsRow:
@@ -87,6 +96,18 @@ class ThingsRow(StrictRow):
             raise ValueError("a part is of no thing, or a thing of another")
         return self
 
+    @model_validator(mode="after")
+    def _groups_are_of_things(self) -> ThingsRow:
+        own = {thing.id for thing in self.table}
+        parts = set() if self.parts is None else {part.id for part in self.parts.table}
+        ids = [group.id for group in self.groups]
+        if ids != sorted(set(ids)) or set(ids) & (own | parts):
+            raise ValueError("the groups' ids do not ascend, or are those of things or parts")
+        for group in self.groups:
+            if list(group.members) != sorted(set(group.members)) or not set(group.members) <= own:
+                raise ValueError(f"the members of group {group.id} do not ascend, or are no things")
+        return self
+
 
 def thing_row(thing: Thing) -> dict[str, Any]:
     """A thing as JSON; bytes as base64. They, and numbers of cameras, are left out where there are none."""
@@ -104,3 +125,8 @@ def thing_of_row(row: ThingRow) -> Thing:
     """The thing that `thing_row` wrote."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     return Thing(**{**vars(row), **decoded})
+
+
+def group_of_row(row: GroupRow) -> ThingGroup:
+    """The group of a row, which is what `asdict` writes."""
+    return ThingGroup(row.id, row.members, row.consensus)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
-from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, Things
+from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def part_rows(things: Things) -> NDArray[np.int32]:
 
 def next_thing_id(things: Things) -> int:
     """The id of the next thing that is added; see `Things.next_id`."""
-    return max(things.next_id, max((thing.id for thing in things.everything), default=0) + 1)
+    return max(things.next_id, max((each.id for each in (*things.everything, *things.groups)), default=0) + 1)
 
 
 def thing_of(things: Things, thing_id: int) -> Thing:
@@ -86,7 +86,8 @@ def rename_thing(
 
 
 def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
-    """The scene in which several things are one, under the id and the name of the first; it has the parts of all.
+    """The scene in which several things are one, under the id and the name of the first; it has the parts of all, and
+    is in the groups of all that are left with two members.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -101,7 +102,7 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
 
 def discard_thing(scene: Scene, thing_id: int) -> Scene:
     """The scene without this thing and its parts, or without this part: the Gaussians of a thing stay and belong to
-    none, those of a part to its thing alone.
+    none, those of a part to its thing alone. A group that is left with one member goes as well.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -136,14 +137,28 @@ def with_rows_of_no_part(parts: Parts, gaussians: int) -> Parts:
 
 
 def _relabeled(things: Things, before: Sequence[int], after: int) -> Things:
-    """Without the things `before`: their Gaussians, and their parts, are those of `after`."""
+    """Without the things `before`: their Gaussians, parts and places in groups are those of `after`; 0 for none."""
     table = tuple(thing for thing in things.table if thing.id not in before)
     parts = things.parts
     if parts is not None:
         own = tuple(replace(part, parent=after) if part.parent in before else part for part in parts.table)
         parts = replace(parts, table=own)
     membership = _renamed(things.membership, before, after)
-    return replace(things, table=table, membership=membership, next_id=next_thing_id(things), parts=parts)
+    groups = _regrouped(things.groups, before, after)
+    return replace(
+        things, table=table, membership=membership, next_id=next_thing_id(things), parts=parts, groups=groups
+    )
+
+
+def _regrouped(groups: Sequence[ThingGroup], before: Sequence[int], after: int) -> tuple[ThingGroup, ...]:
+    """The groups in which `after`, or nothing for 0, stands for the things `before`; those that keep two members, and
+    of groups that have the same members now the first."""
+    kept: dict[tuple[int, ...], ThingGroup] = {}
+    for group in groups:
+        members = tuple(sorted({after if each in before else each for each in group.members} - {0}))
+        if len(members) >= 2:
+            kept.setdefault(members, replace(group, members=members))
+    return tuple(kept.values())
 
 
 def _without_parts(things: Things, gone: Sequence[int]) -> Things:

@@ -108,6 +108,9 @@ class Evidence:
         return len(self.starts) - 1
 
 
+STATED_FROM = 0.95
+"""Probability from which a detector's name is stated without a word of doubt."""
+
 SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "surface"]
 """What a thing is by its geometry: "" is no surface, "surface" one that gravity says nothing of."""
 
@@ -151,6 +154,11 @@ class Thing:
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
         assert all(0 <= probability <= 1 for _, probability in self.suggestions)
 
+    @property
+    def guessed(self) -> bool:
+        """Whether its name is a detector's, and not probable enough to be stated."""
+        return self.source == "detected" and self.probability < STATED_FROM
+
 
 @dataclass(frozen=True)
 class Parts:
@@ -170,17 +178,37 @@ class Parts:
 
 
 @dataclass(frozen=True)
+class ThingGroup:
+    """Several things that views took for one, as the books of a stack.
+
+    Attributes:
+        id: 1..65535, of the same numbers as the things' and parts' ids.
+        members: ids of two or more things, ascending.
+        consensus: share of the views that see it in which it was proposed, 0..1.
+    """
+
+    id: int
+    members: tuple[int, ...]
+    consensus: float
+
+    def __post_init__(self) -> None:
+        assert 1 <= self.id <= 65535 and 0 <= self.consensus <= 1
+        assert len(self.members) >= 2 and list(self.members) == sorted(set(self.members))
+
+
+@dataclass(frozen=True)
 class Things:
     """Every thing of a scene, and which Gaussians it has.
 
     Attributes:
         table: by ascending id.
         membership: of G Gaussians; its labels are ids of things, 0 = no thing, its counts how sure that is.
-        next_id: no thing of this version of the scene, or of those it was made of, and no part has this id or a larger
-            one; 0 stands for the one after the last.
+        next_id: no thing of this version of the scene, or of those it was made of, and no part or group has this id or
+            a larger one; 0 stands for the one after the last.
         parts: of the things; None for none.
         head: maps the Gaussians' codes to logits over things, and decides whose pixel it is; see `codes_of_things`.
             None where no codes were trained on the things: then the blended membership decides.
+        groups: of the things, by ascending id; a thing may be in several.
     """
 
     table: tuple[Thing, ...]
@@ -188,6 +216,7 @@ class Things:
     next_id: int = 0
     parts: Parts | None = None
     head: SemanticHead | None = None
+    groups: tuple[ThingGroup, ...] = ()
 
     def __post_init__(self) -> None:
         ids = [thing.id for thing in self.table]
@@ -196,6 +225,9 @@ class Things:
             assert len(self.parts.membership) == len(self.membership)
             assert not {part.id for part in self.parts.table} & set(ids)
             assert {part.parent for part in self.parts.table} <= set(ids)
+        group_ids = [group.id for group in self.groups]
+        assert group_ids == sorted(set(group_ids)) and not {thing.id for thing in self.everything} & set(group_ids)
+        assert all(set(group.members) <= set(ids) for group in self.groups)
 
     @property
     def everything(self) -> tuple[Thing, ...]:

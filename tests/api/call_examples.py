@@ -72,6 +72,7 @@ EXAMPLES = (
             {"view": "front.png", "box": PixelBox(20.0, 13.0, 29.0, 22.0), "version": "1"},
             {"camera": turned(0.0), "pixel": _PIXEL},
             {"point": Vector3(0.0, 0.0, 4.0)},
+            {"point": Vector3(0.0, 0.0, 4.0), "level": "thing", "mask3d": True},
         )
     ),
     *(
@@ -159,6 +160,7 @@ EXAMPLES = (
             ({"view": "front.png", "pixel": Pixel(0.5, 0.5)}, "pixel", "NOT_FOUND"),
             ({"view": "front.png", "box": PixelBox(3.0, 3.0, 3.0, 9.0)}, "box", "INVALID_INPUT"),
             ({"view": "front.png"}, "pixel", "INVALID_INPUT"),
+            ({"view": "front.png", "pixel": _PIXEL, "level": "group"}, "level", "NOT_FOUND"),
             ({"pixel": _PIXEL}, "view", "INVALID_INPUT"),
             ({"view": "none.png", "pixel": _PIXEL}, "view", "NOT_FOUND"),
             ({"view": "front.png", "pixel": _PIXEL, "version": "e9"}, "version", "NOT_FOUND"),

@@ -13,11 +13,12 @@ import pytest
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Parts, Thing, Things
+from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
 from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, InsertSource
@@ -209,10 +210,13 @@ def with_part(service: SceneService, api_settings: Settings) -> Iterator[str]:
     rows = np.arange(len(scene.gaussians))
     owner = np.repeat([1, 2, 3, 0], len(rows) // 4)
     left = np.flatnonzero((owner == 1) & (scene.gaussians.means[:, 0] < -0.8))
-    parts = Parts((Thing(4, parent=1),), evidence_of(left, np.full(len(left), 4), np.full(len(left), UNIT), len(rows)))
+    parts = Parts(
+        (Thing(4, parent=1, consensus=0.5),),
+        evidence_of(left, np.full(len(left), 4), np.full(len(left), UNIT), len(rows)),
+    )
     table = tuple(Thing(number, name, "detected", 0.9) for number, name in enumerate(("mug", "ball", "story book"), 1))
     membership = evidence_of(rows, owner, np.full(len(rows), 16 * UNIT), len(rows))
-    things = Things(table, membership, 0, parts)
+    things = Things(table, membership, 0, parts, groups=(ThingGroup(7, (1, 2), 0.5),))
     scene_id = store_scene(service._store, replace(scene, things=things), "parts")
     yield scene_id
     service.delete_scene(scene_id)
@@ -250,6 +254,25 @@ def test_parts_are_listed_picked_and_named_alike(
         for row, column in zip(rows, columns, strict=True)
     }
     assert by_pixel == {None, part}
+    for level, ids in (("part", (4,)), ("thing", (1,)), ("group", (1, 2))):
+        asked = replace(pick, level=level, mask3d=True)
+        body = {name: value for name, value in to_plain(asked).items() if name != "scene_id"}
+        by_level = service.answers.pick(asked)
+        over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
+        assert_same(from_plain(PickedThing, over_rest.json()), by_level)
+        assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(asked))), by_level)
+        assert_same(
+            client.pick(with_part, point=part.box.center.position, level=level, mask3d=True),
+            replace(by_level, mask=None),
+        )
+        assert by_level.level == level and [each.level for each in by_level.levels] == ["part", "thing", "group"]
+        assert sum(each.probability for each in by_level.levels) == pytest.approx(1)
+        owner = client.thing_ids(with_part)
+        inside = decode_mask3d(by_level.mask3d or b"", "bits", len(owner))
+        assert inside.sum() == sum(thing.gaussian_count for thing in truth.things if thing.id in ids)
+        assert by_level.mask is not None and by_level.mask.area > 0
+        alone = client.export(with_part, "ply", things=[by_level.picked.id])
+        assert f"element vertex {inside.sum()}\n".encode() in alone
     client.name_things(with_part, 4, "moon")
     (answer,) = client.query(with_part, "moon", views=["front.png"], outputs=["mask2d", "objects"])
     assert answer.verdict == "exact" and answer.things == (4,) and (answer.objects or ())[0].thing_id == 4

@@ -21,6 +21,7 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_client import Client
 from fastsplat_client.assistant.look_from import look_at
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from tests.api.clients import client_of
@@ -31,7 +32,7 @@ from tests.api.upright_scene import add_upright_scene
 
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
-    *("relations", "goal"),
+    *("relations", "goal", "pick_thing"),
     *("name_thing", "photograph_next", "scene_status"),
 }
 
@@ -192,6 +193,21 @@ def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str)
     assert [each["name"] for each in _said(_call(faces, "list_things", scene=scene_id, name="Ball"))["things"]] == [
         "ball"
     ]
+
+
+def test_what_a_photo_shows_is_picked_by_shares_of_its_sides(faces: Faces, client: Client, scene_id: str) -> None:
+    camera = next(posed.camera for posed in client.scene(scene_id).cameras if posed.name == "front.png")
+    place = {"x": 15.5 / camera.width, "y": 18.5 / camera.height}
+    picked = _said(_call(faces, "pick_thing", view="front.png", scene=scene_id, **place))
+    truth = client.pick(scene_id, "front.png", pixel=(15.5, 18.5))
+    assert truth.mask is not None
+    assert (picked["thing"]["id"], picked["level"], picked["area"]) == (truth.thing.id, "thing", truth.mask.area)
+    assert sum(each["probability"] for each in picked["levels"]) == pytest.approx(1, abs=0.01)
+    refused = _refusal(_call(faces, "pick_thing", view="front.png", level="group", scene=scene_id, **place))
+    assert "no group at this place" in refused
+    assert "no view" in _refusal(_call(faces, "pick_thing", view="nowhere", scene=scene_id, **place))
+    corner = _refusal(_call(faces, "pick_thing", view="front.png", x=1, y=1, scene=scene_id))  # a pixel, and the last
+    assert "no thing at the pixel" in corner
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typer.testing import Result
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Parts, Thing, Things
+from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
@@ -82,15 +82,24 @@ def test_parts_are_listed_under_their_things(
     assert things("list", scene_id, "--parts").stdout == things("list", scene_id).stdout
     scene = made_scene(open_text_encoder(ENCODER, load_settings().models))
     rows = np.arange(len(scene.gaussians))
-    every = evidence_of(rows, np.ones(len(rows), int), np.full(len(rows), UNIT), len(rows))
+    owner = np.where(rows < len(rows) - 20, 1, 3)
+    every = evidence_of(rows, owner, np.full(len(rows), UNIT), len(rows))
     some = evidence_of(rows[:20], np.full(20, 2), np.full(20, UNIT), len(rows))
     parts = Parts((Thing(2, parent=1),), some)
-    parted = store_scene(service._store, replace(scene, things=Things((Thing(1),), every, 0, parts)))
+    groups = (ThingGroup(4, (1, 3), 0.9),)
+    kept = Things((Thing(1), Thing(3)), every, 0, parts, groups=groups)
+    parted = store_scene(service._store, replace(scene, things=kept))
     lines = things("list", parted, "--parts").stdout.splitlines()
     assert any(line.startswith("1 ") for line in lines) and any(line.startswith("  2 ") for line in lines)
     rows_of_parts = _listed(things, parted, "--parts")
-    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1)]
-    assert len(_listed(things, parted)) == 1
+    assert [(row["id"], row["parent"]) for row in rows_of_parts] == [(1, 0), (2, 1), (3, 0)]
+    assert len(_listed(things, parted)) == 2
+    said = things("pick", parted, *_PICK).stdout
+    assert "in group 4: things 1, 3" in said and "the mask is of the thing" in said
+    whole, both = (
+        json.loads(things("pick", parted, *_PICK, *level, "--json").stdout) for level in ((), ("--level", "group"))
+    )
+    assert (whole["level"], both["level"]) == ("thing", "group") and both["mask"]["area"] >= whole["mask"]["area"]
 
 
 def test_what_people_named_is_shown_and_forgotten(

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery import Discovery, discover_things
-from fastsplat.service.instances.naming import NameVotes, name_things, thing_extents
+from fastsplat.service.instances.name_calibration import name_probability
+from fastsplat.service.instances.naming import NAMED_FROM, NameVotes, name_things, thing_extents
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.thing_appearances import with_appearances
@@ -24,7 +25,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.label_evidence import no_evidence
 from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.scene.types import STATED_FROM, Thing, Things
 from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room, make_room
 
@@ -176,14 +177,14 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
     best = _overlaps(things, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
     assert red.name == "" and {name for name, _ in red.suggestions} == {"ball", "apple"}
-    assert blue.name == "orange" and blue.source == "detected" and blue.probability == pytest.approx(0.8, abs=0.15)
+    assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
     assert green.name == "" and green.suggestions == ()
 
 
 def test_a_name_by_a_person_outlives_votes() -> None:
     things = Things((Thing(1, "Fritz", "person", 1.0), Thing(2)), no_evidence(3))
     votes = NameVotes(np.array([[0.0, 5.0], [0.0, 5.0]]), np.array([5.0, 5.0]))
-    named = name_things(things, votes, ("cup",), "detected", SETTINGS)
+    named = name_things(things, votes, ("cup",), "detected")
     assert [thing.name for thing in named.table] == ["Fritz", "cup"]
 
 
@@ -192,12 +193,12 @@ def test_a_name_by_a_person_outlives_votes() -> None:
 def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], able: float) -> None:
     votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
     things = Things((Thing(1),), no_evidence(3))
-    (thing,) = name_things(things, votes, ("a", "b", "c", "d"), "detected", SETTINGS).table
-    mean = np.minimum(np.array(scores) / able, 1)
-    first, second = np.sort(mean)[::-1][:2]
-    assert bool(thing.name) == (first >= SETTINGS.name_probability and second <= SETTINGS.name_rivals * first)
+    (thing,) = name_things(things, votes, ("a", "b", "c", "d"), "detected").table
+    probability = name_probability(votes.mean_scores)[0, 1:]
+    assert bool(thing.name) == (probability.max() >= NAMED_FROM)
     if thing.name:
-        assert thing.probability == pytest.approx(first)
+        assert thing.probability == pytest.approx(probability.max())
+        assert thing.guessed == (thing.probability < STATED_FROM)
     shares = [share for _, share in thing.suggestions]
     assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
 
@@ -207,10 +208,10 @@ def test_a_name_for_things_of_all_sizes_is_only_suggested(ratio: float, stated: 
     """Two things are "cup" by every view, and an apple is as large as ever it likes."""
     votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.1, 0.9]]) * 10, np.full(3, 10.0))
     things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
-    named = name_things(things, votes, ("cup", "apple"), "detected", SETTINGS, np.array([1.0, ratio, 100.0])).table
+    named = name_things(things, votes, ("cup", "apple"), "detected", np.array([1.0, ratio, 100.0])).table
     assert [thing.name for thing in named] == (["cup", "cup"] if stated else ["", ""]) + ["apple"]
     assert stated or [thing.suggestions[0][0] for thing in named[:2]] == ["cup", "cup"]
-    without = name_things(things, votes, ("cup", "apple"), "detected", SETTINGS).table
+    without = name_things(things, votes, ("cup", "apple"), "detected").table
     assert [thing.name for thing in without] == ["cup", "cup", "apple"]
 
 
@@ -218,7 +219,7 @@ def test_sizes_are_compared_among_things_that_a_name_fits_best() -> None:
     """A large bowl might also be a cup: the two cups are named all the same."""
     votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.4, 0.9]]) * 10, np.full(3, 10.0))
     things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
-    named = name_things(things, votes, ("cup", "bowl"), "detected", SETTINGS, np.array([1.0, 1.1, 5.0])).table
+    named = name_things(things, votes, ("cup", "bowl"), "detected", np.array([1.0, 1.1, 5.0])).table
     assert [thing.name for thing in named] == ["cup", "cup", "bowl"]
 
 

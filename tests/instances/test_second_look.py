@@ -24,7 +24,7 @@ _SHARES = hnp.arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 5))
 
 
 def _added(thing: Thing, texts: dict[str, float]) -> tuple[Thing, NamesAdded]:
-    added = add_names(Things((thing,), no_evidence(0)), {thing.id: texts}, name_probability=0.4, name_rivals=0.5)
+    added = add_names(Things((thing,), no_evidence(0)), {thing.id: texts}, name_probability=0.4)
     return added.things.table[0], added
 
 
@@ -131,7 +131,7 @@ def test_every_thing_has_one_name_or_suggestions_and_none_twice(
 
 
 def test_things_that_are_gone_are_left_out() -> None:
-    added = add_names(Things((), no_evidence(0)), {7: {"mug": 0.9}}, name_probability=0.4, name_rivals=0.5)
+    added = add_names(Things((), no_evidence(0)), {7: {"mug": 0.9}}, name_probability=0.4)
     assert added.things.table == () and added.named == added.suggested == ()
 
 

@@ -14,6 +14,7 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.prompted_things import split_thing
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.picking import pick_pixel, pick_point
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.scene_files import read_scene, write_scene
@@ -21,7 +22,7 @@ from fastsplat.service.scene.types import Parts, Scene, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3, pose_of
 from fastsplat_contract.scenes import Edit, InsertSource
-from fastsplat_contract.thing_messages import Pixel
+from fastsplat_contract.thing_messages import PickedLevel, Pixel
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
 CUP = BoxShell("mug", (0.12, 0.0, 0.06), (0.12, 0.12, 0.12), count=700)
@@ -89,17 +90,21 @@ def test_lists_are_of_things_and_have_the_parts_on_request(opened: Open, scene: 
     assert things.names.searched.unnamed_things == 2  # parts are nothing that a search could have missed
 
 
+def _ids(levels: tuple[PickedLevel, ...]) -> dict[str, int]:
+    return {each.level: each.id for each in levels}
+
+
 def test_a_click_says_which_part_it_hit(opened: Open, scene: Scene) -> None:
     things = opened(scene).things
     whole, parts = things.map(FRONT), things.part_map(FRONT)
     for thing_id, part_id in ((3, RIM), (5, SPINE)):
         rows, columns = np.nonzero((whole == thing_id) & (parts == part_id))
         pixel = Pixel(columns[0] + 0.5, rows[0] + 0.5)
-        assert things.at_pixel(FRONT, pixel) == thing_id and things.part_at_pixel(FRONT, pixel, thing_id) == part_id
+        assert _ids(pick_pixel(things, FRONT, pixel)) == {"part": part_id, "thing": thing_id}
         rows, columns = np.nonzero((whole == thing_id) & (parts == 0))
-        assert things.part_at_pixel(FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5), thing_id) == 0
+        assert _ids(pick_pixel(things, FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5))) == {"thing": thing_id}
         mean = scene.gaussians.means[things.part_owner == part_id][0]
-        assert things.part_at_point(Vector3(*mean.tolist()), thing_id) == part_id
+        assert _ids(pick_point(things, Vector3(*mean.tolist())))["part"] == part_id
     assert 0.2 < (whole[parts > 0] > 0).mean() <= 1 and (parts[whole == 0] == 0).mean() > 0.99
 
 

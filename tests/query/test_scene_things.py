@@ -13,6 +13,7 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.picking import pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene, Thing, Things
@@ -25,7 +26,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.poses import Vector3, pose_of
 from fastsplat_contract.scenes import Edit
-from fastsplat_contract.thing_messages import Pixel, PixelBox
+from fastsplat_contract.thing_messages import PickedLevel, Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
 CUP = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -221,31 +222,37 @@ def test_what_looks_alike_is_suggested_and_never_named(opened: Open, discovered:
     assert [suggestion.name for suggestion in twin.suggestions] == ["mug", "kettle"] and wall.suggestions == ()
 
 
+def _thing(levels: tuple[PickedLevel, ...]) -> int:
+    (only,) = levels
+    assert (only.level, only.probability) == ("thing", 1.0)
+    return only.id
+
+
 def test_picking_finds_what_a_picture_shows(opened: Open, discovered: Scene) -> None:
     things = opened(discovered).things
     shown = things.map(FRONT)
     for thing_id in (4, 7, 9):
         rows, columns = np.nonzero(shown == thing_id)
-        assert things.at_pixel(FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.999)) == thing_id
+        assert _thing(pick_pixel(things, FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.999))) == thing_id
         box = PixelBox(columns.min(), rows.min(), columns.max() + 1.0, rows.max() + 1.0)
-        assert things.in_box(FRONT, box) == thing_id
+        assert _thing(pick_box(things, FRONT, box)) == thing_id
         listed = things.get(thing_id)
         mean = discovered.gaussians.means[things.owner == thing_id][0]
-        assert things.at_point(Vector3(*mean.tolist())) == thing_id
+        assert _thing(pick_point(things, Vector3(*mean.tolist()))) == thing_id
         assert listed.gaussian_count == (things.owner == thing_id).sum()
     rows, columns = np.nonzero(shown == 0)
     with pytest.raises(NotFoundError, match="no thing"):
-        things.at_pixel(FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5))
+        pick_pixel(things, FRONT, Pixel(columns[0] + 0.5, rows[0] + 0.5))
     for x, y in ((-0.1, 5), (96, 5), (5, 72), (np.nan, 5), (5, -np.inf)):
         with pytest.raises(InvalidInputError, match="pixel"):
-            things.at_pixel(FRONT, Pixel(x, y))
+            pick_pixel(things, FRONT, Pixel(x, y))
     for corners in ((5, 5, 5, 9), (-1, 5, 9, 9), (5, 5, 97, 9), (5, 9, 9, 5), (np.nan, 1, 2, 2)):
         with pytest.raises(InvalidInputError, match="box"):
-            things.in_box(FRONT, PixelBox(*corners))
+            pick_box(things, FRONT, PixelBox(*corners))
     with pytest.raises(NotFoundError):
-        things.at_point(Vector3(5, 5, 5))
+        pick_point(things, Vector3(5, 5, 5))
     with pytest.raises(InvalidInputError):
-        things.at_point(Vector3(np.nan, 0, 0))
+        pick_point(things, Vector3(np.nan, 0, 0))
 
 
 @pytest.mark.parametrize(

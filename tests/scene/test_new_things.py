@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fastsplat.service.scene.label_evidence import evidence_of, posterior
 from fastsplat.service.scene.new_things import with_new_thing
 from fastsplat.service.scene.things import MAX_THING_ID, thing_rows
-from fastsplat.service.scene.types import Scene, Thing, Things
+from fastsplat.service.scene.types import Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import LimitExceededError
 from tests.scenes import labelled_scene
 
@@ -26,7 +26,8 @@ def _scene(seed: int) -> Scene:
     counts = rng.integers(1, 9, len(rows)).astype(np.int64) * 4096
     scene = labelled_scene(rng.normal(size=(_COUNT, 3)), np.zeros(_COUNT, int), ["x"])
     table = tuple(Thing(number) for number in (1, 2, 3, 4))
-    return replace(scene, things=Things(table, evidence_of(rows, labels, counts, _COUNT), 9))
+    groups = (ThingGroup(5, (1, 2), 0.5), ThingGroup(7, (2, 3, 4), 0.5))
+    return replace(scene, things=Things(table, evidence_of(rows, labels, counts, _COUNT), 9, groups=groups))
 
 
 @given(st.integers(0, 10_000), st.sets(st.integers(0, _COUNT - 1), min_size=1))
@@ -40,10 +41,12 @@ def test_the_new_thing_has_just_these_gaussians_and_nothing_else_changes(seed: i
     taken = np.isin(np.arange(_COUNT), sorted(rows))
     assert (after[taken] == 9).all()
     np.testing.assert_array_equal(after[~taken], before[~taken])
+    for old, new in zip(scene.things.groups, grown.things.groups, strict=True):
+        assert new == replace(old, members=(*old.members, *([9] if np.isin(before[taken], old.members).all() else [])))
     # The new thing is as probable as the one whose place it takes, and the others are as probable as they were.
-    old, new = (posterior(things.membership, 10) for things in (scene.things, grown.things))
+    old_shares, new_shares = (posterior(things.membership, 10) for things in (scene.things, grown.things))
     for row in range(_COUNT):
-        shares, now = _shares(old, row), _shares(new, row)
+        shares, now = _shares(old_shares, row), _shares(new_shares, row)
         if row in rows and shares:
             shares[9] = shares.pop(int(before[row]))
         assert (now == pytest.approx(shares, abs=1e-3)) if shares else (set(now) == ({9} if row in rows else set()))

@@ -19,12 +19,13 @@ from fastsplat.service.scene.things import (
     MAX_NAME_CHARS,
     discard_thing,
     merge_things,
+    next_thing_id,
     rename_thing,
     thing_of,
     thing_rows,
     things_of_rows,
 )
-from fastsplat.service.scene.types import Scene, Thing, Things
+from fastsplat.service.scene.types import Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 
 IDS = (2, 5, 9)
@@ -53,7 +54,7 @@ def _things(count: int) -> Things:
         ),
         Thing(9, "mug", "detected", 0.8, 0.6),
     )
-    return Things(table, membership)
+    return Things(table, membership, groups=(ThingGroup(11, (2, 9), 0.5), ThingGroup(12, IDS, 0.4)))
 
 
 @pytest.fixture
@@ -65,7 +66,7 @@ def test_things_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> 
     write_scene(scene, tmp_path / "v1")
     read = read_scene(tmp_path / "v1").things
     assert scene.things is not None and read is not None
-    assert read.table == scene.things.table
+    assert read.table == scene.things.table and read.groups == scene.things.groups
     for name in ("starts", "labels", "counts"):
         assert (getattr(read.membership, name) == getattr(scene.things.membership, name)).all()
 
@@ -86,15 +87,55 @@ def test_a_scene_of_the_third_schema_has_no_things(make_scene: Callable[..., Sce
     assert read.things is None and read.evidence is not None
 
 
+def test_a_scene_of_the_tenth_schema_has_things_and_no_groups(scene: Scene, tmp_path: Path) -> None:
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = {**json.loads(path.read_text()), "schema": 10}
+    del body["things"]["groups"]
+    path.write_text(_sealed(body))
+    read = read_scene(tmp_path / "v1").things
+    assert scene.things is not None and read is not None and (read.table, read.groups) == (scene.things.table, ())
+
+
+@pytest.mark.parametrize(
+    "change", [{"id": 9}, {"id": 12}, {"members": [2]}, {"members": [9, 2]}, {"members": [2, 4]}, {"consensus": 2.0}]
+)
+def test_a_damaged_group_says_so(scene: Scene, tmp_path: Path, change: dict[str, object]) -> None:
+    write_scene(scene, tmp_path / "v1")
+    path = tmp_path / "v1" / "scene.json"
+    body = json.loads(path.read_text())
+    body["things"]["groups"][0] |= change
+    path.write_text(_sealed(body))
+    with pytest.raises(SceneFileError, match="malformed"):
+        read_scene(tmp_path / "v1")
+
+
+def test_groups_follow_their_things(scene: Scene) -> None:
+    def groups(after: Scene) -> list[tuple[int, tuple[int, ...]]]:
+        assert after.things is not None
+        return [(group.id, group.members) for group in after.things.groups]
+
+    assert groups(merge_things(scene, (5, 2))) == [(11, (5, 9))]  # both groups have these members now
+    assert groups(merge_things(scene, (2, 9))) == [(12, (2, 5))]
+    assert groups(merge_things(scene, (2, 9, 5))) == []
+    assert groups(discard_thing(scene, 5)) == [(11, (2, 9))]
+    assert groups(discard_thing(scene, 2)) == [(12, (5, 9))]
+    assert groups(discard_thing(discard_thing(scene, 2), 9)) == []
+    bare = discard_thing(discard_thing(scene, 2), 9)
+    assert bare.things is not None and next_thing_id(bare.things) == 13  # no id is used again
+    assert groups(rename_thing(scene, 2, "cup")) == [(11, (2, 9)), (12, IDS)]
+
+
 def test_a_table_that_lacks_a_thing_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:
     assert scene.things is not None
-    torn = replace(scene, things=replace(scene.things, table=scene.things.table[:2]))
+    torn = replace(scene, things=replace(scene.things, table=scene.things.table[:2], groups=()))
     with pytest.raises(InvalidInputError, match="thing 9"):
         write_scene(torn, tmp_path / "torn")
     write_scene(scene, tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text())
     body["things"]["table"].pop()
+    body["things"]["groups"].clear()
     path.write_text(_sealed(body))
     with pytest.raises(SceneFileError, match="thing 9"):
         read_scene(tmp_path / "v1")

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
+import numpy as np
 from playwright.sync_api import Browser, Locator, expect
 
+from fastsplat.service.query.things.gaussian_labels import label_gaussians
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat_contract.scenes import Edit
+from tests.api.made_scene import LABELS
+from tests.scenes import store_scene
 from tests.web.browser import visiting
 from tests.web.places import MARKUP, Place
-from tests.web.table import add_table
+from tests.web.table import add_table, table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 
@@ -49,6 +56,44 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, we
         expect(page.get_by_text("Not here")).to_be_visible()
     (first, *_) = place.service.versions.all(own)
     assert first.current
+
+
+def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, webgl_browser: Browser) -> None:
+    """Of the balls on the table: the upper half of the second is a part, and all three are a group."""
+    service, settings = place.service, place.settings
+    scene = table(settings)
+    rows = np.arange(len(scene.gaussians))
+    owner = label_gaussians(scene).classes
+    half = np.flatnonzero((owner == 2) & (scene.gaussians.means[:, 2] > 0.3))
+    things = Things(
+        tuple(Thing(number, label, "detected", 0.97) for number, label in enumerate(LABELS, start=1)),
+        evidence_of(rows, owner, np.full(len(rows), 50 * UNIT), len(rows)),
+        0,
+        Parts(
+            (Thing(4, parent=2),), evidence_of(half, np.full(len(half), 4), np.full(len(half), 50 * UNIT), len(rows))
+        ),
+        groups=(ThingGroup(5, (1, 2, 3), 0.9),),
+    )
+    own = store_scene(service._store, replace(scene, things=things), "levels")
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        canvas, page = visit.scene_shown(), visit.page
+        here = _middle(canvas) | {"y": _middle(canvas)["y"] - 30}
+        card = page.locator(".thing-card")
+        for said, heading in (
+            ("Selected: ball. Click again for group: ball and 2 more.", "ball"),
+            ("Selected: group: ball and 2 more. Click again for part of ball.", "3 things selected"),
+            ("Selected: part of ball. Click again for ball.", "Thing 4, no name"),
+        ):
+            canvas.click(position=here)
+            expect(page.get_by_text(said, exact=True)).to_be_visible()
+            expect(card.get_by_role("heading", name=heading)).to_be_visible()
+            visit.check_accessible()
+        card.get_by_label("Name", exact=True).fill("violin")
+        card.get_by_role("button", name="Save the name").click()
+        expect(card.get_by_role("heading", name="violin")).to_be_visible()
+    (part,) = (thing for thing in service.answers.list_things(own, parts=True).things if thing.parent)
+    assert (part.id, part.name) == (4, "violin")
+    service.delete_scene(own)
 
 
 def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> None:

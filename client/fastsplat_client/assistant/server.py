@@ -17,6 +17,7 @@ from fastsplat_client.assistant import tool_results, tools
 from fastsplat_client.assistant.look_from import look_from as picture_from
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import FastSplatError, InvalidInputError
+from fastsplat_contract.thing_messages import AskedLevel
 
 T = TypeVar("T")
 ClientOf = Callable[[Any], contextlib.AbstractContextManager[Client]]
@@ -92,6 +93,20 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ) -> tool_results.Things:
         """Things of a scene with id, name, probability of the name, center and size."""
         return await answered(context, lambda client: tools.list_things(client, scene, name, limit))
+
+    @server.tool(annotations=_READS)
+    async def pick_thing(
+        context: Context[Any, Any],
+        view: Annotated[str, Field(description="name of one of the scene's photos")],
+        x: Annotated[float, Field(ge=0, le=1, description="from the left edge 0 to the right edge 1")],
+        y: Annotated[float, Field(ge=0, le=1, description="from the upper edge 0 to the lower edge 1")],
+        level: Annotated[
+            AskedLevel, Field(description="a part, the whole thing, a group of things, or what is likeliest meant")
+        ] = "likeliest",
+        scene: _Scene = "",
+    ) -> tool_results.PickedBrief:
+        """Which thing a photo shows at a place, which part of it is there, and in which group of things it is."""
+        return await answered(context, lambda client: tools.pick_thing(client, view, x, y, level, scene))
 
     @server.tool(annotations=_READS)
     async def find(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Found:
@@ -172,6 +187,9 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         thing: _Thing,
         name: Annotated[str, Field(description="what the user calls it")],
         aliases: Annotated[list[str] | None, Field(description="other names of the same")] = None,
+        kinds: Annotated[
+            list[str] | None, Field(description="what it is, of a name that does not say so: teddy bear, for Oskar")
+        ] = None,
         replaces: Annotated[
             str, Field(description="the name that it has now, where a person gave one and the user means to replace it")
         ] = "",
@@ -179,7 +197,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
     ) -> tool_results.Named:
         """Give a thing its name, when the user says what it is; it is then found by that name and by its meaning."""
         return await answered(
-            context, lambda client: tools.name_thing(client, thing, name, aliases or [], replaces, scene)
+            context,
+            lambda client: tools.name_thing(client, thing, name, aliases or [], kinds or [], replaces, scene),
         )
 
     @server.tool(annotations=_READS)

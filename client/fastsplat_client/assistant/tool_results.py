@@ -13,7 +13,7 @@ from fastsplat_contract.assessments import Grade
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Outcome, Relation
-from fastsplat_contract.thing_messages import ThingKind
+from fastsplat_contract.thing_messages import PickLevel, ThingKind
 
 Unit = Literal["m", "scene units"]
 Point = tuple[float, float, float]
@@ -77,6 +77,38 @@ class ThingBrief:
     kind: ThingKind
     center: Point | None
     size: Point | None
+
+
+@dataclass(frozen=True)
+class LevelBrief:
+    """A part, a thing, or a group with its members, and the probability that it is meant."""
+
+    level: PickLevel
+    id: int
+    members: list[int]
+    probability: float
+
+
+@dataclass(frozen=True)
+class PickedBrief:
+    """What a photo shows at a place.
+
+    Attributes:
+        thing: the thing there.
+        part: the part of it there; None for none.
+        levels: the part, if any, the thing, the group, if any.
+        level: the one that was asked for, or is likeliest meant.
+        area: pixels that it fills in the photo.
+    """
+
+    scene: str
+    version: str
+    unit: Unit
+    thing: ThingBrief
+    part: ThingBrief | None
+    levels: list[LevelBrief]
+    level: PickLevel
+    area: int
 
 
 @dataclass(frozen=True)
@@ -248,12 +280,14 @@ class StandingPlace:
 
 @dataclass(frozen=True)
 class Named:
-    """A name that was given: `version` is the scene's new version, which can be undone."""
+    """A name that was given: `version` is the scene's new version, which can be undone. Where `asks_kind`, no word of
+    the name is known: ask the user once what it is, and name it again with these kinds."""
 
     scene: str
     thing: int
     name: str
     version: str
+    asks_kind: bool
 
 
 @dataclass(frozen=True)

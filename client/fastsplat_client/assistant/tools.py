@@ -27,10 +27,12 @@ from fastsplat_client.assistant.tool_results import (
     Evidence,
     Found,
     JobStatus,
+    LevelBrief,
     Measured,
     Named,
     NextPhotoPlace,
     NextPhotos,
+    PickedBrief,
     Related,
     SceneDescription,
     SceneInList,
@@ -47,7 +49,7 @@ from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.queries import Answer
 from fastsplat_contract.scenes import Scene, SceneObject, SceneSummary
-from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.thing_messages import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
 _MOST_SCENES = 200
@@ -57,6 +59,7 @@ _MOST_THINGS = 100
 _MOST_IDS = 500
 _MOST_CHARS = 80
 _MOST_WITNESSES = 20
+_BELOW_1 = math.nextafter(1.0, 0.0)
 _ID = re.compile("[0-9a-f]{32}")
 
 
@@ -132,6 +135,30 @@ def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
         unit_of(shown),
         [_brief(each) for each in bearing[:limit]],
         max(0, len(bearing) - limit),
+    )
+
+
+def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel, scene: str) -> PickedBrief:
+    """What a photo shows at a place: `x` and `y` are shares of its width and height, from the upper left corner.
+
+    Raises:
+        NotFoundError: there is no such photo, or nothing there.
+    """
+    shown = resolve_scene(client, scene)
+    posed = next((each for each in shown.cameras if each.name == view), None)
+    if posed is None:
+        raise NotFoundError(f"no view {view[:80]!r} in this scene", field="view", hint="Use names of its photos.")
+    pixel = min(x, _BELOW_1) * posed.camera.width, min(y, _BELOW_1) * posed.camera.height
+    picked = client.pick(shown.id, view, pixel=pixel, level=level)
+    return PickedBrief(
+        shown.id,
+        picked.version,
+        unit_of(shown),
+        _brief(picked.thing),
+        None if picked.part is None else _brief(picked.part),
+        [LevelBrief(each.level, each.id, list(each.members), round(each.probability, 3)) for each in picked.levels],
+        picked.level,
+        0 if picked.mask is None else picked.mask.area,
     )
 
 
@@ -274,7 +301,9 @@ def goal(client: Client, thing: int, robot_radius: float, scene: str) -> Standin
     )
 
 
-def name_thing(client: Client, thing: int, name: str, aliases: list[str], replaces: str, scene: str) -> Named:
+def name_thing(
+    client: Client, thing: int, name: str, aliases: list[str], kinds: list[str], replaces: str, scene: str
+) -> Named:
     """A new version of the scene in which a thing has a name; one that a person gave is replaced only where `replaces`
     is that name.
 
@@ -283,8 +312,8 @@ def name_thing(client: Client, thing: int, name: str, aliases: list[str], replac
     """
     shown = resolve_scene(client, scene)
     looked_at = shown.version if replaces and _name_of(client, shown, thing) == replaces.strip().casefold() else ""
-    made = client.name_things(shown.id, thing, name, aliases=aliases, looked_at=looked_at)
-    return Named(shown.id, thing, name, made.version)
+    made = client.name_things(shown.id, thing, name, aliases=aliases, kinds=kinds, looked_at=looked_at)
+    return Named(shown.id, thing, name, made.version, made.asks_kind)
 
 
 def photograph_next(client: Client, scene: str) -> NextPhotos:

@@ -347,6 +347,46 @@ MASK_ENCODING_RLE: MaskEncoding.ValueType  # 1
 MASK_ENCODING_PNG: MaskEncoding.ValueType  # 2
 Global___MaskEncoding: _TypeAlias = MaskEncoding  # noqa: Y015
 
+class _AskedLevel:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _AskedLevelEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_AskedLevel.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    ASKED_LEVEL_UNSPECIFIED: _AskedLevel.ValueType  # 0
+    ASKED_LEVEL_LIKELIEST: _AskedLevel.ValueType  # 1
+    ASKED_LEVEL_PART: _AskedLevel.ValueType  # 2
+    ASKED_LEVEL_THING: _AskedLevel.ValueType  # 3
+    ASKED_LEVEL_GROUP: _AskedLevel.ValueType  # 4
+
+class AskedLevel(_AskedLevel, metaclass=_AskedLevelEnumTypeWrapper): ...
+
+ASKED_LEVEL_UNSPECIFIED: AskedLevel.ValueType  # 0
+ASKED_LEVEL_LIKELIEST: AskedLevel.ValueType  # 1
+ASKED_LEVEL_PART: AskedLevel.ValueType  # 2
+ASKED_LEVEL_THING: AskedLevel.ValueType  # 3
+ASKED_LEVEL_GROUP: AskedLevel.ValueType  # 4
+Global___AskedLevel: _TypeAlias = AskedLevel  # noqa: Y015
+
+class _PickLevel:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _PickLevelEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_PickLevel.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    PICK_LEVEL_UNSPECIFIED: _PickLevel.ValueType  # 0
+    PICK_LEVEL_PART: _PickLevel.ValueType  # 1
+    PICK_LEVEL_THING: _PickLevel.ValueType  # 2
+    PICK_LEVEL_GROUP: _PickLevel.ValueType  # 3
+
+class PickLevel(_PickLevel, metaclass=_PickLevelEnumTypeWrapper): ...
+
+PICK_LEVEL_UNSPECIFIED: PickLevel.ValueType  # 0
+PICK_LEVEL_PART: PickLevel.ValueType  # 1
+PICK_LEVEL_THING: PickLevel.ValueType  # 2
+PICK_LEVEL_GROUP: PickLevel.ValueType  # 3
+Global___PickLevel: _TypeAlias = PickLevel  # noqa: Y015
+
 class _EditAction:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -2644,6 +2684,8 @@ class SceneThing(_message.Message):
     PARENT_FIELD_NUMBER: _builtins.int
     PARTS_FIELD_NUMBER: _builtins.int
     CENTROID_FIELD_NUMBER: _builtins.int
+    GUESS_FIELD_NUMBER: _builtins.int
+    GROUPS_FIELD_NUMBER: _builtins.int
     id: _builtins.int
     """from 1; the same in all versions of the scene that have the thing"""
     name: _builtins.str
@@ -2663,6 +2705,8 @@ class SceneThing(_message.Message):
     """whether lengths are meters"""
     parent: _builtins.int
     """of a part: the thing that it is a part of; else 0"""
+    guess: _builtins.bool
+    """whether the name is a detector's and less probable than 0.95: to be shown as a guess"""
     @_builtins.property
     def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
         """names that nobody has settled, likeliest first"""
@@ -2678,6 +2722,12 @@ class SceneThing(_message.Message):
     @_builtins.property
     def centroid(self) -> Global___Vector3:
         """the mean of its surface, world frame, scene units; absent as `box` is"""
+
+    @_builtins.property
+    def groups(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the groups of things that it is in; where things are shown or taken away, a group's id stands for its
+        members
+        """
 
     def __init__(
         self,
@@ -2696,10 +2746,12 @@ class SceneThing(_message.Message):
         parent: _builtins.int = ...,
         parts: _abc.Iterable[_builtins.int] | None = ...,
         centroid: Global___Vector3 | None = ...,
+        guess: _builtins.bool = ...,
+        groups: _abc.Iterable[_builtins.int] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "groups", b"groups", "guess", b"guess", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
     _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
@@ -2752,6 +2804,8 @@ class PickThingRequest(_message.Message):
     POINT_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     MASK2D_ENCODING_FIELD_NUMBER: _builtins.int
+    LEVEL_FIELD_NUMBER: _builtins.int
+    MASK3D_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     view: _builtins.str
@@ -2760,6 +2814,12 @@ class PickThingRequest(_message.Message):
     """of the scene; empty: the current one"""
     mask2d_encoding: Global___MaskEncoding.ValueType
     """rle: COCO run lengths; png: 8-bit gray, 255 inside, 0 outside"""
+    level: Global___AskedLevel.ValueType
+    """what the masks show: the part that is there, the thing, the group of things that it is in, or what is likeliest
+    meant
+    """
+    mask3d: _builtins.bool
+    """whether to answer which Gaussians are of it, too"""
     @_builtins.property
     def camera(self) -> Global___PosedCamera:
         """a free viewpoint"""
@@ -2787,10 +2847,12 @@ class PickThingRequest(_message.Message):
         point: Global___Vector3 | None = ...,
         version: _builtins.str = ...,
         mask2d_encoding: Global___MaskEncoding.ValueType = ...,
+        level: Global___AskedLevel.ValueType = ...,
+        mask3d: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "pixel", b"pixel", "place", b"place", "point", b"point", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "mask2d_encoding", b"mask2d_encoding", "pixel", b"pixel", "place", b"place", "point", b"point", "scene_id", b"scene_id", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["box", b"box", "camera", b"camera", "level", b"level", "mask2d_encoding", b"mask2d_encoding", "mask3d", b"mask3d", "pixel", b"pixel", "place", b"place", "point", b"point", "scene_id", b"scene_id", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType_place: _TypeAlias = _typing.Literal["pixel", "box", "point"]  # noqa: Y015
     _WhichOneofArgType_place: _TypeAlias = _typing.Literal["place", b"place"]  # noqa: Y015
@@ -2865,7 +2927,7 @@ Global___PixelBox: _TypeAlias = PixelBox  # noqa: Y015
 
 @_typing.final
 class PickedThing(_message.Message):
-    """The thing at a place."""
+    """The thing at a place, with its part there and the group that it is in."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -2873,17 +2935,28 @@ class PickedThing(_message.Message):
     MASK_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
     PART_FIELD_NUMBER: _builtins.int
+    LEVELS_FIELD_NUMBER: _builtins.int
+    LEVEL_FIELD_NUMBER: _builtins.int
+    MASK3D_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """which version was read"""
+    level: Global___PickLevel.ValueType
+    """which of `levels` was asked for, or is likeliest meant"""
+    mask3d: _builtins.bytes
+    """of `level`: one bit per Gaussian in row order, most significant bit first; absent unless asked for"""
     @_builtins.property
     def thing(self) -> Global___SceneThing: ...
     @_builtins.property
     def mask(self) -> Global___ViewMask:
-        """of the thing in the camera or view; absent without one"""
+        """of `level` in the camera or view; absent without one"""
 
     @_builtins.property
     def part(self) -> Global___SceneThing:
-        """of the thing, at the pixel or point; absent for none"""
+        """of the thing, at the place; absent for none"""
+
+    @_builtins.property
+    def levels(self) -> _containers.RepeatedCompositeFieldContainer[Global___PickedLevel]:
+        """what is there: the part, if any, the thing, the group, if any; a second click takes the next"""
 
     def __init__(
         self,
@@ -2892,12 +2965,17 @@ class PickedThing(_message.Message):
         mask: Global___ViewMask | None = ...,
         version: _builtins.str = ...,
         part: Global___SceneThing | None = ...,
+        levels: _abc.Iterable[Global___PickedLevel] | None = ...,
+        level: Global___PickLevel.ValueType = ...,
+        mask3d: _builtins.bytes | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "part", b"part", "thing", b"thing"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "thing", b"thing"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["mask", b"mask", "part", b"part", "thing", b"thing", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "level", b"level", "levels", b"levels", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "thing", b"thing", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__mask3d: _TypeAlias = _typing.Literal["mask3d"]  # noqa: Y015
+    _WhichOneofArgType__mask3d: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__mask3d) -> _WhichOneofReturnType__mask3d | None: ...
 
 Global___PickedThing: _TypeAlias = PickedThing  # noqa: Y015
 
@@ -2973,6 +3051,41 @@ class Segmentation(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Segmentation: _TypeAlias = Segmentation  # noqa: Y015
+
+@_typing.final
+class PickedLevel(_message.Message):
+    """A part, thing or group at a place, and how likely it is the one that is meant."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    LEVEL_FIELD_NUMBER: _builtins.int
+    ID_FIELD_NUMBER: _builtins.int
+    MEMBERS_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    level: Global___PickLevel.ValueType
+    id: _builtins.int
+    """of the part, the thing or the group"""
+    probability: _builtins.float
+    """that it is meant, 0..1; those of one place add up to 1"""
+    @_builtins.property
+    def members(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things of a group"""
+
+    def __init__(
+        self,
+        *,
+        level: Global___PickLevel.ValueType = ...,
+        id: _builtins.int = ...,
+        members: _abc.Iterable[_builtins.int] | None = ...,
+        probability: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["id", b"id", "level", b"level", "members", b"members", "probability", b"probability"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PickedLevel: _TypeAlias = PickedLevel  # noqa: Y015
 
 @_typing.final
 class MeasureRequest(_message.Message):
@@ -3232,6 +3345,7 @@ class Edit(_message.Message):
     KNOWN_LENGTHS_FIELD_NUMBER: _builtins.int
     KNOWN_SIZES_FIELD_NUMBER: _builtins.int
     ALIGNMENT_FIELD_NUMBER: _builtins.int
+    KINDS_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
@@ -3288,6 +3402,12 @@ class Edit(_message.Message):
     def alignment(self) -> Global___Alignment:
         """for align: how the scene lies in a map"""
 
+    @_builtins.property
+    def kinds(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """with a name that says nothing of what it is, as Oskar: what it is, as teddy bear and toy. It is then found by these
+        words and what they are kinds of; each becomes an alias of the name and the kind
+        """
+
     def __init__(
         self,
         *,
@@ -3305,10 +3425,11 @@ class Edit(_message.Message):
         known_lengths: _abc.Iterable[Global___KnownLength] | None = ...,
         known_sizes: _abc.Iterable[Global___KnownSize] | None = ...,
         alignment: Global___Alignment | None = ...,
+        kinds: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "alignment", b"alignment", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "kinds", b"kinds", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -3575,6 +3696,7 @@ class SceneVersion(_message.Message):
     EDITS_FIELD_NUMBER: _builtins.int
     PROMPTED_FIELD_NUMBER: _builtins.int
     AUTHOR_FIELD_NUMBER: _builtins.int
+    ASKS_KIND_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     version: _builtins.str
     parent: _builtins.str
@@ -3584,6 +3706,10 @@ class SceneVersion(_message.Message):
     """whether questions that name no version go here"""
     author: _builtins.str
     """the name of the key that made it; empty where that is unknown"""
+    asks_kind: _builtins.bool
+    """whether an edit of it gave a name of which no word is known, so that it is found by this name alone until its
+    `kinds` are said
+    """
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -3606,10 +3732,11 @@ class SceneVersion(_message.Message):
         edits: _abc.Iterable[Global___Edit] | None = ...,
         prompted: _abc.Iterable[Global___PromptedThing] | None = ...,
         author: _builtins.str = ...,
+        asks_kind: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["created_at", b"created_at"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["author", b"author", "created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["asks_kind", b"asks_kind", "author", b"author", "created_at", b"created_at", "current", b"current", "edits", b"edits", "gaussians", b"gaussians", "parent", b"parent", "prompted", b"prompted", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -4866,7 +4993,7 @@ class Tint(_message.Message):
     """how much of their own color it covers: 0 nothing, 1 all of it"""
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
-        """ids of things and parts"""
+        """ids of things, parts and groups"""
 
     @_builtins.property
     def color(self) -> Global___Color:
@@ -5007,7 +5134,7 @@ class ExportSceneRequest(_message.Message):
     """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
-        """only the Gaussians of these things, by id, in their order; empty: all"""
+        """only the Gaussians of these things, parts or groups, by id, in their order; empty: all"""
 
     def __init__(
         self,
@@ -5853,7 +5980,7 @@ class ListBestViewsRequest(_message.Message):
     """of the scene; empty: the current one"""
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
-        """ids of things or parts, seen together"""
+        """ids of things, parts or groups, seen together"""
 
     def __init__(
         self,

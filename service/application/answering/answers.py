@@ -18,6 +18,7 @@ from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
@@ -27,7 +28,7 @@ from fastsplat_contract.errors import (
     NotFoundError,
     SceneFileError,
 )
-from fastsplat_contract.masks import ViewMask
+from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.scenes import ObjectList
@@ -194,11 +195,11 @@ class Answers:
         return self._scenes.reading(scene_id, version, read)
 
     def pick(self, request: PickRequest) -> PickedThing:
-        """The thing at a pixel or in a box of a view, or at a point of the scene, with its mask; and the part of it at
-        the pixel or point.
+        """The thing at a pixel or in a box of a view, or at a point of the scene, the part of it there and the group
+        that it is in; with the mask of the level that is asked for.
 
         Raises:
-            NotFoundError: unknown scene, version or view; no thing is there.
+            NotFoundError: unknown scene, version or view; no thing is there, or no part or group that is asked for.
             NotReadyError: as `query`.
             InvalidInputError: not exactly one of pixel, box and point; a pixel or a box outside the picture; not
                 exactly one of camera and view with a pixel or a box.
@@ -211,25 +212,25 @@ class Answers:
             posed = index.view(request.view) if request.view is not None else request.camera
             if posed is not None:
                 check_pixels((posed,), 1)
-            things, part_id = index.things, 0
+            things = index.things
             if request.point is not None:
-                thing_id = things.at_point(request.point)
-                part_id = things.part_at_point(request.point, thing_id)
+                levels = pick_point(things, request.point)
             else:
                 assert posed is not None
                 if request.pixel is not None:
-                    thing_id = things.at_pixel(posed, request.pixel)
-                    part_id = things.part_at_pixel(posed, request.pixel, thing_id)
+                    levels = pick_pixel(things, posed, request.pixel)
                 else:
                     assert request.box is not None
-                    thing_id = things.in_box(posed, request.box)
+                    levels = pick_box(things, posed, request.box)
+            chosen, ids = chosen_level(levels, request.level), {each.level: each.id for each in levels}
             mask = None
             if posed is not None:
-                inside = things.map(posed) == thing_id
+                inside = things.mask(posed, (chosen.id,))
                 mask = encoded_mask(inside, request.view or "", 0, request.mask2d_encoding)
-            part = things.get(part_id) if part_id else None
-            (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(thing_id),))
-            return PickedThing(thing, mask, read_version, part)
+            mask3d = pack_mask3d(things.rows((chosen.id,)), "bits") if request.mask3d else None
+            part = things.get(ids["part"]) if "part" in ids else None
+            (thing,) = self._known_names.suggest(request.scene_id, index.ranked, (things.get(ids["thing"]),))
+            return PickedThing(thing, mask, read_version, part, levels, chosen.level, mask3d)
 
         return self._scenes.reading(request.scene_id, request.version, read)
 

@@ -143,10 +143,8 @@ class Photos:
         has_photo = {name for number, name in enumerate(names) if photo_path(folder, number).is_file()}
 
         def read(index: SceneIndex, read_version: str) -> BestViewList:
-            if query is None:
-                index.things.check_all(things)
             thing_ids = (
-                tuple(dict.fromkeys(things))
+                index.things.with_members(things)
                 if query is None
                 else _answering(index, self._known_names.suggesting(scene_id, index.ranked), query)
             )

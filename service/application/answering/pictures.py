@@ -120,14 +120,16 @@ def _image(
 def _tinted(index: SceneIndex, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest) -> pictures.U8:
     """The picture with the request's tints."""
     things = index.things
-    for number, tint in enumerate(request.tints):
-        things.check_all(tint.things, field=f"tints[{number}].things")
+    tints = [
+        tint._replace(things=things.with_members(tint.things, field=f"tints[{number}].things"))
+        for number, tint in enumerate(request.tints)
+    ]
     ids = things.map(posed)
-    tinted = {thing_id for tint in request.tints for thing_id in tint.things}
+    tinted = {thing_id for tint in tints for thing_id in tint.things}
     if parts := [part.id for part in things.present_parts if part.id in tinted]:
         drawn = things.part_map(posed)
         ids = np.where(np.isin(drawn, parts), drawn, ids)
-    return pictures.tinted_picture(rgb, ids, request.tints, request.dimming)
+    return pictures.tinted_picture(rgb, ids, tints, request.dimming)
 
 
 def _depth_png(depth: NDArray[np.float32], scale: float) -> bytes:

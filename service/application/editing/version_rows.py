@@ -16,6 +16,8 @@ from fastsplat_contract.thing_prompts import PromptedThing
 
 PROMPTED = "prompted"
 """In the row of an edit: what was made of its prompt."""
+ASKS_KIND = "asks_kind"
+"""In the row of an edit: there, and true, where it gave a name of which no word is known."""
 
 
 def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
@@ -46,9 +48,10 @@ def version_of(record: VersionRecord) -> SceneVersion:
         created_at=datetime.fromtimestamp(record.created_at, UTC),
         gaussians=record.gaussians,
         current=record.current,
-        edits=tuple(_edit_of({name: row[name] for name in row if name != PROMPTED}) for row in record.edits),
+        edits=tuple(_edit_of({n: row[n] for n in row if n not in (PROMPTED, ASKS_KIND)}) for row in record.edits),
         prompted=tuple(from_plain(PromptedThing, row[PROMPTED]) for row in record.edits if PROMPTED in row),
         author=record.author,
+        asks_kind=any(ASKS_KIND in row for row in record.edits),
     )
 
 

@@ -16,7 +16,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
-from fastsplat.service.application.editing.version_rows import PROMPTED, dictionary_rows, version_of
+from fastsplat.service.application.editing.version_rows import ASKS_KIND, PROMPTED, dictionary_rows, version_of
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
@@ -219,7 +219,14 @@ class Versions:
         size += self._prompted.bytes(order.edits, len(before.scene.gaussians))
         with self._prompted.running(order.edits), self._memory.reserve(size, "edits"):
             index, made = self._apply(before, order.edits, seen, sources)
-            rows = [{**row, PROMPTED: made[n]} if n in made else row for n, row in enumerate(order.rows)]
+            rows = [
+                {
+                    **row,
+                    **({PROMPTED: made[number]} if number in made else {}),
+                    **({ASKS_KIND: True} if edit.name is not None and not index.is_understood(edit.name) else {}),
+                }
+                for number, (edit, row) in enumerate(zip(order.edits, order.rows, strict=True))
+            ]
             return self._publish(replace(order, rows=rows), parent, before, index)
 
     def _publish(self, order: _Order, parent: str, before: SceneIndex, index: SceneIndex) -> SceneVersion:

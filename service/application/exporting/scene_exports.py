@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.mask_encodings import mask_ply
 from fastsplat.service.application.answering.open_scenes import OpenScenes
@@ -87,9 +86,12 @@ class Exports:
         check_texts(replace(request, scene_id=""))
         _check(request)
         write = _WRITERS[request.format]
-        return self._scenes.reading(
-            request.scene_id, request.version, lambda index, version: write(self, index, version, request)
-        )
+
+        def read(index: SceneIndex, version: str) -> bytes:
+            things = index.things.with_members(request.things) if request.things else ()
+            return write(self, index, version, replace(request, things=things))
+
+        return self._scenes.reading(request.scene_id, request.version, read)
 
     def goal(self, scene_id: str, thing_id: int, robot_radius: float = 0.0, version: str = "") -> Goal:
         """The free place nearest to a thing from which a robot sees it, see `goal_near`.
@@ -124,7 +126,7 @@ class Exports:
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:
-            gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+            gaussians = _of_things(index, request.things)
             with self._memory.reserve(export_bytes(gaussians), "scene_id"):
                 return spz_bytes(gaussians)
 
@@ -134,7 +136,7 @@ class Exports:
         return self._splats.get((request.scene_id, version), lambda: size, make)
 
     def _sog(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+        gaussians = _of_things(index, request.things)
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
             return sog_bytes(gaussians)
 
@@ -142,8 +144,7 @@ class Exports:
         gaussians = index.scene.gaussians
         with self._memory.reserve(export_bytes(gaussians), "scene_id"):
             every = np.ones(len(gaussians), np.bool_)
-            rows = thing_rows(index, request.things)
-            return mask_ply(gaussians, every if rows is None else rows)
+            return mask_ply(gaussians, index.things.rows(request.things) if request.things else every)
 
     def _html(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         name = self._name(request)
@@ -187,7 +188,7 @@ class Exports:
         with needed(RERUN, 'the format "rerun"'):
             from fastsplat.service.application.exporting.rerun_file import rerun_file
         files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
-        gaussians = _rows(index.scene.gaussians, thing_rows(index, request.things))
+        gaussians = _of_things(index, request.things)
         with self._memory.reserve(export_bytes(gaussians) + 3 * sum(files.values()), "scene_id"):
             recording = self._recording(request, version, b"", files, left_out)
             return rerun_file(index, gaussians, recording, request.things)
@@ -289,21 +290,10 @@ def _check(request: ExportRequest) -> None:
         )
 
 
-def thing_rows(index: SceneIndex, things: Sequence[int]) -> NDArray[np.bool_] | None:
-    """bool [G]: the Gaussians of these things or parts; None without any.
-
-    Raises:
-        NotFoundError: the scene has no thing of one of these ids.
-    """
+def _of_things(index: SceneIndex, things: Sequence[int]) -> Gaussians:
+    """The Gaussians of these things or parts; without any, all of the scene's."""
+    gaussians = index.scene.gaussians
     if not things:
-        return None
-    own = [index.things.get(thing_id) for thing_id in dict.fromkeys(things)]
-    rows = np.isin(index.things.owner, [thing.id for thing in own if not thing.parent])
-    parts = [thing.id for thing in own if thing.parent]
-    return np.asarray(rows | np.isin(index.things.part_owner, parts) if parts else rows)
-
-
-def _rows(gaussians: Gaussians, rows: NDArray[np.bool_] | None) -> Gaussians:
-    if rows is None:
         return gaussians
+    rows = index.things.rows(things)
     return replace(gaussians, **{name: array[rows] for name, array in vars(gaussians).items()})

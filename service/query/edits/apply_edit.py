@@ -114,7 +114,7 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
                 field=name,
                 hint="See the edit's fields.",
             )
-    if not kind.named and (edit.name is not None or edit.aliases):
+    if not kind.named and (edit.name is not None or edit.aliases or edit.kinds):
         raise InvalidInputError(f"{edit.action} takes no name", field="name", hint="See the edit's fields.")
     if edit.transform is not None:
         check_rigid(edit.transform.matrix(), field="transform")

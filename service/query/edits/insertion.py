@@ -64,7 +64,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         thing = thing_of(source.things.table, thing_id)
         name = thing.name
         if name:
-            scene, name = with_label(index, scene, name, ())
+            scene, name = with_label(index, scene, name)
         things.append(replace(thing, id=first + number, name=name, proposed_in=(), missed_in=()))  # by other cameras
     owner = source.things.owner[rows]
     new_ids = np.zeros(max(ids) + 1, np.int64)

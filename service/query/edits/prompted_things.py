@@ -59,8 +59,8 @@ def make_prompted_thing(
 
     Raises:
         NotFoundError: no such thing, label or object here.
-        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases without
-            a name, or a name that is none.
+        InvalidInputError: nothing, or the whole thing, is the piece; the thing to add is there already; aliases or
+            kinds without a name, or a name that is none.
         LimitExceededError, ConflictError: see `edit_things` and `with_new_thing`.
     """
     owner = index.things.owner
@@ -90,11 +90,12 @@ def make_prompted_thing(
         _check_missing(index, edit, taken, whole)
         losers = np.flatnonzero(taken[1:] >= _MOST * np.maximum(whole[1:], 1e-300)) + 1
         check_seen([thing_id for thing_id in losers.tolist() if taken[thing_id]], edit.name, seen, before)
-    if edit.aliases and edit.name is None:
-        raise InvalidInputError("aliases without a name", field="aliases", hint="Send a name, or leave them out.")
+    for field in ("aliases", "kinds"):
+        if getattr(edit, field) and edit.name is None:
+            raise InvalidInputError(f"{field} without a name", field=field, hint="Send a name, or leave them out.")
     scene, label = index.things.scene, ""
     if edit.name is not None:
-        scene, label = with_label(index, scene, edit.name, edit.aliases)
+        scene, label = with_label(index, scene, edit.name, edit.aliases, edit.kinds)
     scene, new_id = with_new_thing(scene, piece)
     if not label:
         return scene

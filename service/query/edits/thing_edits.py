@@ -120,7 +120,7 @@ def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before
 
 
 def _name(index: SceneIndex, scene: Scene, ids: tuple[int, ...], edit: Edit) -> Scene:
-    scene, label = with_label(index, scene, edit.name or "", edit.aliases)
+    scene, label = with_label(index, scene, edit.name or "", edit.aliases, edit.kinds)
     return _changed(scene, ids, lambda thing: replace(thing, name=label, source="person", probability=1.0))
 
 
@@ -166,24 +166,32 @@ def _changed(scene: Scene, ids: Sequence[int], change: Callable[[Thing], Thing])
     return replace(scene, things=replace(scene.things, table=table, parts=parts))
 
 
-def with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str]) -> tuple[Scene, str]:
+def with_label(
+    index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str] = (), kinds: Sequence[str] = ()
+) -> tuple[Scene, str]:
     """The scene with a dictionary entry of this name and these aliases, and the entry's label. Case, plural and
-    spelling variants of a known name are that name.
+    spelling variants of a known name are that name. A kind becomes the alias of the name with the kind behind it,
+    "Oskar teddy bear", which is found as any name that ends so; so two names may be of one kind.
 
     Raises:
         InvalidInputError, LimitExceededError, ConflictError: see `edit_things`.
     """
     text = checked_name(name, "name")
-    if len(aliases) > MAX_ALIASES:
-        raise LimitExceededError(f"{len(aliases)} aliases", field="aliases", limit=f"{MAX_ALIASES} aliases")
-    others = [checked_name(alias, f"aliases[{number}]") for number, alias in enumerate(aliases)]
+    others: list[tuple[str, str]] = []
+    for field, words in (("aliases", aliases), ("kinds", kinds)):
+        if len(words) > MAX_ALIASES:
+            raise LimitExceededError(f"{len(words)} {field}", field=field, limit=f"{MAX_ALIASES} {field}")
+        own = [(f"{field}[{number}]", checked_name(word, f"{field}[{number}]")) for number, word in enumerate(words)]
+        others += [
+            (place, word if field == "aliases" else checked_name(f"{text} {word}", place)) for place, word in own
+        ]
     entries = list(scene.dictionary.entries)
     label_id = scene.dictionary.id_of(text)
     if label_id is None:
         entries.append(DictionaryEntry(text))
         scene = index.with_label(scene, entries[-1], _grown(scene.head))
     entry = entries[label_id - 1 if label_id else -1]
-    for number, alias in enumerate(others):
+    for place, alias in others:
         owner = Dictionary(tuple(entries)).id_of(alias)
         if owner is None:
             entry = replace(entry, aliases=(*entry.aliases, alias))
@@ -191,7 +199,7 @@ def with_label(index: SceneIndex, scene: Scene, name: str, aliases: Sequence[str
         elif entries[owner - 1] is not entry:
             raise ConflictError(
                 f"{alias[:80]!r} is a name of the label {entries[owner - 1].label[:80]!r}",
-                field=f"aliases[{number}]",
+                field=place,
                 hint="Leave the alias out, or give the things that other name.",
             )
     return replace(scene, dictionary=Dictionary(tuple(entries))), entry.label

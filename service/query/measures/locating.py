@@ -65,8 +65,8 @@ def locate(index: SceneIndex, place: Place) -> Located:
         point = np.array(place.point, dtype=np.float64)
         if not np.isfinite(point).all():
             raise InvalidInputError(f"a point at {tuple(place.point)}", field="point", hint="Send finite numbers.")
-        row = index.things.row_at(place.point)
-        return Located(point, np.zeros((3, 3)), 0 if row is None else int(index.things.owner[row]))
+        near = index.things.rows_at(place.point)
+        return Located(point, np.zeros((3, 3)), int(index.things.owner[near[0]]) if len(near) else 0)
     assert place.pixel is not None
     posed = place.camera if place.view is None else index.view(place.view)
     assert posed is not None

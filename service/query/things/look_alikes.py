@@ -16,7 +16,7 @@ F64 = NDArray[np.float64]
 
 _BINS = 4
 """Of each color channel."""
-_LEAST = 0.75
+_LEAST = 0.8
 """Likeness from which a name is suggested. Of the 805 pairs of things that are discovered in four scenes (sample, table
 top, plush, kitchen) none reaches 0.67, and the most alike are not of one kind: only copies of a thing are told. Colors
 and shapes are too little for more: the sample's two books, donuts and apples, each of two colors, have 0.06 to 0.28."""

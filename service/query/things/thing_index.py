@@ -1,4 +1,4 @@
-"""The things of one scene: listed, and found at a pixel, in a box or at a point."""
+"""The things of one scene: listed, and drawn in views; see `picking` for which one is at a place."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from fastsplat.service.query.things.unseen_space import surface_kind, unseen_spa
 from fastsplat.service.query.things.visibility import best_views
 from fastsplat.service.scene.label_evidence import Posterior, posterior
 from fastsplat.service.scene.things import part_rows
-from fastsplat.service.scene.types import Parts, Scene, Thing, Things
+from fastsplat.service.scene.types import Parts, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_messages import NameSuggestion, Pixel, PixelBox, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, SceneThing
 
 _NEAREST = 8
 _REACH = 3.0
@@ -119,6 +119,13 @@ class SceneThings:
         return unseen_space(self.scene, self.owner, surfaces)
 
     @cached_property
+    def groups(self) -> Mapping[int, ThingGroup]:
+        """The groups of things of which two members have Gaussians, by id, with these members."""
+        here = {thing.id for thing in self.present}
+        own = {group.id: tuple(each for each in group.members if each in here) for group in self.table.groups}
+        return {each.id: replace(each, members=own[each.id]) for each in self.table.groups if len(own[each.id]) > 1}
+
+    @cached_property
     def measures(self) -> ThingMeasures:
         """Places, sizes and colors of things and parts, each measured when it is first asked for."""
         return ThingMeasures(self.scene, (self.owner, self.part_owner))
@@ -181,6 +188,19 @@ class SceneThings:
                     hint="List the scene's things.",
                 )
 
+    def with_members(self, ids: Sequence[int], field: str = "things") -> tuple[int, ...]:
+        """Ids of things and parts, in which a group's id stands for its members.
+
+        Raises:
+            NotFoundError: there is no thing, part or group of one of these ids here.
+        """
+        self.check_all([each for each in ids if each not in self.groups], field)
+        return self._members(ids)
+
+    def _members(self, ids: Sequence[int]) -> tuple[int, ...]:
+        own = [self.groups[each].members if each in self.groups else (each,) for each in ids]
+        return tuple(dict.fromkeys(member for members in own for member in members))
+
     def map(self, posed: PosedCamera) -> ThingMap:
         """uint16 [H, W]: the thing of each pixel, 0 for none; the maps of the last views are kept."""
         return self._map(posed, self.table)
@@ -192,16 +212,18 @@ class SceneThings:
         return self._map(posed, self.table.parts)
 
     def mask(self, posed: PosedCamera, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
-        """bool [H, W]: where a view shows one of these things or parts."""
-        inside = np.isin(self.map(posed), thing_ids)
-        if any(part.id in thing_ids for part in self.present_parts):
-            inside |= np.isin(self.part_map(posed), thing_ids)
+        """bool [H, W]: where a view shows one of these things, parts or groups."""
+        ids = self._members(thing_ids)
+        inside = np.isin(self.map(posed), ids)
+        if any(part.id in ids for part in self.present_parts):
+            inside |= np.isin(self.part_map(posed), ids)
         return np.asarray(inside)
 
     def rows(self, thing_ids: Sequence[int]) -> NDArray[np.bool_]:
-        """bool [G]: Gaussians of one of these things or parts."""
-        inside = np.isin(self.owner, thing_ids)
-        return np.asarray(inside | np.isin(self.part_owner, thing_ids) if self.present_parts else inside)
+        """bool [G]: Gaussians of one of these things, parts or groups."""
+        ids = self._members(thing_ids)
+        inside = np.isin(self.owner, ids)
+        return np.asarray(inside | np.isin(self.part_owner, ids) if self.present_parts else inside)
 
     @cached_property
     def views_of_things(self) -> dict[int, tuple[str, ...]]:
@@ -217,84 +239,9 @@ class SceneThings:
         key = (posed.camera, posed.world_from_camera.tobytes(), isinstance(of, Parts))
         return self._maps.get(key, lambda: self._draw(posed, of))
 
-    def at_pixel(self, posed: PosedCamera, pixel: Pixel) -> int:
-        """The id of the thing that a view shows at a pixel.
-
-        Raises:
-            InvalidInputError: the pixel is outside the picture.
-            NotFoundError: no thing is there.
-        """
-        width, height = posed.camera.width, posed.camera.height
-        if not (0 <= pixel.x < width and 0 <= pixel.y < height):
-            raise InvalidInputError(
-                f"a pixel at ({pixel.x:g}, {pixel.y:g}) in a picture of {width}×{height}",
-                field="pixel",
-                limit=f"0 to below {width} and 0 to below {height}",
-                hint="Send pixels of the camera's own picture.",
-            )
-        thing_id = int(self.map(posed)[int(pixel.y), int(pixel.x)])
-        if not thing_id:
-            raise _nothing(f"at the pixel ({pixel.x:g}, {pixel.y:g})", "pixel")
-        return thing_id
-
-    def part_at_pixel(self, posed: PosedCamera, pixel: Pixel, thing_id: int) -> int:
-        """The id of the part of a thing that a view shows at a pixel of it, 0 where there is none."""
-        if all(part.parent != thing_id for part in self.present_parts):
-            return 0
-        return self._part_of(int(self.part_map(posed)[int(pixel.y), int(pixel.x)]), thing_id)
-
-    def part_at_point(self, point: Vector3, thing_id: int) -> int:
-        """The id of the part of a thing at a point of it, see `at_point`; 0 where there is none."""
-        row = self.row_at(point)
-        return 0 if row is None else self._part_of(int(self.part_owner[row]), thing_id)
-
-    def _part_of(self, part_id: int, thing_id: int) -> int:
-        return part_id if any((part.id, part.parent) == (part_id, thing_id) for part in self.present_parts) else 0
-
-    def in_box(self, posed: PosedCamera, box: PixelBox) -> int:
-        """The id of the thing whose mask overlaps a box of a view best, by intersection over union.
-
-        Raises:
-            InvalidInputError: the box is outside the picture, or has no area.
-            NotFoundError: no thing is there.
-        """
-        width, height = posed.camera.width, posed.camera.height
-        if not (0 <= box.left < box.right <= width and 0 <= box.top < box.bottom <= height):
-            raise InvalidInputError(
-                f"a box from ({box.left:g}, {box.top:g}) to ({box.right:g}, {box.bottom:g}) in a picture of "
-                f"{width}×{height}",
-                field="box",
-                limit=f"left below right, at most {width}; top below bottom, at most {height}",
-                hint="Send pixels of the camera's own picture.",
-            )
-        ids = self.map(posed)
-        left, top = int(box.left), int(box.top)
-        right, bottom = max(int(np.ceil(box.right)), left + 1), max(int(np.ceil(box.bottom)), top + 1)
-        size = len(self.counts)
-        inside = np.bincount(ids[top:bottom, left:right].ravel(), minlength=size)
-        whole = np.bincount(ids.ravel(), minlength=size)
-        overlap = inside / (whole + (right - left) * (bottom - top) - inside)
-        overlap[0] = 0
-        best = int(overlap.argmax())
-        if not overlap[best]:
-            raise _nothing("in the box", "box")
-        return best
-
-    def at_point(self, point: Vector3) -> int:
-        """The id of the thing at a point of the world: that of the nearest visible Gaussian within three of its largest
-        standard deviations.
-
-        Raises:
-            InvalidInputError: the point is not finite.
-            NotFoundError: no thing is there.
-        """
-        row = self.row_at(point)
-        if row is not None and (thing_id := int(self.owner[row])):
-            return thing_id
-        raise _nothing(f"at the point ({point.x:g}, {point.y:g}, {point.z:g})", "point")
-
-    def row_at(self, point: Vector3) -> int | None:
-        """The nearest visible Gaussian within three of whose largest standard deviations a point is; None for none.
+    def rows_at(self, point: Vector3) -> NDArray[np.int64]:
+        """int64, at most eight: the nearest visible Gaussians within three of whose largest standard deviations a point
+        is, the nearest first.
 
         Raises:
             InvalidInputError: the point is not finite.
@@ -306,10 +253,8 @@ class SceneThings:
         if tree is not None:
             distance, near = tree.query(place, k=min(_NEAREST, len(rows)))
             distance, near = np.atleast_1d(distance), np.atleast_1d(near)
-            at = np.flatnonzero(distance <= reach[near])
-            if len(at):
-                return int(rows[near[at[0]]])
-        return None
+            return np.asarray(rows[near[distance <= reach[near]]])
+        return np.zeros(0, np.int64)
 
     @cached_property
     def _solid(self) -> tuple[cKDTree | None, NDArray[np.int64], NDArray[np.float64]]:
@@ -355,15 +300,11 @@ class SceneThings:
             parent=thing.parent,
             parts=parts,
             centroid=None if extent is None else extent.centroid,
+            guess=thing.guessed,
+            groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
         )
 
 
 def _same_members(one: Things, other: Things) -> bool:
     parts = [None if things.parts is None else things.parts.membership for things in (one, other)]
     return one.membership is other.membership and parts[0] is parts[1]
-
-
-def _nothing(where: str, field: str) -> NotFoundError:
-    return NotFoundError(
-        f"there is no thing {where}", field=field, hint="Pick where the scene's pictures show something."
-    )

@@ -6,6 +6,7 @@ import type {
   Measurement,
   Operation,
   PickedThing,
+  PickIn,
   Place,
   Pose,
   PosedCamera,
@@ -59,12 +60,12 @@ export async function listVersions(sceneId: string): Promise<SceneVersion[]> {
   return (await getJson<VersionList>(`v1/scenes/${encodeURIComponent(sceneId)}/versions`)).versions;
 }
 
-/** Every thing of a version, by id. */
+/** Every thing of a version, by id, each followed by its parts. */
 export async function listThings(sceneId: string, version: string): Promise<SceneThing[]> {
   const things: SceneThing[] = [];
   let token = "";
   do {
-    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
+    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token, parts: "true" });
     const page = await getJson<ThingList>(`v1/scenes/${encodeURIComponent(sceneId)}/things?${query}`);
     things.push(...page.things);
     token = page.next_page_token;
@@ -90,15 +91,17 @@ export async function ask(
   return answer;
 }
 
-/** The thing that a free viewpoint shows at a pixel of it, with its mask there. */
+/** What a free viewpoint shows at a pixel of it, with its masks there: in the picture, and of Gaussians if asked for. */
 export function pick(
   sceneId: string,
   version: string,
   camera: PosedCamera,
   pixel: { x: number; y: number },
   signal?: AbortSignal,
+  more: Partial<Pick<PickIn, "level" | "mask3d">> = {},
 ): Promise<PickedThing> {
-  return postJson<PickedThing>(`v1/scenes/${encodeURIComponent(sceneId)}:pick`, { camera, pixel, version }, signal);
+  const body = { camera, pixel, version, ...more };
+  return postJson<PickedThing>(`v1/scenes/${encodeURIComponent(sceneId)}:pick`, body, signal);
 }
 
 /** Which thing each Gaussian belongs to: uint16 by row, 0 for none. */

@@ -10,11 +10,12 @@ const thing = (id: number, name: string, ...suggestions: [string, number, string
     suggestions: suggestions.map(([text, probability, scene_id = ""]) => ({ name: text, probability, scene_id })),
   }) as SceneThing;
 
-test("those without a name for which the name is suggested come likeliest first", () => {
+test("those without a name for which the name is likely come likeliest first", () => {
   const things = [
     thing(1, "mug", ["mug", 0.9]),
-    thing(2, "", ["mug", 0.4]),
-    thing(3, "", ["mug", 0.8]),
+    thing(2, "", ["mug", 0.8]),
+    thing(3, "", ["mug", 0.95]),
+    thing(6, "", ["mug", 0.79]),
     thing(4, "", ["cup", 0.8]),
     thing(5, "", ["mug", 0.9, "another scene"]),
   ];

@@ -177,10 +177,17 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     if (!view || !count) return;
     const mask = found?.length === count ? found : null;
     const owners = state.owners.value?.length === count ? state.owners.value : null;
+    const part = state.partRows.value?.length === count ? state.partRows.value : null;
     view.setStates(
       // Where a picture takes long, not every thing that the pointer passes is worth one.
-      statesOf(count, mask, owners, view.isSlow ? 0 : state.hovered.value, state.selected.value, (thing) =>
-        state.change.shows(thing),
+      statesOf(
+        count,
+        mask,
+        owners,
+        view.isSlow ? 0 : state.hovered.value,
+        state.selected.value,
+        (thing) => state.change.shows(thing),
+        part,
       ),
       mask !== null || state.selected.value.length > 0,
     );

@@ -1,20 +1,27 @@
 import { ApiError, isAbort } from "../api/http";
+import type { PickedThing, PickIn, PickLevel } from "../api/types";
 import type { SeenPlace } from "../state/changeState";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
+import { nextLevel } from "./levels";
+
+type Asked = Partial<Pick<PickIn, "level" | "mask3d">>;
+type AskedLevel = PickIn["level"];
 
 const REST_MS = 90; // a moving pointer asks nothing
 const CLICK_PIXELS = 4;
 const LONGEST_SIDE = 640; // of the picture that the server picks in
 
-/** Asks the server which thing is under the pointer: hovering lights it up, a click selects it. */
+/** Asks the server which thing is under the pointer: hovering lights it up, a click selects it, a second one a part. */
 export class Pointing {
   readonly #ended = new AbortController();
   #hover = new AbortController();
   #timer = 0;
   #pressed: { x: number; y: number } | null = null;
+  /** Where the last click was, what it picked, and what was selected by that. */
+  #last: { place: SeenPlace; picked: PickedThing; selected: readonly number[] } | null = null;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
@@ -47,9 +54,9 @@ export class Pointing {
     this.#timer = window.setTimeout(() => {
       this.#hover = new AbortController();
       const { signal } = this.#hover;
-      this.#thingAt(event, signal).then(
-        (id) => {
-          if (!signal.aborted) this.state.hovered.value = id;
+      this.#pickedAt(this.#place(event), signal).then(
+        (picked) => {
+          if (!signal.aborted) this.state.hovered.value = picked?.thing.id ?? 0;
         },
         () => undefined, // a click says what is wrong
       );
@@ -72,11 +79,16 @@ export class Pointing {
       return;
     }
     const more = event.shiftKey;
-    this.#thingAt(event, this.#ended.signal).then(
-      (id) => {
-        if (id) this.state.select(id, more);
+    const place = this.#place(event);
+    const level = more ? "thing" : this.#levelAt(place);
+    this.#pickedAt(place, this.#ended.signal, { level, mask3d: !more }).then(
+      (picked) => {
+        if (picked && more) this.state.select(picked.thing.id, true);
+        else if (picked) this.state.selectPicked(picked);
         else if (!more) this.state.clearSelection();
-        this.state.message.value = id ? "" : texts.things.nothingThere;
+        this.#last = picked && !more ? { place, picked, selected: this.state.selected.value } : null;
+        if (!picked) this.state.message.value = texts.things.nothingThere;
+        else this.state.message.value = this.#last ? this.#levelText(picked) : "";
       },
       (error: unknown) => {
         if (!isAbort(error)) this.state.actionError.value = error;
@@ -96,14 +108,30 @@ export class Pointing {
     return { camera: cameraOf(this.view(), w, h), pixel };
   }
 
-  /** Id of the thing there; 0 for none. */
-  async #thingAt(event: PointerEvent, signal: AbortSignal): Promise<number> {
-    const { camera, pixel } = this.#place(event);
+  /** What a click there asks for: once more on the same place, the level after the one that it selected. */
+  #levelAt({ camera, pixel }: SeenPlace): AskedLevel {
+    const last = this.#last;
+    if (!last || last.selected !== this.state.selected.value) return "likeliest";
+    const near = Math.hypot(pixel.x - last.place.pixel.x, pixel.y - last.place.pixel.y) <= CLICK_PIXELS;
+    const still = JSON.stringify(camera) === JSON.stringify(last.place.camera);
+    return near && still ? nextLevel(last.picked) : "likeliest";
+  }
+
+  /** Says which level is selected, where there are several. */
+  #levelText(picked: PickedThing): string {
+    if (picked.levels.length < 2) return "";
+    const members = picked.levels.find((each) => each.level === "group")?.members.length ?? 0;
+    const word = (level: PickLevel) => texts.things.level(level, picked.thing, picked.part ?? null, members);
+    return texts.things.clickAgain(word(picked.level), word(nextLevel(picked)));
+  }
+
+  /** What is there and shown; null for nothing. */
+  async #pickedAt(place: SeenPlace, signal: AbortSignal, more?: Asked): Promise<PickedThing | null> {
     try {
-      const { id } = (await this.state.pick(camera, pixel, signal)).thing;
-      return this.state.change.shows(id) ? id : 0;
+      const picked = await this.state.pick(place, signal, more);
+      return this.state.change.shows(picked.thing.id) ? picked : null;
     } catch (error) {
-      if (error instanceof ApiError && error.status === 404) return 0;
+      if (error instanceof ApiError && error.status === 404) return null;
       throw error;
     }
   }

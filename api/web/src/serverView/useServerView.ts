@@ -15,7 +15,7 @@ export function useServerView(view: Signal<ServerView | null>, state: SceneState
     const version = state.version.value;
     // Things of the version before may be gone in this one: the server would refuse to draw them.
     const listed = state.thingsVersion.value === version ? state.things.value : null;
-    const known = listed?.map((thing) => thing.id);
+    const known = listed && [...listed, ...state.parts.value].map((thing) => thing.id);
     if (!view.value || !version) return;
     const answer = state.answer.value;
     const found = answer && answer.things.length > 0 && answer.version === version ? answer.things : null;

@@ -2,9 +2,10 @@ import { batch, computed, signal } from "@preact/signals";
 
 import * as calls from "../api/calls";
 import { isAbort } from "../api/http";
-import type { Answer, Edit, Operation, PickedThing, PosedCamera, Scene, SceneThing, SceneVersion } from "../api/types";
+import type { Answer, Edit, Operation, PickedThing, Scene, SceneThing, SceneVersion } from "../api/types";
 import { poseOf } from "../viewer/poses";
 import { fromBase64, unpackBits } from "../viewer/states";
+import type { SeenPlace } from "./changeState";
 import { ChangeState } from "./changeState";
 import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
@@ -15,6 +16,7 @@ export class SceneState {
   readonly operation = signal<Operation | null>(null);
   readonly versions = signal<readonly SceneVersion[]>([]);
   readonly things = signal<readonly SceneThing[] | null>(null);
+  readonly parts = signal<readonly SceneThing[]>([]);
   /** The version whose things these are. */
   readonly thingsVersion = signal("");
   readonly owners = signal<Uint16Array | null>(null);
@@ -34,6 +36,11 @@ export class SceneState {
   readonly look = new LookState(this);
 
   readonly selected = signal<readonly number[]>([]);
+  /** Bytes, 1 for the Gaussians of the part that is selected; null while none is. */
+  readonly partRows = computed(() => {
+    const own = this.#pickedPart.value;
+    return own && this.selected.value.includes(own.id) ? own.rows : null;
+  });
   readonly hovered = signal(0);
 
   readonly version = computed(() => this.askedVersion.value || (this.scene.value?.version ?? ""));
@@ -52,7 +59,9 @@ export class SceneState {
       : null;
   });
   readonly selectedThings = computed(() =>
-    this.selected.value.flatMap((id) => this.things.value?.filter((thing) => thing.id === id) ?? []),
+    this.selected.value.flatMap((id) =>
+      [...(this.things.value ?? []), ...this.parts.value].filter((thing) => thing.id === id),
+    ),
   );
   readonly canUndo = computed(() => {
     const current = this.versions.value.find((version) => version.current);
@@ -63,6 +72,7 @@ export class SceneState {
     return this.isCurrent.value && this.versions.value.some((version) => version.parent === current);
   });
 
+  readonly #pickedPart = signal<{ id: number; rows: Uint8Array } | null>(null);
   #loads = new AbortController();
   #question = new AbortController();
 
@@ -92,16 +102,19 @@ export class SceneState {
     const version = this.version.value;
     const { signal } = this.#loads;
     try {
-      const [things, owners] = await Promise.all([
+      const [everything, owners] = await Promise.all([
         calls.listThings(this.sceneId, version),
         calls.thingsOfGaussians(this.sceneId, version, signal),
       ]);
       if (signal.aborted || version !== this.version.value) return;
       batch(() => {
-        this.things.value = things;
+        this.things.value = everything.filter((thing) => !thing.parent);
+        this.parts.value = everything.filter((thing) => thing.parent);
         this.thingsVersion.value = version;
         this.owners.value = owners;
-        const ids = new Set(things.map((thing) => thing.id));
+        // Which Gaussians a part has is known only of the one that was clicked.
+        const shown = everything.filter((thing) => !thing.parent || thing.id === this.#pickedPart.value?.id);
+        const ids = new Set(shown.map((thing) => thing.id));
         this.selected.value = this.selected.value.filter((id) => ids.has(id));
       });
     } catch (error) {
@@ -143,8 +156,20 @@ export class SceneState {
     }
   }
 
-  pick(camera: PosedCamera, pixel: { x: number; y: number }, signal: AbortSignal): Promise<PickedThing> {
-    return calls.pick(this.sceneId, this.version.value, camera, pixel, signal);
+  pick(place: SeenPlace, signal: AbortSignal, more?: Parameters<typeof calls.pick>[5]): Promise<PickedThing> {
+    return calls.pick(this.sceneId, this.version.value, place.camera, place.pixel, signal, more);
+  }
+
+  /** Selects what was picked: a part, a thing, or the things of a group. */
+  selectPicked(picked: PickedThing): void {
+    const level = picked.levels.find((each) => each.level === picked.level);
+    if (!level) return;
+    const rows = picked.mask3d && unpackBits(fromBase64(picked.mask3d), this.owners.value?.length ?? 0);
+    batch(() => {
+      this.actionError.value = null;
+      this.#pickedPart.value = rows ? { id: level.id, rows } : null;
+      this.selected.value = level.level === "group" ? level.members : [level.id];
+    });
   }
 
   /** Selects a thing; with `more`, beside those selected, or no longer. */

@@ -2,6 +2,16 @@ import { plural } from "./plural";
 
 const unnamed = (id: number) => `Thing ${id}, no name`;
 
+interface Named {
+  id: number;
+  name: string;
+  guess?: boolean;
+  probability?: number;
+}
+
+const titleOf = ({ name, id, guess, probability = 0 }: Named) =>
+  guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id);
+
 /** Questions and things. */
 export const thingsTexts = {
   ask: {
@@ -20,8 +30,14 @@ export const thingsTexts = {
     title: "Things",
     none: "No things were found in this scene.",
     unnamed,
-    /** The name of a thing, or what stands for it. */
-    titleOf: ({ name, id }: { name: string; id: number }) => name || unnamed(id),
+    /** The name of a thing, and whether that is a guess; or what stands for it. */
+    titleOf,
+    /** Which level of what is at a place is selected; `members` is the number of things of its group. */
+    level: (level: "part" | "thing" | "group", thing: Named, part: Named | null, members: number) => {
+      if (level === "part") return `${part?.name ? `${part.name}, ` : ""}part of ${titleOf(thing)}`;
+      return level === "thing" ? titleOf(thing) : `group: ${titleOf(thing)} and ${members - 1} more`;
+    },
+    clickAgain: (selected: string, next: string) => `Selected: ${selected}. Click again for ${next}.`,
     unnamedCount: (count: number) =>
       count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
     nameNext: "Name the next one",
@@ -30,6 +46,12 @@ export const thingsTexts = {
     nothingThere: "There is no thing at this place.",
     name: "Name",
     save: "Save the name",
+    aliases: "Other names, separated by commas",
+    alsoCalled: (aliases: readonly string[]) => `Also called ${aliases.join(", ")}.`,
+    isA: (name: string) => `${name} is a …`,
+    kindExample: "teddy bear, toy",
+    saveKind: "Save what it is",
+    skipKind: "Do not say",
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",

@@ -7,6 +7,8 @@ import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
+import { AskKind } from "./AskKind";
+import { wordsOf } from "./words";
 
 interface Properties {
   state: SceneState;
@@ -62,12 +64,20 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   // What is typed belongs to the name it was typed over: no effect, which would run after the first keys of a fast typist.
   const [draft, setDraft] = useState({ over: thing.name, text: thing.name });
   const name = draft.over === thing.name ? draft.text : thing.name;
+  const [others, setOthers] = useState("");
+  const aliases = wordsOf(others);
+  const entry = state.scene.value?.dictionary.find((each) => each.label === thing.name);
+  const made = state.made.value;
+  const [skipped, setSkipped] = useState("");
+  const asksKind = made?.asks_kind && made.version !== skipped && made.edits.some((edit) => edit.name === thing.name);
   const { box } = thing;
   const act = (edit: Parameters<SceneState["edit"]>[0], message: string) =>
     void state.edit({ ...edit, things: [thing.id] }, message);
   const give = (text: string) => {
     const trimmed = text.trim();
-    if (trimmed && trimmed !== thing.name) act({ action: "name", name: trimmed }, texts.things.saved(trimmed));
+    if (!trimmed || (trimmed === thing.name && !aliases.length)) return;
+    act({ action: "name", name: trimmed, aliases }, texts.things.saved(trimmed));
+    setOthers("");
   };
   return (
     <div class="thing-card">
@@ -87,10 +97,21 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
             onInput={(event) => setDraft({ over: thing.name, text: event.currentTarget.value })}
           />
         </label>
+        <label>
+          {texts.things.aliases}
+          <input
+            value={others}
+            maxLength={200}
+            autocomplete="off"
+            onInput={(event) => setOthers(event.currentTarget.value)}
+          />
+        </label>
         <button class="primary" disabled={state.busy.value || !name.trim()}>
           {texts.things.save}
         </button>
       </form>
+      {asksKind && <AskKind state={state} thing={thing.id} name={thing.name} onSkip={() => setSkipped(made.version)} />}
+      {entry && entry.aliases.length > 0 && <p class="hint">{texts.things.alsoCalled(entry.aliases)}</p>}
       {thing.suggestions.length > 0 && (
         <>
           <h3>{texts.things.suggestions}</h3>

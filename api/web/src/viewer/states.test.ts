@@ -13,6 +13,12 @@ test("selected wins over hovered, and hovered over found", () => {
   expect([...statesOf(5, found, things, 1, [1])]).toEqual([SELECTED, FOUND, FOUND, FOUND, PLAIN]);
 });
 
+test("of a part that is selected its own Gaussians are", () => {
+  const things = new Uint16Array([1, 1, 2, 0]);
+  const part = new Uint8Array([0, 1, 0, 0]);
+  expect([...statesOf(4, null, things, 1, [7], undefined, part)]).toEqual([HOVERED, SELECTED, PLAIN, PLAIN]);
+});
+
 test("nothing is colored while nothing is known", () => {
   expect([...statesOf(3, null, null, 4, [1])]).toEqual([PLAIN, PLAIN, PLAIN]);
 });

@@ -25,6 +25,7 @@ export function fromBase64(text: string): Uint8Array<ArrayBuffer> {
  * @param things uint16 [count], which thing it belongs to; null while unknown.
  * @param hovered,selected ids of things; 0 for none.
  * @param shows whether the Gaussians of a thing (0: of none) are shown.
+ * @param part bytes [count], 1 where a part is that is selected; null for none.
  */
 export function statesOf(
   count: number,
@@ -33,6 +34,7 @@ export function statesOf(
   hovered: number,
   selected: readonly number[],
   shows: (thing: number) => boolean = () => true,
+  part: Uint8Array | null = null,
 ): Uint8Array {
   const states = new Uint8Array(count);
   const chosen = new Set(selected);
@@ -41,7 +43,7 @@ export function statesOf(
     const thing = things?.[row] ?? 0;
     if (!shown.has(thing)) shown.set(thing, shows(thing));
     if (!shown.get(thing)) states[row] = HIDDEN;
-    else if (thing && chosen.has(thing)) states[row] = SELECTED;
+    else if ((thing && chosen.has(thing)) || part?.[row]) states[row] = SELECTED;
     else if (thing && thing === hovered) states[row] = HOVERED;
     else if (found?.[row]) states[row] = FOUND;
   }

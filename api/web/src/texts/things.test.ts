@@ -1,0 +1,22 @@
+import { expect, test } from "vitest";
+
+import { thingsTexts } from "./things";
+
+const { titleOf, level } = thingsTexts.things;
+
+test("a name that is a guess says so, with its probability", () => {
+  expect(titleOf({ id: 3, name: "chair", guess: true, probability: 0.9 })).toBe("chair (a guess, 90 %)");
+  expect(titleOf({ id: 3, name: "chair", guess: false, probability: 0.97 })).toBe("chair");
+  expect(titleOf({ id: 3, name: "" })).toBe("Thing 3, no name");
+});
+
+test("a level says what it is of", () => {
+  const [mug, handle] = [
+    { id: 1, name: "mug" },
+    { id: 4, name: "handle" },
+  ];
+  expect(level("part", mug, { id: 4, name: "" }, 0)).toBe("part of mug");
+  expect(level("part", mug, handle, 0)).toBe("handle, part of mug");
+  expect(level("thing", mug, handle, 0)).toBe("mug");
+  expect(level("group", mug, null, 3)).toBe("group: mug and 2 more");
+});

@@ -1,0 +1,38 @@
+"""Groups of things: candidates that the hierarchy takes for several things, with the things that lie in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fastsplat.service.instances.candidates import F32, Candidate
+from fastsplat.service.instances.ownership import Owners
+from fastsplat.service.scene.types import ThingGroup
+
+_MOST = 0.7
+"""Share of a thing's weight in a candidate from which it is a member."""
+
+
+def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
+    """The groups of things, those with the highest consensus first.
+
+    A group has as members the things most of which lies in its candidate. Members are looked for among the things as
+    they are in the end, so that what another thing took, or what is none any more, is no member. Fewer than two
+    members are no group, and candidates with the same members are one.
+
+    Args:
+        candidates: those that are several things.
+        owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
+        size: float32 [G], see `Overlaps`.
+        first_id: id of the first group.
+    """
+    weights = size.astype(np.float64)
+    whole = np.bincount(owners + 1, weights)[1:]
+    groups: dict[tuple[int, ...], float] = {}
+    for candidate in sorted(candidates, key=lambda one: -one.consensus):
+        inside = np.bincount(owners[candidate.rows] + 1, weights[candidate.rows], minlength=len(whole) + 1)[1:]
+        members = tuple((np.flatnonzero((whole > 0) & (inside >= _MOST * whole)) + 1).tolist())
+        if len(members) >= 2:
+            groups.setdefault(members, min(1.0, candidate.consensus))
+    return tuple(ThingGroup(number, *group) for number, group in enumerate(groups.items(), start=first_id))

@@ -1,0 +1,37 @@
+"""Groups are of things that views took for one, as the things are in the end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fastsplat.service.instances.selection import select_things
+from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.instances.thing_groups import find_groups
+from fastsplat.service.scene.types import ThingGroup
+from tests.instances.made import candidate, gaussians_at, grid
+
+SETTINGS = DiscoverySettings(min_weight_px=5)
+
+
+def test_what_the_hierarchy_takes_for_several_things_is_a_group_of_them() -> None:
+    points = np.concatenate([grid(1, 1, 0.1), grid(1, 1, 0.1, height=3.0)])
+    half, size = len(points) // 2, np.ones(len(points), np.float32)
+    lower, upper = candidate(range(half), consensus=0.9), candidate(range(half, 2 * half), consensus=0.95)
+    stack = candidate(range(2 * half), consensus=0.6)
+    selection = select_things([upper, lower, stack], gaussians_at(points), size, SETTINGS)
+    assert len(selection.things) == 2 and selection.groups == (stack,)
+    assert find_groups(selection.groups, selection.owners, size, 3) == (ThingGroup(3, (1, 2), 0.6),)
+
+
+def test_members_are_things_that_lie_in_the_group() -> None:
+    owners = np.repeat([0, 1, 2, -1], [60, 30, 20, 10]).astype(np.int32)
+    size = np.ones(len(owners), np.float32)
+    groups = (
+        candidate(range(60, 110), consensus=0.5),
+        candidate([*range(60, 120)], consensus=0.7),  # the same members, by more views
+        candidate(range(30, 90), consensus=0.9),  # half of one thing and one whole: no two things
+        candidate(range(0, 90), consensus=0.8),
+    )
+    found = find_groups(groups, owners, size, 7)
+    assert found == (ThingGroup(7, (1, 2), 0.8), ThingGroup(8, (2, 3), 0.7))
+    assert find_groups(groups, np.zeros(len(owners), np.int32), size, 7) == ()
