@@ -22,6 +22,7 @@ detections of the training views). `--sheets` draws contact sheets beside the re
 from __future__ import annotations
 
 import json
+import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,7 +38,7 @@ from benchmarks.rooms.figures import figures_of, measured, worst_of
 from benchmarks.rooms.truth import read_truth
 from benchmarks.splits import results_file
 from benchmarks.things.discovered import draw_sheet, timed, trained_scene
-from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
 from fastsplat.service.evaluation.datasets.reading import read_dataset
@@ -97,7 +98,8 @@ def kept_room(name: str, folder: Path, settings: Settings) -> tuple[Dataset, Cap
     if not (folder / "drawn" / "transforms.json").is_file():
         write_room(name, folder / "drawn")
     dataset = read_dataset(folder / "drawn", settings.capture)
-    if not (folder / "capture").is_dir():
+    if not holds_capture(folder / "capture"):
+        shutil.rmtree(folder / "upload", ignore_errors=True)  # what an interrupted run left
         training_capture(dataset, folder, settings.capture, silent)
     capture = subset(load_capture(folder / "capture"), dataset.train)
     scene = trained_scene(folder / "scene", capture, settings)

@@ -85,7 +85,10 @@ class Studio:
         self.thing_of: Ints = np.array(owners)[self.soup.mesh]
         ids = [self.parts.index(pair) + 1 if pair[1] else 0 for pair in named]
         self.part_of: Ints = np.array(ids)[self.soup.mesh]
-        self.light = light_on(self.soup, room.window, seed)
+        things = [
+            mesh.points for thing in room.things if thing.surface in ("", "horizontal surface") for mesh in thing.meshes
+        ]
+        self.light = light_on(self.soup, np.concatenate(things), room.window, seed)
 
     def shown(self, posed: PosedCamera) -> Shown:
         """A view, with the things and parts that the centers of its pixels show."""
@@ -101,14 +104,14 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
 
     Args:
         name: of the room.
-        folder: new; see `demo/sample/README.md`, and `parts/` with ids of parts.
+        folder: of the result; see `demo/sample/README.md`, and `parts/` with ids of parts.
         views: only so many, the first.
         width: of the photos, pixels.
     """
     room, seed = room_of(name)
     studio, camera, rng = Studio(room, seed), camera_of(width), np.random.default_rng([seed, 1])
     for part in ("images", "instances", "parts"):
-        (folder / part).mkdir(parents=True)
+        (folder / part).mkdir(parents=True, exist_ok=True)
     frames: list[dict[str, Any]] = []
     train, test = [], []
     for number, pose in enumerate(room.poses[:views]):

@@ -13,6 +13,8 @@ from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import Meshes, box, placed, resting, sheet
 from demo.sample_paint import mural, planks
 
+_TABLE = 0.74
+"""Meters, the height of tables and counters."""
 _PLASTER = (("#dcd6ca", "#e8e3d9"), ("#c9d2cf", "#d8dfdb"), ("#d9cdb8", "#e6dccb"), ("#bcc6cf", "#ccd4da"))
 
 
@@ -22,26 +24,33 @@ def before_wall(
     """A table whose top is z = 0, a wall behind it, and what is left of the top."""
     room = Room(window=(float(rng.choice([-1, 1])) * float(rng.uniform(0.4, 0.9)), -0.55, 0.85))
     back = size[1] / 2 + 0.004
-    put_wall(room, rng, (-2.2, back), (2.2, back), (-0.9, wall_height), wall)
-    legs = [mesh for x in (-0.45, 0.45) for mesh in box((0.05, size[1] - 0.1, 0.7), top, (x * size[0], 0, -0.39))]
+    put_floor(room, rng, (-4.5, 4.5), back, -_TABLE)
+    put_wall(room, rng, (-4.5, back), (4.5, back), (-_TABLE, wall_height), wall)
+    legs = [
+        mesh
+        for x in (-0.45, 0.45)
+        for mesh in box((0.05, size[1] - 0.1, _TABLE - 0.035), top, (x * size[0], 0, -_TABLE / 2 - 0.0175))
+    ]
     room.put("dining table", [*box((size[0], size[1], 0.035), top, (0, 0, -0.0175)), *legs], "horizontal surface")
     return room, Ground(rng, (-size[0] / 2, -size[1] / 2), (size[0] / 2, size[1] / 2 - 0.02))
 
 
 def put_corner(room: Room, rng: Random, *, floor: float, back: float, width: float, side: float | None) -> None:
-    """A floor of boards, a wall behind, and one on the left at x = `side`."""
-    left = -width / 2 if side is None else side
-    ends = [
-        (left, back - 5.0, floor),
-        (width / 2 + 1, back - 5.0, floor),
-        (width / 2 + 1, back, floor),
-        (left, back, floor),
-    ]
-    wood = painted(planks, 1500, 1500, int(rng.integers(1 << 30)), gloss=0.05, polish=30)
-    room.put("floor", [sheet(ends, wood, cells=24)], "floor")
-    put_wall(room, rng, (left, back), (width / 2 + 1, back), (floor, 2.5))
+    """A floor of boards, a wall behind, and where `side` is stated, one on the left at that x and one on the right."""
+    left, right = -width / 2 if side is None else side, width / 2 + 1
+    put_floor(room, rng, (left, right), back, floor)
+    put_wall(room, rng, (left, back), (right, back), (floor, 2.5))
     if side is not None:
         put_wall(room, rng, (left, back - 5.0), (left, back), (floor, 2.5))
+        put_wall(room, rng, (right, back), (right, back - 5.0), (floor, 2.5))
+
+
+def put_floor(room: Room, rng: Random, ends: tuple[float, float], back: float, height: float) -> None:
+    """Boards from the wall at y = `back` to behind the cameras."""
+    (left, right), front = ends, back - 5.0
+    corners = [(left, front, height), (right, front, height), (right, back, height), (left, back, height)]
+    boards = painted(planks, 1500, 1500, int(rng.integers(1 << 30)), gloss=0.05, polish=30)
+    room.put("floor", [sheet(corners, boards, cells=24)], "floor")
 
 
 def put_wall(
@@ -54,7 +63,7 @@ def put_wall(
 ) -> None:
     """A wall from its left end to its right one: of `material`, plaster or wall paper."""
     if material is None and rng.uniform() < 0.5:
-        material = painted(mural, 700, 1300, int(rng.integers(1 << 30)), gloss=0.02)
+        material = painted(mural, 560, 2400, int(rng.integers(1 << 30)), gloss=0.02)
     if material is None:
         material = mottled(_PLASTER[int(rng.integers(len(_PLASTER)))], 9, 1.3, 0.02)
     low, high = levels
@@ -63,7 +72,7 @@ def put_wall(
 
 
 def photographed(room: Room, rng: Random, target: tuple[float, float, float], distance: float) -> Room:
-    rings = ((22, distance, 10, 55), (40, 0.98 * distance, 10, 55), (58, 0.95 * distance, 7, 45))
+    rings = ((22, distance, 10, 48), (40, 0.98 * distance, 10, 52), (58, 0.95 * distance, 7, 45))
     room.poses = arc(rng, target, rings)
     return room
 

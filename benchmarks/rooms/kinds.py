@@ -92,7 +92,7 @@ def kitchen(rng: Random) -> Room:
 def workshop(rng: Random) -> Room:
     """Tools that hang on a wall of wood above a bench with more of them."""
     wood = mottled(("#b98d58", "#d0a870", "#a87c4a", "#c49a62"), 14, 1.2, stretch=(0.15, 1, 1))
-    room, ground = before_wall(rng, (1.5, 0.42), tableware.grained(rng), wall=wood, wall_height=1.15)
+    room, ground = before_wall(rng, (1.5, 0.42), tableware.grained(rng), wall=wood, wall_height=2.0)
     hanging: list[tuple[str, Build]] = [
         ("saw", tools.saw),
         ("hammer", tools.hammer),
@@ -104,14 +104,12 @@ def workshop(rng: Random) -> Room:
         ("clamp", tools.clamp),
         ("chisel", tools.chisel),
     ]
-    order = rng.permutation(len(hanging))
-    for place, number in enumerate(order):
+    board = Ground(rng, (-0.7, 0.3), (0.52, 0.98))
+    for number in rng.permutation(len(hanging)):
         label, build = hanging[int(number)]
-        column, row = place % 5, place // 5
-        x, z = -0.56 + 0.28 * column + float(rng.uniform(-0.03, 0.03)), 0.8 - 0.33 * row
-        upright = placed(build(rng), turn=np.pi / 2 + float(rng.uniform(-0.12, 0.12)))
-        hung = placed(upright, x, 0.205, tip=np.pi / 2, z=z + float(rng.uniform(-0.02, 0.02)))
-        put_flush(room, label, hung, 0.209)
+        hung = board.place(placed(build(rng), turn=np.pi / 2), gap=0.02, turns=0.12)
+        if hung is not None:
+            put_flush(room, label, placed(hung, tip=np.pi / 2), 0.209)
     low = room.put("wrench", hung_flat(placed(tools.wrench(rng), 0.62, turn=0.6), 0.47, 0.208))
     high = room.put("screwdriver", hung_flat(placed(tools.screwdriver(rng), 0.62, turn=2.2), 0.47, 0.2))
     room.note("crossed", low, high)
@@ -119,7 +117,7 @@ def workshop(rng: Random) -> Room:
     put_across(room, rng, ground, ("hammer", tools.hammer), ("chisel", tools.chisel), 0.03)
     put_hollow(room, rng, ground, [("crate", tools.crate), ("tape", tools.tape_roll)])
     put_more(room, rng, ground, [("tape measure", tools.tape_measure), ("jar", tableware.jar), ("cup", tableware.mug)])
-    room.poses = arc(rng, (0, 0.12, 0.4), ((2, 1.35, 9, 48), (18, 1.35, 10, 52), (36, 1.3, 7, 40)))
+    room.poses = arc(rng, (0, 0.12, 0.45), ((2, 1.45, 9, 44), (18, 1.45, 10, 48), (36, 1.4, 7, 40)))
     return room
 
 
@@ -201,7 +199,7 @@ def lying_tools(rng: Random) -> Room:
 def chairs(rng: Random) -> Room:
     """A corner of a room: chairs around a table, a couch or a cabinet, a rug."""
     room = Room()
-    put_corner(room, rng, floor=0.0, back=1.5, width=4.4, side=-1.9)
+    put_corner(room, rng, floor=0.0, back=1.5, width=4.4, side=-2.3)
     rug = furniture.rug(rng, (2.0, 1.4))
     carpet = room.put("rug", placed(rug, 0.35, -0.2, z=0.001))
     room.put("dining table", placed(furniture.table(rng, (1.15, 0.75, 0.74)), 0.35, -0.15))
@@ -236,7 +234,7 @@ def chairs(rng: Random) -> Room:
             placed(placed(furniture.framed_print(rng), scale=1.5), x + float(rng.uniform(-0.1, 0.1)), 1.499, z=z),
         )
     room.window = (0.9, -0.5, 0.8)
-    room.poses = arc(rng, (-0.05, 0.15, 0.62), ((10, 3.1, 9, 42), (20, 3.0, 10, 46), (34, 2.8, 8, 40)), 0.1)
+    room.poses = arc(rng, (-0.05, 0.15, 0.62), ((10, 3.1, 9, 35), (20, 3.0, 10, 38), (34, 2.8, 8, 35)), 0.1)
     return room
 
 

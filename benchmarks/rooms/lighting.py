@@ -24,9 +24,11 @@ _BOUNCED = 0.16
 """What reaches every point, by walls that are not drawn."""
 _ROOM_STRENGTH, _WINDOW_STRENGTH = 0.62, 0.75
 _WARM, _COOL = (1.06, 1.0, 0.9), (0.95, 1.0, 1.06)
-_COARSE, _FINE = 384, 1024
-_LIFT = 0.004
-"""Meters that a point is lifted off its surface, so that it does not shade itself."""
+_AROUND = 0.1
+"""Meters around what throws shadows that they reach."""
+_COARSE, _FINE = 512, 1024
+_LIFT = 0.002
+"""Meters, beside a cell of the map, that a point is lifted off its surface, so that it does not shade itself."""
 
 
 @dataclass(frozen=True)
@@ -52,23 +54,29 @@ class Light:
 
     def reaching(self, points: F64, normals: F64) -> F32:
         """float32 [N, 3], linear RGB: what falls on a white matt surface at points [N, 3] with unit normals [N, 3]."""
-        lifted = points + _LIFT * normals
+        points, normals = points.astype(np.float32), normals.astype(np.float32)
         sums = np.full((len(points), 3), _BOUNCED, np.float32)
         for k, stored in enumerate(self.maps):
-            slope = np.maximum(normals @ self.toward[k], 0)
-            cells = ((lifted @ self.axes[k].T - self.low[k]) / self.step[k] + 0.5).astype(np.int64)
-            side = len(stored)
-            cells = np.clip(cells, 0, side - 1)
-            free = stored[cells[:, 1], cells[:, 0]] <= lifted @ self.toward[k] + 0.7 * float(self.step[k].max())
-            sums += (slope * free)[:, None].astype(np.float32) * self.strength[k].astype(np.float32)
+            toward, step = self.toward[k].astype(np.float32), float(self.step[k].max())
+            slope = normals @ toward
+            rows = np.flatnonzero(slope > 0)
+            place = points[rows] + np.float32(_LIFT + step) * normals[rows]
+            onto = (self.axes[k] / self.step[k][:, None]).T.astype(np.float32)
+            cells = np.floor(place @ onto - (self.low[k] / self.step[k] - 0.5).astype(np.float32)).astype(np.int32)
+            inside = ((cells >= 0) & (cells < len(stored))).all(axis=1)
+            cells = np.clip(cells, 0, len(stored) - 1)
+            free = stored[cells[:, 1], cells[:, 0]] <= place @ toward + np.float32(step)
+            lit = rows[free | ~inside]
+            sums[lit] += slope[lit, None] * self.strength[k].astype(np.float32)
         return sums
 
 
-def light_on(soup: Soup, window: Sequence[float], seed: int) -> Light:
+def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int) -> Light:
     """The light in a room.
 
     Args:
         soup: what throws shadows.
+        about: float64 [N, 3], points around which shadows are drawn; elsewhere all light arrives.
         window: direction to the window's middle.
         seed: of the directions.
     """
@@ -83,17 +91,18 @@ def light_on(soup: Soup, window: Sequence[float], seed: int) -> Light:
     toward = np.concatenate([room, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
     of_room = np.outer(np.full(_ROOM, _ROOM_STRENGTH / (_ROOM * 0.66)), _COOL)
     strength = np.concatenate([of_room, np.outer(np.full(_WINDOW, _WINDOW_STRENGTH / _WINDOW), _WARM)])
-    made = [_map(soup, direction, _COARSE if k < _ROOM else _FINE) for k, direction in enumerate(toward)]
+    made = [_map(soup, about, direction, _COARSE if k < _ROOM else _FINE) for k, direction in enumerate(toward)]
     axes, maps, low, step = zip(*made, strict=True)
     return Light(toward, strength, np.stack(axes), maps, np.stack(low), np.stack(step), middle)
 
 
-def _map(soup: Soup, toward: F64, side: int) -> tuple[F64, F32, F64, F64]:
+def _map(soup: Soup, about: F64, toward: F64, side: int) -> tuple[F64, F32, F64, F64]:
     first = np.cross(toward, (0.0, 1.0, 0.0) if abs(toward[1]) < 0.9 else (1.0, 0.0, 0.0))
     first /= np.linalg.norm(first)
     axes = np.stack([first, np.cross(toward, first)])
     flat, far = soup.points @ axes.T, soup.points @ toward
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    shaded = about @ axes.T
+    low, high = shaded.min(axis=0) - _AROUND, shaded.max(axis=0) + _AROUND
     step = np.maximum((high - low) / (side - 1), 1e-6)
     floor, ceiling = float(far.min()) - 1e-3, float(far.max())
     projected = np.concatenate([(flat - low) / step, (far - floor)[:, None]], axis=1)

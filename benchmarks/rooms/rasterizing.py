@@ -82,7 +82,7 @@ def projected_into(
     x = (camera.fx * own[:, 0] / depth + camera.cx) * steps - shift
     y = (camera.fy * own[:, 1] / depth + camera.cy) * steps - shift
     more = steps - 1
-    projected = np.stack([x, y, 1 / depth], axis=1)
+    projected = np.stack([x, y, 1 / np.maximum(own[:, 2], NEAR)], axis=1)
     front = (own[:, 2] > NEAR)[soup.triangles].all(axis=1)
     return projected, front, (camera.height * steps + more, camera.width * steps + more)
 
@@ -108,7 +108,7 @@ def rasterized(projected: F64, triangles: Ints, drawn: NDArray[np.bool_], size: 
     spans = (high[rows] - low[rows] + 1).astype(np.int64)
     counts = spans[:, 0] * spans[:, 1]
     planes = _planes(corners[rows], edge[rows], other[rows], area[rows])
-    top = max(float(projected[:, 2].max(initial=0)), 1e-12)
+    top = max(float(corners[rows, :, 2].max(initial=0)), 1e-12)
     best = np.zeros(height * width, np.uint64)
     chunk = np.cumsum(counts) // _CHUNK
     for number in np.unique(chunk):
