@@ -53,6 +53,9 @@ BENCHMARKS = {
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
     "relations": Benchmark("questions about places, sizes and colors in drawn rooms"),
+    "rooms": Benchmark(
+        "twelve drawn rooms: how whole, clean and rightly named things are (six; --split test: the others)"
+    ),
     "serve": Benchmark("the API under load"),
     "splat_import": Benchmark("seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene"),
     "standing": Benchmark("standing questions at 10 poses a second for 10 minutes, a training beside"),

@@ -17,19 +17,15 @@ import argparse
 import json
 import os
 import tempfile
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
-
-import numpy as np
-from PIL import Image
+from typing import Any
 
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
+from benchmarks.things.discovered import draw_sheet, timed, trained_scene
 from fastsplat.service.capture.formats.capture_files import load_capture
-from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
@@ -42,24 +38,17 @@ from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.pipeline import build_scene, capture_folder
+from fastsplat.service.pipeline import capture_folder
 from fastsplat.service.planning.presets import override_training
-from fastsplat.service.query.drawing.pictures import label_colors
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat.service.settings import Settings, load_settings
-from fastsplat.service.splatting.blending import thing_map
 
 _MASK_LABELS = {"skull": "skull"}
 _WITHOUT_TRUTH = ("kitchen", "plush")
 _NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
 _FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou")
 _DRAWN = ("skull", *_WITHOUT_TRUTH)
-_SHEET_VIEWS = 4
-_PANEL = (480, 360)
-
-T = TypeVar("T")
 
 
 def _main() -> None:
@@ -88,9 +77,9 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
     start = begin()
     dataset, capture = discovery_data(name, work, keep, settings.capture, options.split)
     scene = trained_scene(keep / name, capture, settings)
-    masks, looking = _timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
+    masks, looking = timed(lambda: propose_capture_masks(capture.views, settings.perception, settings.models))
     unlabeled, seen = Labelling(Dictionary(()), ()), [own for own in masks if own is not None]
-    (things, gaussians), grouping = _timed(
+    (things, gaussians), grouping = timed(
         lambda: find_scene_things(
             scene.gaussians, capture, unlabeled, masks, settings.discovery, training=settings.training
         )
@@ -111,7 +100,7 @@ def _measure(name: str, settings: Settings, keep: Path, work: Path, options: arg
         row = {key: value for key, value in row.items() if not key.endswith(("_seconds", "_ms"))}
     _write(name, row, start, options)
     if name in _DRAWN and options.split == "test":
-        _draw(with_things, capture, RESULTS / f"things_{name}.jpg")
+        draw_sheet(with_things, capture, RESULTS / f"things_{name}.jpg")
 
 
 def discovery_data(
@@ -142,21 +131,6 @@ def discovery_data(
     return dataset, training_capture(dataset, work / "capture", settings, silent)
 
 
-def trained_scene(folder: Path, capture: Capture, settings: Settings) -> Scene:
-    """The scene that lies in `folder`; it is trained without labels, and written there, if it does not."""
-    if not folder.is_dir():
-        built = build_scene(replace(capture, given_labels=None), settings, labelling=Labelling(Dictionary(()), ()))
-        write_scene(built.scene, folder)
-    return read_scene(folder)
-
-
-def _timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    result = work()
-    seconds = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
-    return result, {key: round(value, 1) for key, value in seconds.items()}
-
-
 def _figures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, Any]:
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     report = evaluate_scene(SceneIndex(scene, encoder, settings.query), dataset, samples=0)
@@ -167,21 +141,6 @@ def _figures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, An
         for key, value in (figures | told).items()
         if key != "clicks_miou_after"
     }
-
-
-def _draw(scene: Scene, capture: Capture, path: Path) -> None:
-    """Photos beside the things that the scene shows there, each in a color of its own."""
-    assert scene.things is not None
-    colors = label_colors(max((thing.id for thing in scene.things.table), default=0))
-    rows = []
-    for position in np.linspace(0, len(capture.views) - 1, _SHEET_VIEWS).round().astype(int):
-        view = capture.views[position]
-        photo = load_rgb(view.image_path)
-        shown = thing_map(scene, view.posed)
-        mixed = (0.4 * photo + 0.6 * colors[shown]).astype(np.uint8)
-        panels = [np.asarray(Image.fromarray(panel).resize(_PANEL)) for panel in (photo, mixed)]
-        rows.append(np.hstack(panels))
-    Image.fromarray(np.vstack(rows)).save(path, quality=85)
 
 
 def _write(name: str, row: Mapping[str, Any], start: Start, options: argparse.Namespace) -> None:

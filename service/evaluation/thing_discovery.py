@@ -123,7 +123,7 @@ def simulate_clicks(scene: Scene, dataset: Dataset, maps: Mapping[str, NDArray[n
     by_name = dict(truths)
     for number in order:
         where = max(areas, key=lambda name: areas[name][number] if number < len(areas[name]) else 0)
-        row, column = _widest(by_name[where] == number)
+        row, column = widest(by_name[where] == number)
         begun = time.perf_counter()
         thing = int(maps[where][row, column])
         if thing:
@@ -231,7 +231,8 @@ def _counted(scene: EvaluatedScene) -> ThingCounts | Skipped:
     return counts
 
 
-def _widest(mask: NDArray[np.bool_]) -> tuple[int, int]:
+def widest(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Row and column where a mask [H, W] is widest: where a person clicks."""
     depth = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
     row, column = np.unravel_index(int(depth.argmax()), depth.shape)
     return int(row), int(column)

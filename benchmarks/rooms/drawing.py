@@ -1,0 +1,148 @@
+"""Twelve rooms by their names, drawn from seeds: nothing of them is stored.
+
+`KIND-NUMBER` names a room; six are there to choose settings by, six are held out.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.rooms import kinds
+from benchmarks.rooms.arranging import Room
+from benchmarks.rooms.lighting import light_on
+from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of, picture_of
+from benchmarks.rooms.rasterizing import Soup, soup_of
+from benchmarks.rooms.shapes import F64, Ints, Mesh
+from benchmarks.rooms.truth import Shown, truth_of, write_truth
+from fastsplat_contract.camera import Camera, PosedCamera
+
+KINDS = {
+    "desk": kinds.desk,
+    "kitchen": kinds.kitchen,
+    "workshop": kinds.workshop,
+    "shelf": kinds.shelf,
+    "tools": kinds.lying_tools,
+    "chairs": kinds.chairs,
+    "shop": kinds.shop,
+    "toys": kinds.playroom,
+}
+ROOMS: Mapping[str, tuple[str, ...]] = {
+    "validation": ("desk-1", "kitchen-1", "workshop-1", "shelf-1", "tools-1", "chairs-1"),
+    "test": ("desk-2", "kitchen-2", "tools-2", "chairs-2", "shop-1", "toys-1"),
+}
+"""Names by what they are for: to choose settings by, or to measure once."""
+
+WIDTH, HEIGHT = 480, 360
+_FIELD_OF_VIEW = math.radians(60.0)  # horizontal
+_TEST_EVERY, _FIRST_TEST = 5, 2
+
+
+def room_of(name: str) -> tuple[Room, int]:
+    """A room, and the seed of its light and photos.
+
+    Args:
+        name: `KIND-NUMBER`.
+    """
+    kind, number = name.split("-")
+    seed = 100 * (1 + list(KINDS).index(kind)) + int(number)
+    return KINDS[kind](np.random.default_rng(seed)), seed
+
+
+def camera_of(width: int = WIDTH) -> Camera:
+    """The lens of all photos, at a width in pixels; 4:3, 60 degrees."""
+    focal = width / (2 * math.tan(_FIELD_OF_VIEW / 2))
+    height = round(width * HEIGHT / WIDTH)
+    return Camera(width, height, focal, focal, width / 2, height / 2)
+
+
+class Studio:
+    """A room with its triangles, their ids, and its light.
+
+    Args:
+        room: what stands where.
+        seed: of the light.
+
+    Attributes:
+        meshes: all of them.
+        soup: their triangles.
+        thing_of, part_of: int64 [T], ids of the thing and of the part (0 for none) of each triangle.
+        parts: thing and name of each part, from id 1.
+    """
+
+    def __init__(self, room: Room, seed: int) -> None:
+        self.meshes: list[Mesh] = [mesh for thing in room.things for mesh in thing.meshes]
+        owners = [number for number, thing in enumerate(room.things, start=1) for _ in thing.meshes]
+        named = [(owner, mesh.part) for owner, mesh in zip(owners, self.meshes, strict=True)]
+        self.parts = list(dict.fromkeys(pair for pair in named if pair[1]))
+        self.soup: Soup = soup_of(self.meshes)
+        self.thing_of: Ints = np.array(owners)[self.soup.mesh]
+        ids = [self.parts.index(pair) + 1 if pair[1] else 0 for pair in named]
+        self.part_of: Ints = np.array(ids)[self.soup.mesh]
+        things = [
+            mesh.points for thing in room.things if thing.surface in ("", "horizontal surface") for mesh in thing.meshes
+        ]
+        self.light = light_on(self.soup, np.concatenate(things), room.window, seed)
+
+    def shown(self, posed: PosedCamera) -> Shown:
+        """A view, with the things and parts that the centers of its pixels show."""
+        picture = picture_of(self.meshes, self.soup, self.light, posed)
+        ids = [np.where(picture.triangle >= 0, own[picture.triangle], 0) for own in (self.thing_of, self.part_of)]
+        return Shown(posed, picture.light, ids[0].astype(np.uint8), ids[1].astype(np.uint8), picture.nearness)
+
+
+def write_room(name: str, folder: Path, *, views: int | None = None, width: int = WIDTH) -> None:
+    """Draw a room's photos with their truth: a `transforms.json` as nerfstudio's, and `truth.npz`.
+
+    Training photos have a phone's faults; those to measure by are taken in even light.
+
+    Args:
+        name: of the room.
+        folder: of the result; see `demo/sample/README.md`, and `parts/` with ids of parts.
+        views: only so many, the first.
+        width: of the photos, pixels.
+    """
+    room, seed = room_of(name)
+    studio, camera, rng = Studio(room, seed), camera_of(width), np.random.default_rng([seed, 1])
+    for part in ("images", "instances", "parts"):
+        (folder / part).mkdir(parents=True, exist_ok=True)
+    frames: list[dict[str, Any]] = []
+    train, test = [], []
+    for number, pose in enumerate(room.poses[:views]):
+        file = f"{number:03d}"
+        shown = studio.shown(PosedCamera(camera, pose, f"{file}.jpg"))
+        tested = number % _TEST_EVERY == _FIRST_TEST
+        photo = photo_of(shown.light, EVEN if tested else phone_faults(rng), rng)
+        Image.fromarray(photo).save(folder / "images" / f"{file}.jpg", quality=92)
+        Image.fromarray(shown.things).save(folder / "instances" / f"{file}.png")
+        Image.fromarray(shown.parts).save(folder / "parts" / f"{file}.png")
+        paths = {"file_path": f"images/{file}.jpg", "instance_path": f"instances/{file}.png"}
+        frames.append({**paths, "part_path": f"parts/{file}.png", "transform_matrix": _opengl(pose).tolist()})
+        (test if tested else train).append(shown)
+    names = [[f"images/{view.posed.name}" for view in views] for views in (train, test)]
+    document = {
+        "camera_model": "PINHOLE",
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+        "w": camera.width,
+        "h": camera.height,
+        "instances": [thing.label for thing in room.things],
+        "parts": [{"thing": thing, "name": part} for thing, part in studio.parts],
+        "train_filenames": names[0],
+        "test_filenames": names[1],
+        "frames": frames,
+    }
+    write_truth(truth_of(room, studio.soup, studio.thing_of, train, test), folder / "truth.npz")
+    (folder / "transforms.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+def _opengl(pose: F64) -> F64:
+    return pose @ np.diag([1.0, -1.0, -1.0, 1.0])

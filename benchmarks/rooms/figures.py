@@ -1,0 +1,231 @@
+"""How good the things of a scene are, by the truth of a drawn room: on the test views, by clicks, in space, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from benchmarks.rooms.shapes import F64
+from benchmarks.rooms.truth import Truth
+from fastsplat.service.evaluation.datasets.types import Dataset
+from fastsplat.service.evaluation.thing_discovery import (
+    ThingCounts,
+    average_precision_at,
+    count_things,
+    precision_at,
+    recall_at,
+    simulate_clicks,
+    true_things,
+    widest,
+)
+from fastsplat.service.perception.class_names import COCO_80
+from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.scene.things import thing_rows
+from fastsplat.service.scene.types import Gaussians, Scene
+from fastsplat.service.splatting.blending import thing_map
+from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.rendering import rasterize
+
+MARGIN = 0.01
+"""Meters: what lies farther outside the box of a thing is fog."""
+SECOND_CLICKS = 0.3
+"""Share of the things that get a second click: those that the first one selects worst."""
+
+_IS = 0.5
+"""Intersection over union from which a discovered thing is a true one."""
+_REACH, _THINNEST = 2.0, 0.003
+"""A surface is covered within so many standard deviations of a Gaussian, which are at least so wide, meters."""
+_NEIGHBORS = 12
+
+Maps = Mapping[str, NDArray[np.int32]]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A scene and the truth of its room.
+
+    Attributes:
+        scene: with things.
+        dataset: the test views.
+        truth: of the room in space.
+        things, parts: the thing and the part of each pixel of each test view, by name.
+        counts: of all test views.
+    """
+
+    scene: Scene
+    dataset: Dataset
+    truth: Truth
+    things: Maps
+    parts: Maps
+    counts: ThingCounts
+
+    def matches(self) -> dict[int, int]:
+        """The discovered thing, by its place in the table, of each true thing that is one."""
+        iou, present = self.counts.iou(), self.counts.present
+        best = {row: int(iou[row].argmax()) for row in np.flatnonzero(present).tolist() if iou.shape[1]}
+        return {row + 1: place for row, place in best.items() if iou[row, place] >= _IS}
+
+
+def measured(scene: Scene, dataset: Dataset, truth: Truth) -> Measured:
+    """The maps and counts that figures are made of."""
+    posed = {view.name: view.posed for view in dataset.test if view.posed is not None}
+    things = {name: thing_map(scene, camera) for name, camera in posed.items()}
+    own = None if scene.things is None else scene.things.parts
+    renderer = Renderer(scene, QuerySettings())
+    parts = {
+        name: np.zeros(shown.shape, np.int32) if own is None else renderer.part_map(posed[name], own).astype(np.int32)
+        for name, shown in things.items()
+    }
+    return Measured(scene, dataset, truth, things, parts, count_things(scene, dataset, things))
+
+
+def figures_of(scene: Measured) -> dict[str, Any]:
+    """All figures of one room, by name."""
+    counts = scene.counts
+    best = counts.iou().max(axis=1, initial=0)
+    kinds = np.array(scene.truth.surfaces[: len(best)])
+    surfaces = counts.present & (kinds != "")
+    figures: dict[str, Any] = {
+        "things_true": int(counts.present.sum()),
+        "things_judged": int(counts.judged.sum()),
+        "recall_50": recall_at(counts, 0.5),
+        "recall_75": recall_at(counts, 0.75),
+        "precision": precision_at(counts, 0.5),
+        "ap_50": average_precision_at(counts, 0.5),
+        "mean_iou": float(best[counts.present].mean()),
+        "clicks_miou": simulate_clicks(scene.scene, scene.dataset, scene.things).miou,
+        **_clicked(scene),
+        "surfaces_iou": _mean(best[surfaces]),
+        **{f"{kind}_iou": _mean(best[counts.present & (kinds == kind)]) for kind in sorted(set(kinds) - {""})},
+        **_in_space(scene),
+        **_named(scene),
+    }
+    return {name: round(value, 4) if isinstance(value, float) else value for name, value in figures.items()}
+
+
+def worst_of(scene: Measured, count: int = 8) -> list[str]:
+    """The true things with the lowest intersection over union, with it."""
+    best = scene.counts.iou().max(axis=1, initial=0)
+    rows = [row for row in np.argsort(best, kind="stable").tolist() if scene.counts.present[row]]
+    return [f"{row + 1} {scene.truth.labels[row]} {best[row]:.2f}" for row in rows[:count]]
+
+
+def _clicked(scene: Measured) -> dict[str, float]:
+    """What a click selects, and what a second one on the worst adds: a thing where something is missing, or the part
+    under the first click in place of its thing, whichever a person would keep."""
+    views = [view for view in scene.dataset.test if view.name in scene.things]
+    truth = np.stack([true_things(view) for view in views])
+    things = np.stack([scene.things[view.name] for view in views])
+    parts = np.stack([scene.parts[view.name] for view in views])
+    once, twice = [], []
+    for number in (np.flatnonzero(scene.counts.present) + 1).tolist():
+        meant = truth == number
+        spot = _spot(meant)
+        selected = (things == things[spot]) & (things[spot] > 0)
+        once.append(_iou(selected, meant))
+        options = [once[-1]]
+        missing = meant & ~selected
+        if missing.any() and (more := things[_spot(missing)]) > 0:
+            options.append(_iou(selected | (things == more), meant))
+        if parts[spot] > 0:
+            options.append(_iou(parts == parts[spot], meant))
+        twice.append(max(options))
+    first, second = np.array(once), np.array(twice)
+    worst = np.argsort(first, kind="stable")[: int(SECOND_CLICKS * len(first))]
+    after = first.copy()
+    after[worst] = second[worst]
+    return {"selected_miou": float(first.mean()), "clicks_1.3_miou": float(after.mean())}
+
+
+def _spot(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Where a person clicks: in the view that shows most of it, where it is widest."""
+    view = int(mask.sum(axis=(1, 2)).argmax())
+    return (view, *widest(mask[view]))
+
+
+def _iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
+    return float((left & right).sum() / max(1, (left | right).sum()))
+
+
+def _in_space(scene: Measured) -> dict[str, float]:
+    """Means over true things that were discovered and are no surfaces: the share of their Gaussians, by opacity,
+    outside their box; the share covered of what training views show of them; and the intersection over union of their
+    silhouettes, drawn alone."""
+    gaussians, truth = scene.scene.gaussians, scene.truth
+    assert scene.scene.things is not None
+    rows, table = thing_rows(scene.scene.things), scene.scene.things.table
+    outside, covered, alone = [], [], []
+    for number, place in scene.matches().items():
+        own = np.flatnonzero(rows == table[place].id)
+        if truth.surfaces[number - 1] or not len(own):
+            continue
+        opacity = 1 / (1 + np.exp(-gaussians.logit_opacities[own].astype(np.float64)))
+        out = truth.outside(number, gaussians.means[own].astype(np.float64), MARGIN)
+        outside.append(float(opacity[out].sum() / opacity.sum()))
+        single = _rows_of(gaussians, own)
+        points = truth.points[truth.owners == number].astype(np.float64)
+        if len(points):
+            covered.append(float(_covers(single, points).mean()))
+        alone.append(_silhouette_iou(single, scene, number))
+    return {"outside_box": _mean(outside), "covered": _mean(covered), "alone_miou": _mean(alone)}
+
+
+def _rows_of(gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
+    return replace(gaussians, **{field.name: getattr(gaussians, field.name)[rows] for field in fields(gaussians)})
+
+
+def _covers(gaussians: Gaussians, points: F64) -> NDArray[np.bool_]:
+    """bool [K]: whether a Gaussian near each point [K, 3] reaches it."""
+    means = gaussians.means.astype(np.float64)
+    near = cKDTree(means).query(points, k=min(_NEIGHBORS, len(means)))[1].reshape(len(points), -1)
+    turns = Rotation.from_quat(gaussians.quats[:, [1, 2, 3, 0]].astype(np.float64)).as_matrix()
+    scales = np.maximum(np.exp(gaussians.log_scales.astype(np.float64)), _THINNEST)
+    along = np.einsum("knji,knj->kni", turns[near], points[:, None] - means[near])
+    return np.asarray((np.linalg.norm(along / scales[near], axis=2) <= _REACH).any(axis=1))
+
+
+def _silhouette_iou(gaussians: Gaussians, scene: Measured, number: int) -> float:
+    splats = splats_of(gaussians)
+    common = union = 0
+    for place, name in enumerate(scene.truth.names):
+        posed = next((view.posed for view in scene.dataset.test if view.name == name), None)
+        if posed is None:
+            continue
+        viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
+        with torch.no_grad():
+            drawn = rasterize(splats, viewmat, posed.camera).alpha.numpy() >= 0.5
+        meant = scene.truth.silhouettes[place, number - 1]
+        common, union = common + int((drawn & meant).sum()), union + int((drawn | meant).sum())
+    return common / max(1, union)
+
+
+def _named(scene: Measured) -> dict[str, float | int]:
+    """Of the names that are stated of discovered things, the share that is right; of the true things whose name the
+    detector knows, the share that is so named."""
+    assert scene.scene.things is not None
+    table, labels = scene.scene.things.table, scene.truth.labels
+    matches = scene.matches()
+    truly = {place: labels[number - 1] for number, place in matches.items()}
+    named = {place: thing.name for place, thing in enumerate(table)}
+    stated = [place for place in np.flatnonzero(scene.counts.judged).tolist() if named[place]]
+    present = (np.flatnonzero(scene.counts.present) + 1).tolist()
+    knowable = [number for number in present if labels[number - 1] in COCO_80]
+    known = sum(number in matches and named[matches[number]] == labels[number - 1] for number in knowable)
+    return {
+        "names_stated": len(stated),
+        "names_right": sum(named[place] == truly.get(place) for place in stated),
+        "names_knowable": len(knowable),
+        "names_known": known,
+    }
+
+
+def _mean(values: Sequence[float] | F64) -> float:
+    return float(np.mean(values)) if len(values) else float("nan")

@@ -1,0 +1,62 @@
+"""What benchmarks of things share: a scene trained without labels, seconds, and a contact sheet."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from PIL import Image
+
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.pipeline import build_scene
+from fastsplat.service.query.drawing.pictures import label_colors
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.blending import thing_map
+
+_SHEET_VIEWS = 4
+_PANEL = (480, 360)
+
+T = TypeVar("T")
+
+
+def trained_scene(folder: Path, capture: Capture, settings: Settings) -> Scene:
+    """The scene that lies in `folder`; it is trained without labels, and written there, if it does not."""
+    if not folder.is_dir():
+        built = build_scene(replace(capture, given_labels=None), settings, labelling=Labelling(Dictionary(()), ()))
+        write_scene(built.scene, folder)
+    return read_scene(folder)
+
+
+def timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
+    """What `work` returns, with its `seconds` and `cpu_seconds`."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    result = work()
+    seconds = {"seconds": time.perf_counter() - wall, "cpu_seconds": time.process_time() - cpu}
+    return result, {key: round(value, 1) for key, value in seconds.items()}
+
+
+def draw_sheet(scene: Scene, capture: Capture, path: Path, *, scale: float = 1.0, quality: int = 85) -> None:
+    """Photos beside the things that the scene shows there, each in a color of its own; panels of 480×360 pixels times
+    `scale`, as a JPEG."""
+    assert scene.things is not None
+    colors = label_colors(max((thing.id for thing in scene.things.table), default=0))
+    size = (round(_PANEL[0] * scale), round(_PANEL[1] * scale))
+    rows = []
+    for position in np.linspace(0, len(capture.views) - 1, _SHEET_VIEWS).round().astype(int):
+        view = capture.views[position]
+        photo = load_rgb(view.image_path)
+        shown = thing_map(scene, view.posed)
+        mixed = (0.4 * photo + 0.6 * colors[shown]).astype(np.uint8)
+        panels = [np.asarray(Image.fromarray(panel).resize(size)) for panel in (photo, mixed)]
+        rows.append(np.hstack(panels))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.vstack(rows)).save(path, quality=quality)

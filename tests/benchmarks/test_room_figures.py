@@ -1,0 +1,150 @@
+"""Figures of drawn rooms: a scene that is the truth is perfect by each of them, and each sees its own fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.rooms.__main__ import mean_of
+from benchmarks.rooms.figures import MARGIN, Measured, figures_of
+from benchmarks.rooms.truth import Truth
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.evaluation.datasets.types import Dataset, TrueView
+from fastsplat.service.evaluation.thing_discovery import count_things
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead, Thing, Things
+from fastsplat_contract.camera import Camera, PosedCamera
+
+_CAMERA = PosedCamera(Camera(80, 60, 60.0, 60.0, 40.0, 30.0), np.eye(4), "0.jpg")
+_LABELS = ("wall", "cup", "hammer", "book")
+_HALF = 0.1
+
+
+def _made() -> tuple[Truth, np.ndarray]:
+    """A wall at depth 2 with three squares before it at depth 1, and the thing of each pixel."""
+    middles = np.array([[0, 0, 2.0], [-0.4, 0, 1.0], [0, 0, 1.0], [0.4, 0, 1.0]])
+    halves = np.array([[1.6, 1.2, 0.0], *[[_HALF, _HALF, 0.0]] * 3])
+    x, y = np.meshgrid((np.arange(80) + 0.5 - 40) / 60, (np.arange(60) + 0.5 - 30) / 60)
+    alone = np.stack(
+        [
+            (np.abs(x * z - a) <= b) & (np.abs(y * z - c) <= d)
+            for (a, c, z), (b, d, _) in zip(middles, halves, strict=True)
+        ]
+    )
+    shown = np.ones((60, 80), np.int32)
+    for number in (2, 3, 4):
+        shown[alone[number - 1]] = number
+    rng = np.random.default_rng(0)
+    points = np.concatenate(
+        [middle + half * rng.uniform(-1, 1, (900, 3)) for middle, half in zip(middles, halves, strict=True)]
+    )
+    truth = Truth(
+        labels=_LABELS,
+        surfaces=("wall", "", "", ""),
+        axes=np.tile(np.eye(3), (4, 1, 1)),
+        low=middles - halves,
+        high=middles + halves,
+        points=points.astype(np.float32),
+        owners=np.repeat(np.arange(1, 5, dtype=np.int32), 900),
+        names=("0.jpg",),
+        silhouettes=alone[None],
+    )
+    return truth, shown
+
+
+def _measured(shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0) -> Measured:
+    """The truth as a scene: flat Gaussians on its points, of which a share of each thing's is moved away."""
+    truth, true = _made()
+    shown = true if shown is None else shown
+    count = len(truth.points)
+    means = truth.points.copy()
+    moved = np.tile(np.arange(900) < fog * 900, 4) & (truth.owners > 1)
+    means[moved, 2] -= 3 * MARGIN
+    gaussians = Gaussians(
+        means=means,
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        log_scales=np.full((count, 3), np.log(0.008), np.float32),
+        logit_opacities=np.full(count, 4.0, np.float32),
+        sh=np.zeros((count, 1, 3), np.float32),
+        codes=np.zeros((count, 0), np.float32),
+    )
+    named = names or {}
+    table = tuple(
+        Thing(number, named.get(number, ""), "detected" if number in named else None) for number in range(1, 5)
+    )
+    membership = evidence_of(np.arange(count), truth.owners, np.full(count, UNIT, np.int64), count)
+    scene = Scene(
+        gaussians=gaussians,
+        head=SemanticHead.unlearnt(0),
+        dictionary=dictionary_of(()),
+        label_embeddings=np.zeros((0, 4), np.float32),
+        text_encoder=("made", "0" * 64),
+        cameras=(),
+        scale="METRIC",
+        things=Things(table, membership),
+    )
+    view = TrueView("0.jpg", _CAMERA, instances=true)
+    dataset = Dataset(Path("made"), "nerfstudio", dictionary_of(()), (), (view,), instances=_LABELS)
+    things = {"0.jpg": shown}
+    return Measured(scene, dataset, truth, things, {"0.jpg": 0 * shown}, count_things(scene, dataset, things))
+
+
+def test_the_truth_is_perfect() -> None:
+    figures = figures_of(_measured())
+    for name in (
+        "recall_50",
+        "recall_75",
+        "precision",
+        "ap_50",
+        "mean_iou",
+        "clicks_miou",
+        "selected_miou",
+        "surfaces_iou",
+    ):
+        assert figures[name] == 1, name
+    assert figures["wall_iou"] == 1 and figures["outside_box"] == 0 and figures["things_true"] == 4
+    assert figures["covered"] > 0.98 and figures["alone_miou"] > 0.8
+
+
+def test_fog_lies_outside_the_box_of_its_thing() -> None:
+    assert figures_of(_measured(fog=0.25))["outside_box"] == pytest.approx(0.25, abs=0.01)
+
+
+def test_two_that_are_one_are_no_thing_and_halves_are_joined_by_a_second_click() -> None:
+    _, true = _made()
+    merged = figures_of(_measured(np.where(true == 3, 2, true)))
+    assert merged["recall_50"] < 1 and merged["clicks_miou"] < 1
+    halves = true.copy()
+    halves[:30][true[:30] == 1] = 5  # the upper half of the wall is a thing of its own
+    measured = _measured(halves)
+    table = (*measured.scene.things.table, Thing(5)) if measured.scene.things else ()
+    assert measured.scene.things is not None
+    scene = replace(measured.scene, things=replace(measured.scene.things, table=table))
+    split = figures_of(replace(measured, scene=scene, counts=count_things(scene, measured.dataset, measured.things)))
+    assert split["selected_miou"] < 0.95 and split["clicks_1.3_miou"] == 1
+
+
+def test_a_part_under_the_click_may_be_what_is_meant() -> None:
+    _, true = _made()
+    measured = _measured(np.where(true == 3, 2, true))
+    with_parts = replace(measured, parts={"0.jpg": np.choose(true, (0, 0, 7, 8, 0)).astype(np.int32)})
+    assert figures_of(with_parts)["clicks_1.3_miou"] > figures_of(measured)["clicks_1.3_miou"]
+
+
+def test_names_are_right_or_not_and_known_or_not() -> None:
+    figures = figures_of(_measured(names={2: "cup", 3: "knife"}))
+    counted = {name: value for name, value in figures.items() if name.startswith("names")}
+    assert counted == {"names_stated": 2, "names_right": 1, "names_knowable": 2, "names_known": 1}
+
+
+def test_a_mean_is_over_the_rooms_that_have_the_figure() -> None:
+    rows: list[dict[str, Any]] = [
+        {"floor_iou": 0.5, "names_right": 1, "names_stated": 2, "names_known": 0, "names_knowable": 3},
+        {"floor_iou": float("nan"), "names_right": 2, "names_stated": 2, "names_known": 3, "names_knowable": 3},
+    ]
+    means = mean_of(rows)
+    assert means["floor_iou"] == 0.5 and means["names_right_share"] == 0.75 and means["names_known_share"] == 0.5

@@ -1,0 +1,149 @@
+"""Drawn rooms: the same seed gives the same pixels, ids are exact, and what is hard is there."""
+
+from __future__ import annotations
+
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.rooms.arranging import HARD, Room, extent
+from benchmarks.rooms.drawing import KINDS, ROOMS, Studio, camera_of, room_of, write_room
+from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
+from benchmarks.rooms.rasterizing import projected_into, rasterized
+from benchmarks.rooms.truth import Shown, read_truth
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.evaluation.datasets.reading import read_dataset
+from fastsplat_contract.camera import PosedCamera
+
+_WIDTH = 96
+_VIEWS = 8
+
+
+@cache
+def _room(name: str) -> Room:
+    return room_of(name)[0]
+
+
+@cache
+def _studio() -> Studio:
+    return Studio(*room_of("tools-1"))
+
+
+@cache
+def _shown() -> Shown:
+    return _studio().shown(PosedCamera(camera_of(_WIDTH), _room("tools-1").poses[4], "4.jpg"))
+
+
+def test_six_rooms_to_choose_by_and_six_held_out_are_of_eight_kinds() -> None:
+    names = [name for rooms in ROOMS.values() for name in rooms]
+    assert [len(rooms) for rooms in ROOMS.values()] == [6, 6] and len(set(names)) == 12
+    assert {name.split("-")[0] for name in names} == set(KINDS) and len(KINDS) == 8
+
+
+def test_the_same_seed_gives_the_same_pixels_and_another_room_others() -> None:
+    again = Studio(*room_of("tools-1")).shown(_shown().posed)
+    other = Studio(*room_of("tools-2")).shown(_shown().posed)
+    assert np.array_equal(again.light, _shown().light) and np.array_equal(again.things, _shown().things)
+    assert not np.array_equal(other.light, _shown().light) and not np.array_equal(other.things, _shown().things)
+
+
+def test_ids_are_exact() -> None:
+    """A pixel shows a thing just where the thing, drawn alone, is as near as anything is."""
+    studio, shown = _studio(), _shown()
+    projected, front, size = projected_into(studio.soup, shown.posed.camera, shown.posed.camera_from_world())
+    nearest = np.zeros(size)
+    for number in range(1, len(_room("tools-1").things) + 1):
+        alone = rasterized(projected, studio.soup.triangles, front & (studio.thing_of == number), size)
+        own = shown.things == number
+        assert np.allclose(alone.nearness[own], shown.nearness[own], rtol=1e-6)
+        assert (alone.nearness[~own] <= shown.nearness[~own] + 1e-6).all()
+        nearest = np.maximum(nearest, alone.nearness)
+    assert np.allclose(nearest, shown.nearness, rtol=1e-6) and (shown.things > 0).mean() > 0.9
+
+
+def test_a_part_lies_in_its_thing() -> None:
+    studio, shown = _studio(), _shown()
+    owners = np.array([0, *(thing for thing, _ in studio.parts)])
+    assert (shown.parts > 0).any()
+    assert np.array_equal(owners[shown.parts][shown.parts > 0], shown.things[shown.parts > 0])
+    assert all(name and mesh.part in ("", name) for thing, name in studio.parts for mesh in _named(thing, name))
+
+
+def _named(thing: int, name: str) -> list:  # type: ignore[type-arg]
+    meshes = [mesh for mesh in _room("tools-1").things[thing - 1].meshes if mesh.part == name]
+    assert meshes
+    return meshes
+
+
+def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(tmp_path: Path) -> None:
+    write_room("tools-1", tmp_path / "room", views=_VIEWS, width=_WIDTH)
+    dataset, truth = read_dataset(tmp_path / "room", CaptureSettings()), read_truth(tmp_path / "room" / "truth.npz")
+    room = _room("tools-1")
+    assert truth.labels == dataset.instances == tuple(thing.label for thing in room.things)
+    assert len(dataset.train) + len(dataset.test) == _VIEWS and truth.names == tuple(v.name for v in dataset.test)
+    for place, view in enumerate(dataset.test):
+        assert view.posed is not None and view.instances is not None
+        assert np.allclose(view.posed.world_from_camera, room.poses[int(view.name.split(".")[0])], atol=1e-9)
+        alone = truth.silhouettes[place]
+        seen = view.instances > 0
+        assert alone[view.instances[seen] - 1, *np.nonzero(seen)].all()
+        matrix, camera = view.posed.camera_from_world(), view.posed.camera
+        own = truth.points @ matrix[:3, :3].T + matrix[:3, 3]
+        x = np.floor(camera.fx * own[:, 0] / own[:, 2] + camera.cx).astype(int)
+        y = np.floor(camera.fy * own[:, 1] / own[:, 2] + camera.cy).astype(int)
+        inside = (own[:, 2] > 0) & (x >= 1) & (x < camera.width - 1) & (y >= 1) & (y < camera.height - 1)
+        near = np.zeros(inside.sum(), bool)  # points on an edge may fall into the pixel beside their silhouette
+        for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+            near |= alone[truth.owners[inside] - 1, y[inside] + dy, x[inside] + dx]
+        assert near.mean() > 0.99
+    for number in range(1, len(room.things) + 1):
+        points = truth.points[truth.owners == number].astype(float)
+        assert not truth.outside(number, points, 1e-5).any()
+
+
+@pytest.mark.parametrize("split", ROOMS)
+def test_every_hard_case_is_there(split: str) -> None:
+    noted = {why for name in ROOMS[split] for why in _room(name).hard}
+    assert noted == set(HARD)
+
+
+@pytest.mark.parametrize("name", [name for rooms in ROOMS.values() for name in rooms])
+def test_hard_cases_are_what_they_are_called(name: str) -> None:
+    room = _room(name)
+    assert {thing.surface for thing in room.things} - {""} and len(room.poses) >= 20
+    boxes = [extent(thing.meshes) for thing in room.things]
+    for low, high in room.hard.get("crossed", []):
+        below, above = boxes[low - 1], boxes[high - 1]
+        assert _overlap(below, above) and above[1][2] > below[1][2] - 0.012
+    for pile in room.hard.get("stacked", []):
+        for low, high in pairwise(pile):
+            assert abs(boxes[high - 1][0][2] - boxes[low - 1][1][2]) < 2e-3 and _overlap(
+                boxes[low - 1], boxes[high - 1]
+            )
+    for content, vessel in room.hard.get("inside", []):
+        middle = sum(boxes[content - 1]) / 2
+        assert (middle[:2] > boxes[vessel - 1][0][:2]).all() and (middle[:2] < boxes[vessel - 1][1][:2]).all()
+    for thing, _ in room.hard.get("on a pattern", []):
+        assert room.things[thing - 1].label
+    for (thing,) in room.hard.get("two materials", []):
+        assert len({id(mesh.material) for mesh in room.things[thing - 1].meshes}) > 1
+    for thing in (ids[0] for ids in room.hard.get("thin", [])):
+        assert min(boxes[thing - 1][1] - boxes[thing - 1][0]) < 0.075
+
+
+def _overlap(one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> bool:
+    """From above."""
+    return bool((one[0][:2] < other[1][:2]).all() and (other[0][:2] < one[1][:2]).all())
+
+
+def test_a_phones_photos_differ_in_light_within_bounds_and_even_ones_do_not() -> None:
+    faults = [phone_faults(np.random.default_rng(seed)) for seed in range(200)]
+    assert all(abs(each.ev) <= 1.2 and max(abs(gain - 1) for gain in each.balance) <= 0.06 for each in faults)
+    assert np.ptp([each.ev for each in faults]) > 2 and np.ptp([each.balance[0] for each in faults]) > 0.1
+    gray = np.full((20, 30, 3), 0.2, np.float32)
+    even = photo_of(gray, EVEN, np.random.default_rng(0))
+    assert (even == even[0, 0]).all()
+    assert photo_of(gray, faults[0], np.random.default_rng(0)).std() > 0
