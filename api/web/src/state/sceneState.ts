@@ -9,6 +9,9 @@ import { ChangeState } from "./changeState";
 import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
 
+/** What the panel beside the view is about. */
+export type PanelTab = "ask" | "things" | "photos" | "share";
+
 /** A scene on show: what the server says of it, what was asked, and which things are selected. */
 export class SceneState {
   readonly scene = signal<Scene | null>(null);
@@ -33,6 +36,7 @@ export class SceneState {
   /** How the scene is looked at. */
   readonly look = new LookState(this);
 
+  readonly tab = signal<PanelTab>("ask");
   readonly selected = signal<readonly number[]>([]);
   readonly hovered = signal(0);
 
@@ -50,6 +54,13 @@ export class SceneState {
     return answer?.mask3d && (answer.things.length > 0 || answer.matches.some((match) => match.relevant))
       ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
       : null;
+  });
+  /** What lights up: one light at a time. While things are looked at, what is selected; else what answers. */
+  readonly lit = computed(() => {
+    const [answers, selects] = [this.found.value !== null, this.selected.value.length > 0];
+    const first = this.tab.value === "things" || this.change.motion.value ? "selection" : "answer";
+    if (answers && selects) return first;
+    return answers ? "answer" : selects ? "selection" : null;
   });
   readonly selectedThings = computed(() =>
     this.selected.value.flatMap((id) => this.things.value?.filter((thing) => thing.id === id) ?? []),
@@ -152,6 +163,7 @@ export class SceneState {
     const before = this.selected.value;
     const others = before.filter((each) => each !== id);
     this.actionError.value = null;
+    this.tab.value = "things";
     if (!more) this.selected.value = [id];
     else this.selected.value = others.length < before.length ? others : [...before, id];
   }

@@ -1,6 +1,7 @@
 import { plural } from "./plural";
 
-const unnamed = (id: number) => `Thing ${id}, no name`;
+const unnamed = (id: number, what = "") =>
+  `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Thing"} ${id}, no name`;
 
 /** Questions and things. */
 export const thingsTexts = {
@@ -8,9 +9,12 @@ export const thingsTexts = {
     title: "Ask",
     label: "What are you looking for?",
     placeholder: "Where is the mug?",
-    clear: "Clear the question",
-    matches: "Names, best match first",
-    others: "Other labels",
+    others: "It may also be",
+    select: "Select it",
+    near: (label: string) => `What is near the ${label}?`,
+    confirm: (label: string) => `Yes, it is “${label}”`,
+    seeThings: "See all things",
+    lookAt: (name: string) => `Look at ${name}`,
     askFor: (label: string) => `Ask for ${label}`,
     objects: "Where",
     flyTo: (label: string, number: number) => `Look at ${label} ${number}`,
@@ -21,7 +25,8 @@ export const thingsTexts = {
     none: "No things were found in this scene.",
     unnamed,
     /** The name of a thing, or what stands for it. */
-    titleOf: ({ name, id }: { name: string; id: number }) => name || unnamed(id),
+    titleOf: ({ name, id, surface = "" }: { name: string; id: number; surface?: string }) =>
+      name || unnamed(id, surface),
     unnamedCount: (count: number) =>
       count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
     nameNext: "Name the next one",
