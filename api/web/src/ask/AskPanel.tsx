@@ -56,7 +56,9 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
   const labels = knownNames(state.things.value ?? []).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
-      <h2 id="ask-title">{texts.ask.title}</h2>
+      <h2 id="ask-title" class="sr-only">
+        {texts.ask.title}
+      </h2>
       <QuestionForm text={typed} placeholder={texts.ask.placeholder} onType={type} onAsk={() => ask(typed)} />
       {state.answerError.value !== null && <ErrorNote error={state.answerError.value} />}
       <div aria-live="polite" aria-busy={state.asking.value}>
@@ -70,7 +72,11 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
             picture={({ thing_id: id }) => unnamed.has(id) && <ThingPicture state={state} thing={id} />}
           />
           <FollowUps state={state} answer={answer} onAsk={type} onThing={flyToThing} lookAgain={lookAgain} />
-          <Others matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)} onAsk={type} />
+          <Others
+            title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}
+            matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)}
+            onAsk={type}
+          />
         </>
       )}
       {!answer && labels.length > 0 && <KnownLabels labels={labels} onAsk={type} />}
@@ -79,11 +85,11 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
 }
 
 /** What else may be meant, with how well each fits. */
-function Others({ matches, onAsk }: { matches: Match[]; onAsk: (text: string) => void }) {
+function Others({ title, matches, onAsk }: { title: string; matches: Match[]; onAsk: (text: string) => void }) {
   if (matches.length === 0) return null;
   return (
     <>
-      <h3>{texts.ask.others}</h3>
+      <h3>{title}</h3>
       <ul class="chips">
         {matches.map((match) => (
           <li key={match.label_id}>

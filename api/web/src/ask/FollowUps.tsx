@@ -28,9 +28,7 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
       <>
         <BestPhotos state={state} text={answer.text} />
         <ul class="chips follow-ups">
-          {meant.length > 0 && (
-            <Button text={texts.ask.select} onClick={() => select(state, ids)} />
-          )}
+          {meant.length > 0 && <Button text={texts.ask.select} onClick={() => select(state, ids)} />}
           {label && <Button text={texts.ask.near(label)} onClick={() => onAsk(texts.ask.near(label))} />}
           {answer.outcome === "probably_here" && unnamed.length > 0 && label && !isShared && (
             <Button

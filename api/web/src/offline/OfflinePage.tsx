@@ -5,7 +5,6 @@ import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "../ask/askParts
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import { fromBase64, unpackBits } from "../viewer/states";
-import { viewOfSight } from "../viewer/viewpoints";
 import type { OfflineAnswer, SceneData } from "./data";
 import { nameOf, parameter, unzipped } from "./data";
 import type { FlyTo } from "./OfflineViewer";
@@ -22,11 +21,8 @@ export function OfflinePage({ data }: { data: SceneData }) {
   const flyTo = useRef<FlyTo>(() => undefined);
   const answer = reply?.answer ?? null;
 
-  const lookAt = (object: SceneObject) =>
-    flyTo.current((now, size) => {
-      const sight = { middle: centerOf(object.box), size: boxSize(object.box), views: object.best_views };
-      return viewOfSight(sight, data.cameras, now, size);
-    });
+  const lookAt = ({ box, best_views: views }: SceneObject) =>
+    flyTo.current({ middle: centerOf(box), size: boxSize(box), views });
   const ask = (text: string) => {
     const next = replyTo(text, data);
     setTyped(text);

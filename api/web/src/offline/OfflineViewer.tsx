@@ -6,18 +6,18 @@ import { Icon } from "../ui/Icon";
 import { aspectOf, CameraBound } from "../viewer/cameraBound";
 import { CameraMotion } from "../viewer/cameraMotion";
 import { Controls } from "../viewer/controls";
-import type { LookAt } from "../viewer/poses";
 import { firstView, parseView } from "../viewer/poses";
-import type { Size } from "../viewer/projection";
 import { SeenField } from "../viewer/seenField";
 import { SplatView } from "../viewer/splatView";
 import { readSpz } from "../viewer/spz";
 import { fromBase64, statesOf } from "../viewer/states";
+import type { Sight } from "../viewer/viewpoints";
+import { viewOfSight } from "../viewer/viewpoints";
 import type { SceneData } from "./data";
 import { parameter } from "./data";
 
-/** Moves the camera to where `aim` says, seen from where it is in a picture of that size. */
-export type FlyTo = (aim: (now: LookAt, size: Size) => LookAt) => void;
+/** Moves the camera to where something is seen best. */
+export type FlyTo = (sight: Sight) => void;
 
 interface Properties {
   data: SceneData;
@@ -41,10 +41,12 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
     const camera = new CameraMotion(parseView(parameter("view"), start.up) ?? start, (now, resting) =>
       made?.setView(now, resting),
     );
-    flyTo.current = (aim) =>
-      camera.flyTo(aim(camera.view, { width: element.clientWidth, height: element.clientHeight }));
-    goHome.current = () => camera.flyTo(start);
     let bound: CameraBound | null = null;
+    flyTo.current = (sight) => {
+      const size = { width: element.clientWidth, height: element.clientHeight };
+      camera.flyTo(viewOfSight(sight, data.cameras, camera.view, size, (view) => bound?.shows(view) ?? true));
+    };
+    goHome.current = () => camera.flyTo(start);
     const controls = new Controls(element, camera, goHome.current, (gesture) => bound?.bounded(gesture) ?? gesture(1));
     const resize = () => {
       const ratio = Math.min(window.devicePixelRatio, 2);

@@ -12,11 +12,11 @@ export function AssessmentNote({ assessment }: { assessment: Assessment }) {
         <details>
           <summary class="grade">{texts.assessment.grades[grade]}</summary>
           <ul>
-          {findings.map((finding) => (
-            <li key={finding.reason}>
-              {finding.message} {finding.advice}
-            </li>
-          ))}
+            {findings.map((finding) => (
+              <li key={finding.reason}>
+                {finding.message} {finding.advice}
+              </li>
+            ))}
           </ul>
         </details>
       )}

@@ -13,7 +13,6 @@ import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { firstView, lookFrom, parseView, viewText } from "../viewer/poses";
-import { viewOfSight } from "../viewer/viewpoints";
 import { DeleteScene } from "./DeleteScene";
 import { SceneName } from "./SceneName";
 import { ScenePanel } from "./ScenePanel";
@@ -160,11 +159,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
           return view.current ?? parseView(first, start.up) ?? start;
         }}
         onAsk={note}
-        onFly={(middle, size, views) =>
-          viewer.current?.flyTo((now) =>
-            viewOfSight({ middle, size, views }, scene.cameras, now, state.change.size.peek()),
-          )
-        }
+        onFly={(middle, size, views) => viewer.current?.flyToSight({ middle, size, views })}
         onStand={(camera) => viewer.current?.flyTo((now) => lookFrom(camera, now))}
         remove={remove}
       />

@@ -1,4 +1,5 @@
 import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
 
 import { sceneAddress } from "../address/router";
 import { isShared } from "../address/share";
@@ -48,8 +49,16 @@ interface Properties {
 export function ScenePanel(properties: Properties) {
   const { state, scene, changed } = properties;
   const reload = () => void state.refresh();
+  const panel = useRef<HTMLElement>(null);
+  const [only] = state.selected.value.length === 1 ? state.selected.value : [];
+  useEffect(() => {
+    const row = panel.current?.querySelector<HTMLElement>(".tabs");
+    // What is selected stands at the top of its tab.
+    if (only && panel.current && row && panel.current.scrollTop > row.offsetTop)
+      panel.current.scrollTop = row.offsetTop;
+  }, [only]);
   return (
-    <aside class="panel" aria-label={texts.scene.panel}>
+    <aside class="panel" ref={panel} aria-label={texts.scene.panel}>
       <div class="panel-head">
         <SceneName scene={scene} onChange={() => state.refresh()} />
         {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
@@ -67,7 +76,9 @@ export function ScenePanel(properties: Properties) {
                 state={state}
                 onAsk={properties.onAsk}
                 onFly={properties.onFly}
-                lookAgain={(text) => !isShared && <LookAgain key={text} sceneId={scene.id} word={text} onDone={reload} />}
+                lookAgain={(text) =>
+                  !isShared && <LookAgain key={text} sceneId={scene.id} word={text} onDone={reload} />
+                }
               />
             ),
           },

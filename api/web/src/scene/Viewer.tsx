@@ -27,6 +27,8 @@ import { readSplat } from "../viewer/readSplat";
 import { SeenField } from "../viewer/seenField";
 import type { SplatView } from "../viewer/splatView";
 import { statesOf } from "../viewer/states";
+import type { Sight } from "../viewer/viewpoints";
+import { viewOfSight } from "../viewer/viewpoints";
 import { Pointing } from "./pointing";
 import { Walking } from "./walking";
 
@@ -36,6 +38,8 @@ export interface ViewerHandle {
   goHome(): void;
   /** Moves the camera to where `aim` says, seen from where it is. */
   flyTo(aim: (now: LookAt) => LookAt): void;
+  /** Moves it to where something is seen best. */
+  flyToSight(sight: Sight): void;
 }
 
 interface Properties {
@@ -84,7 +88,16 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     });
     motion.current = camera;
     const goHome = () => camera.flyTo(home.current ?? start);
-    handle.current = { goHome, flyTo: (aim) => camera.flyTo(aim(camera.view)) };
+    const sizeNow = () => ({ width: element.clientWidth, height: element.clientHeight });
+    handle.current = {
+      goHome,
+      flyTo: (aim) => camera.flyTo(aim(camera.view)),
+      flyToSight: (sight) => {
+        const cameras = state.scene.peek()?.cameras ?? [];
+        const shown = (view: LookAt) => bound.peek()?.shows(view) ?? true;
+        camera.flyTo(viewOfSight(sight, cameras, camera.view, sizeNow(), shown));
+      },
+    };
     const walking = new Walking(element, state);
     const bounded = (gesture: Gesture) => bound.peek()?.bounded(gesture) ?? gesture(1);
     const controls = new Controls(element, camera, goHome, bounded);
@@ -99,8 +112,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     state.look.moved(camera.view, false);
     state.change.view.value = camera.view;
     const resize = () => {
-      state.look.resized({ width: element.clientWidth, height: element.clientHeight });
-      state.change.size.value = { width: element.clientWidth, height: element.clientHeight };
+      state.look.resized(sizeNow());
+      state.change.size.value = sizeNow();
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);

@@ -12,7 +12,7 @@ export class Walking {
   #at: number | null = null; // id of the thing that is lit up; null while nobody walks
 
   constructor(
-    private readonly canvas: HTMLCanvasElement,
+    canvas: HTMLCanvasElement,
     private readonly state: SceneState,
   ) {
     const options = { signal: this.#ended.signal };

@@ -12,7 +12,5 @@ const COMPARE: Record<Order, (one: SceneSummary, other: SceneSummary) => number>
 /** The scenes in whose name each word of a text is, in an order. */
 export function arranged(scenes: readonly SceneSummary[], text: string, order: Order): SceneSummary[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
-  return scenes
-    .filter(({ name }) => words.every((word) => name.toLowerCase().includes(word)))
-    .sort(COMPARE[order]);
+  return scenes.filter(({ name }) => words.every((word) => name.toLowerCase().includes(word))).sort(COMPARE[order]);
 }

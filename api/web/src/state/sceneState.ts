@@ -57,10 +57,9 @@ export class SceneState {
   });
   /** What lights up: one light at a time. While things are looked at, what is selected; else what answers. */
   readonly lit = computed(() => {
-    const [answers, selects] = [this.found.value !== null, this.selected.value.length > 0];
-    const first = this.tab.value === "things" || this.change.motion.value ? "selection" : "answer";
-    if (answers && selects) return first;
-    return answers ? "answer" : selects ? "selection" : null;
+    const things = this.tab.value === "things" || this.change.motion.value !== null;
+    if (this.selected.value.length > 0 && (things || !this.answer.value)) return "selection";
+    return this.found.value ? "answer" : null;
   });
   readonly selectedThings = computed(() =>
     this.selected.value.flatMap((id) => this.things.value?.filter((thing) => thing.id === id) ?? []),

@@ -10,6 +10,7 @@ export const thingsTexts = {
     label: "What are you looking for?",
     placeholder: "Where is the mug?",
     others: "It may also be",
+    otherNames: "Other names here",
     select: "Select it",
     near: (label: string) => `What is near the ${label}?`,
     confirm: (label: string) => `Yes, it is “${label}”`,

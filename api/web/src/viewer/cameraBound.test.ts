@@ -13,12 +13,36 @@ import { add, dot, length, scale, subtract, unit } from "./vectors";
 type Wall = readonly [Vec, Vec, Vec];
 
 const ROOM: readonly Wall[] = [
-  [[0, 0, 0], [4, 0, 0], [0, 4, 0]], // floor
-  [[0, 3, 1.5], [4, 0, 0], [0, 0, 1.5]], // the wall behind
-  [[-3, 0, 1.5], [0, 4, 0], [0, 0, 1.5]],
-  [[3, 0, 1.5], [0, 4, 0], [0, 0, 1.5]],
-  [[0, 0, 0.8], [0.8, 0, 0], [0, 0.5, 0]], // a table's top
-  [[0, -0.5, 0.4], [0.8, 0, 0], [0, 0, 0.4]], // and its front
+  [
+    [0, 0, 0],
+    [4, 0, 0],
+    [0, 4, 0],
+  ], // floor
+  [
+    [0, 3, 1.5],
+    [4, 0, 0],
+    [0, 0, 1.5],
+  ], // the wall behind
+  [
+    [-3, 0, 1.5],
+    [0, 4, 0],
+    [0, 0, 1.5],
+  ],
+  [
+    [3, 0, 1.5],
+    [0, 4, 0],
+    [0, 0, 1.5],
+  ],
+  [
+    [0, 0, 0.8],
+    [0.8, 0, 0],
+    [0, 0.5, 0],
+  ], // a table's top
+  [
+    [0, -0.5, 0.4],
+    [0.8, 0, 0],
+    [0, 0, 0.4],
+  ], // and its front
 ];
 const SPACING = 0.12;
 const ASPECT = 4 / 3;
@@ -34,8 +58,7 @@ function painted(): SplatColumns {
     const [across, along] = [length(one) / SPACING, length(other) / SPACING].map(Math.floor) as [number, number];
     const all: Vec[] = [];
     for (let a = -across; a <= across; a++)
-      for (let b = -along; b <= along; b++)
-        all.push(add(middle, add(scale(one, a / across), scale(other, b / along))));
+      for (let b = -along; b <= along; b++) all.push(add(middle, add(scale(one, a / across), scale(other, b / along))));
     return all;
   });
   const same = (value: number) => new Float32Array(points.length).fill(value);

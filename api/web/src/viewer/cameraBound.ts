@@ -46,6 +46,11 @@ export class CameraBound {
     return from;
   }
 
+  /** Whether enough of a picture was seen. */
+  shows(view: LookAt): boolean {
+    return this.#of(view) >= this.floor;
+  }
+
   /** Whether no photo shows what a picture does, or hardly anything of it. */
   showsNothing(view: LookAt): boolean {
     return this.floor > 0 && this.#of(view) < NOTHING * this.floor;

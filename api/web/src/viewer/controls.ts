@@ -30,7 +30,7 @@ export class Controls {
       (event) => {
         event.preventDefault();
         const { view } = this.motion;
-        this.#move((share) => zoom(view, Math.exp(share * event.deltaY * WHEEL)));
+        this.#go((share) => zoom(view, Math.exp(share * event.deltaY * WHEEL)));
       },
       { ...options, passive: false },
     );
@@ -55,7 +55,7 @@ export class Controls {
     const perPixel = 1 / this.canvas.clientHeight;
     if (this.#pointers.size === 1) {
       const moves = event.buttons === 2 || event.buttons === 4;
-      this.#move((share) =>
+      this.#go((share) =>
         moves
           ? fly(view, -dx * perPixel * share, dy * perPixel * share, 0)
           : orbit(view, -dx * RADIANS_A_PIXEL * share, dy * RADIANS_A_PIXEL * share),
@@ -65,7 +65,7 @@ export class Controls {
       if (other) {
         const spread = (place: { x: number; y: number }) => Math.hypot(place.x - other.x, place.y - other.y);
         const ratio = spread(before) / Math.max(spread(now), 1);
-        this.#move((share) =>
+        this.#go((share) =>
           fly(zoom(view, ratio ** share), (-dx / 2) * perPixel * share, (dy / 2) * perPixel * share, 0),
         );
       }
@@ -96,11 +96,11 @@ export class Controls {
     const move = moves[event.key.length === 1 ? event.key.toLowerCase() : event.key];
     if (!move && event.key !== "Home") return;
     event.preventDefault();
-    if (move) this.#move(move);
+    if (move) this.#go(move);
     else this.goHome();
   }
 
-  #move(gesture: Gesture): void {
+  #go(gesture: Gesture): void {
     this.motion.set(this.bounded(gesture));
   }
 }

@@ -4,7 +4,7 @@ import type { Vec } from "./vectors";
 const SAMPLES = 6_000;
 const FAINT = -1; // logit of an opacity of 0.27
 const WIDEST = 4; // cells: how far around its middle a sample covers
-const SIGMAS = 1.5;
+const SIGMAS = 1.25;
 
 /** Where surfaces are, by a sample of the Gaussians: [3 count] and [count], scene units. */
 export interface Surfaces {
@@ -78,7 +78,7 @@ export function gridOf(surfaces: Surfaces, camera: GridCamera): Grid {
   for (let sample = 0; sample < surfaces.count; sample++) {
     const at = cellOf(surfaces, sample, camera);
     if (!at) continue;
-    const reach = Math.min(WIDEST, Math.round((camera.fx * (surfaces.radii[sample] ?? 0)) / at.depth));
+    const reach = Math.min(WIDEST, Math.floor((camera.fx * (surfaces.radii[sample] ?? 0)) / at.depth));
     for (let row = Math.max(0, at.row - reach); row <= Math.min(height - 1, at.row + reach); row++)
       for (let column = Math.max(0, at.column - reach); column <= Math.min(width - 1, at.column + reach); column++) {
         const cell = row * width + column;

@@ -27,13 +27,16 @@ test("a thing is looked at from the photo that shows it best, at a third of the 
   expect(share).toBeLessThan(0.34);
 });
 
-test.each([0.001, 0.1, 5, 80])("of a thing of size %f the camera stays between half a photo's distance and it", (size) => {
-  const view = viewOfSight({ middle: [0.2, 0, 0], size }, cameras, now, SIZE);
-  const photo = length(subtract([3, 0, 1], [0.2, 0, 0]));
-  const distance = length(subtract(view.position, view.target));
-  expect(distance).toBeGreaterThan(0.49 * photo);
-  expect(distance).toBeLessThan(1.11 * photo);
-});
+test.each([0.001, 0.1, 5, 80])(
+  "of a thing of size %f the camera stays between half a photo's distance and it",
+  (size) => {
+    const view = viewOfSight({ middle: [0.2, 0, 0], size }, cameras, now, SIZE);
+    const photo = length(subtract([3, 0, 1], [0.2, 0, 0]));
+    const distance = length(subtract(view.position, view.target));
+    expect(distance).toBeGreaterThan(0.49 * photo);
+    expect(distance).toBeLessThan(1.11 * photo);
+  },
+);
 
 test("without a camera the direction stays", () => {
   const view = viewOfSight({ middle: [1, 1, 1], size: 0.2 }, [], now, SIZE);
