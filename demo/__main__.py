@@ -93,7 +93,8 @@ def how_to_look(output: Path) -> str:
 def _run(client: Client, options: argparse.Namespace, console: Console, output: Path) -> None:
     capture: Path = options.photos or _SAMPLE
     scene_options = SceneOptions(time_budget_s=options.train_seconds)
-    posted = client.create_scene(capture, name=capture.stem, options=scene_options)
+    name = capture.parent.name if capture.name == "images" else capture.stem
+    posted = client.create_scene(capture, name=name, options=scene_options)
     console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
     show = _Progress(console)
     for operation in client.watch(posted.id):

@@ -90,8 +90,13 @@ class Visit:
         """The 3D view, once it shows the scene and the list of its things is there."""
         canvas = self.page.locator("canvas[role=application]")
         expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
-        expect(self.page.locator("#things-title")).to_be_visible()
+        expect(self.page.get_by_role("tab", name=re.compile(r"^Things \d"))).to_be_visible()
         return canvas
+
+    def tab(self, name: str) -> Locator:
+        """What is behind a tab of the scene's panel, which is opened."""
+        self.page.get_by_role("tab", name=name).click()
+        return self.page.get_by_role("tabpanel", name=name)
 
     def at_rest(self) -> None:
         """Return when what was asked of the camera is done and noted in the address."""

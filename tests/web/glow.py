@@ -34,7 +34,7 @@ def canvas_pixels(page: Page) -> NDArray[np.float64]:
     """The 3D picture that is shown, without what lies over it: [H, W, 3] of 0..1."""
     page.evaluate("""() => {
       const sheet = new CSSStyleSheet();
-      sheet.replaceSync(".viewer-tools, .viewer-note { display: none }");
+      sheet.replaceSync(".glow-legend, .viewer-note { display: none }");
       document.adoptedStyleSheets = [sheet];
     }""")
     picture = drawn_canvas(page)

@@ -20,17 +20,19 @@ def _thing(place: Place, scene_id: str, name: str, version: str = "") -> int:
 def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
     expect(page.get_by_role("searchbox")).to_have_value(text)
     expect(page.locator(".verdict.here")).to_be_visible()
-    expect(page.get_by_role("heading", name=selected)).to_be_visible()
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
     Visit(page).at_rest()
     assert f"view={view}" in page.url
+    Visit(page).tab("Things")
+    expect(page.get_by_role("heading", name=selected)).to_be_visible()
 
 
 def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page = visit.page
-        page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
+        visit.tab("Things").get_by_role("button", name="ball").click()
         expect(page.get_by_role("heading", name="ball")).to_be_visible()
+        visit.tab("Ask")
         page.get_by_role("searchbox").fill("mug")
         expect(page.locator(".verdict.here")).to_be_visible()
         ball = _thing(place, place.scene_id, "ball")
@@ -49,18 +51,21 @@ def test_an_edit_leaves_question_and_selection_as_they_are(place: Place, browser
     scene_id = place.new_scene("edited")
     with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         page = visit.page
-        expect(page.get_by_role("heading", name="Things")).to_be_visible()
+        visit.scene_shown()
         page.goto(f"{place.url}/#/scenes/{scene_id}?q=mug")  # followed while a version is on show
         expect(page.locator(".verdict.here")).to_be_visible()
-        page.get_by_role("region", name="Things").get_by_role("button", name="ball").click()
+        visit.tab("Things").get_by_role("button", name="ball").click()
+        visit.tab("Ask")
         page.get_by_role("searchbox").fill("story book")
         expect(page.get_by_role("button", name="Look at story book 1")).to_be_visible()
+        visit.tab("Things")
         page.get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
         visit.at_rest()
-        expect(page.get_by_role("searchbox")).to_have_value("story book")
         expect(page.get_by_role("heading", name="violin")).to_be_visible()
+        visit.tab("Ask")
+        expect(page.get_by_role("searchbox")).to_have_value("story book")
         assert "violin" in {thing.name for thing in place.service.answers.list_things(scene_id).things}
 
 
@@ -88,24 +93,27 @@ def test_an_address_that_is_changed_by_hand_is_followed(place: Place, browser: B
     ball, mug = (_thing(place, place.scene_id, name) for name in ("ball", "mug"))
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=mug&things={ball}") as visit:
         page = visit.page
-        expect(page.get_by_role("heading", name="ball")).to_be_visible()
         expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
+        visit.tab("Things")
+        expect(page.get_by_role("heading", name="ball")).to_be_visible()
         page.goto(f"{place.url}/#/scenes/{place.scene_id}?q=submarine&view={_VIEW}&things={mug}")
         expect(page.get_by_role("searchbox")).to_have_value("submarine")
         expect(page.get_by_text("Not here")).to_be_visible()
+        visit.tab("Things")
         expect(page.get_by_role("heading", name="mug")).to_be_visible()
         visit.at_rest()
         assert f"view={_VIEW}" in page.url
         page.goto(f"{place.url}/#/scenes/{place.scene_id}")
-        expect(page.get_by_role("searchbox")).to_have_value("")
         expect(page.get_by_role("heading", name="mug")).to_have_count(0)
+        visit.tab("Ask")
+        expect(page.get_by_role("searchbox")).to_have_value("")
 
 
 def test_a_question_on_its_way_does_not_bring_back_the_address_that_was_left(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
         page = visit.page
         visit.expected.append("ERR_ABORTED")
-        expect(page.get_by_role("heading", name="Things")).to_be_visible()
+        visit.scene_shown()
         page.get_by_role("searchbox").fill("mug")
         page.keyboard.press("Enter")
         page.get_by_role("link", name="Scenes").click()
@@ -119,7 +127,8 @@ def test_a_change_before_the_browser_tells_of_the_new_address_does_not_bring_bac
 ) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}") as visit:
         page = visit.page
-        things = page.get_by_role("region", name="Things")
+        visit.scene_shown()
+        things = visit.tab("Things")
         # One script, so that the browser's own event comes after the click.
         things.get_by_role("button", name="ball").evaluate("thing => { location.hash = '#/'; thing.click(); }")
         expect(page.get_by_role("heading", name="Scenes")).to_be_visible()

@@ -19,9 +19,9 @@ _VIEW = "0_-3.2_1.6_0_0_0.2"
 
 def _picture(page: Page) -> NDArray[np.float64]:
     """The 3D picture without what lies over it, [H, W, 3] of 0..255."""
-    page.evaluate("document.querySelectorAll('.viewer-tools, .gizmo').forEach((one) => (one.style.opacity = 0))")
+    page.evaluate("document.querySelectorAll('.glow-legend, .gizmo').forEach((one) => (one.style.opacity = 0))")
     picture = pixels_of(drawn_canvas(page))
-    page.evaluate("document.querySelectorAll('.viewer-tools, .gizmo').forEach((one) => (one.style.opacity = 1))")
+    page.evaluate("document.querySelectorAll('.glow-legend, .gizmo').forEach((one) => (one.style.opacity = 1))")
     return picture
 
 
@@ -30,10 +30,8 @@ def _gaussians(place: Place, scene_id: str, version: str = "") -> Gaussians:
 
 
 def _menu(visit: Visit, thing: str = "ball") -> Locator:
-    visit.page.locator(".thing-list").get_by_role("button", name=thing).click()
-    menu = visit.page.locator(".change-menu")
-    menu.locator("summary").click()
-    return menu
+    visit.tab("Things").locator(".thing-list").get_by_role("button", name=thing).click()
+    return visit.page.get_by_role("region", name="Change")
 
 
 def test_a_thing_is_moved_with_a_handle_on_show_and_then_on_the_server(
@@ -130,7 +128,7 @@ def test_what_is_hidden_or_shown_alone_is_no_version(place: Place, webgl_browser
         alone = _picture(page)
         lit = [(picture.sum(axis=2) > 60).sum() for picture in (here, hidden, alone)]
         assert lit[2] < 0.4 * lit[0] and np.abs(here - hidden).mean() > 1
-        menu.get_by_role("button", name="Show everything").click()
+        page.get_by_role("button", name="Show everything").click()
         assert np.abs(_picture(page) - here).mean() < 0.5
         visit.check_accessible()
     assert len(place.service.versions.all(own)) == 1

@@ -27,7 +27,8 @@ _CLICK_AND_TYPE = """(button, text) => new Promise((resolve) => {
 def test_a_name_typed_in_the_turn_in_which_the_card_is_drawn_stays(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         page = visit.page
-        things = page.get_by_role("region", name="Things")
+        visit.scene_shown()
+        things = visit.tab("Things")
         things.get_by_role("button", name="ball").evaluate(_CLICK_AND_TYPE, "violin")
         expect(page.locator(".thing-card").get_by_label("Name", exact=True)).to_have_value("violin")
         page.keyboard.press("Enter")

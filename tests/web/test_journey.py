@@ -66,6 +66,7 @@ def _shows(page: Page, what: str) -> None:
 
 
 def _ask(page: Page, text: str) -> None:
+    page.get_by_role("tab", name="Ask").click()
     page.get_by_role("searchbox").fill(text)
     expect(page.get_by_role("searchbox")).to_have_value(text)
 
@@ -135,6 +136,7 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     tab = Visit(page.context.new_page())
     tab.watch()
     tab.page.goto(f"{url}/#/scenes/{scene.id}")
+    tab.tab("Things")
     expect(_things(tab.page).get_by_role("button", name="banana", exact=True)).to_be_visible()
 
     page.bring_to_front()
@@ -164,12 +166,14 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     page.reload()
     expect(page.get_by_role("searchbox")).to_have_value("breakfast")
     expect(page.get_by_role("button", name="Look at breakfast 1")).to_be_visible()
+    visit.tab("Things")
     expect(card.get_by_role("heading", name="breakfast")).to_be_visible()
 
-    page.get_by_role("button", name="Undo").first.click()
+    page.get_by_role("button", name="Undo").click()
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     assert "breakfast" not in _names(client, scene.id) and "banana" in _names(client, scene.id)
     page.reload()
+    visit.tab("Things")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     page.get_by_role("link", name="Scenes", exact=True).click()
     expect(page.get_by_role("link", name="a table")).to_contain_text("Ready")

@@ -32,11 +32,8 @@ def _ready(visit: Visit) -> Locator:
     return canvas
 
 
-def _menu(visit: Visit) -> Locator:
-    menu = visit.page.locator(".look-menu")
-    if menu.get_attribute("open") is None:
-        menu.locator("summary").click()
-    return menu
+def _stand_at(visit: Visit, photo: str) -> None:
+    visit.tab("Photos").get_by_label("Stand at a photo").select_option(photo)
 
 
 def _shot(visit: Visit, box: dict[str, float]) -> NDArray[np.float64]:
@@ -45,17 +42,16 @@ def _shot(visit: Visit, box: dict[str, float]) -> NDArray[np.float64]:
 
 
 def _compared(visit: Visit, share: int) -> NDArray[np.float64]:
-    """What is seen of photo and scene with the slider at a share, between the bar above and the buttons below."""
+    """What is seen of photo and scene with the slider at a share, below the bar."""
     slider = visit.page.get_by_role("slider", name="How much of the picture is photo")
     slider.fill(str(share))
     photo = visit.page.locator(".compared-photo")
     box = photo.evaluate("(image) => { const { x, y, width, height } = image.getBoundingClientRect();"
                          " return { x, y, width, height }; }")  # fmt: skip
     bar = visit.page.locator(".compare-bar").bounding_box()
-    tools = visit.page.locator(".viewer-tools").bounding_box()
-    assert bar is not None and tools is not None
+    assert bar is not None
     top = max(box["y"], bar["y"] + bar["height"] + 2)
-    bottom = min(box["y"] + box["height"], tools["y"] - 2)
+    bottom = min(box["y"] + box["height"], visit.page.viewport_size["height"])
     pixels = _shot(visit, {"x": box["x"], "y": top, "width": box["width"], "height": bottom - top})
     return pixels[2:-2, 2:-2]
 
@@ -79,8 +75,7 @@ def test_a_slider_shows_the_photo_the_scene_or_half_of_each_exactly_over_each_ot
 ) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}", device_scale_factor=1) as visit:
         canvas = _ready(visit)
-        _menu(visit).get_by_label("Stand at a photo").select_option("001.jpg")
-        visit.page.locator(".look-menu summary").click()
+        _stand_at(visit, "001.jpg")
         expect(visit.page.locator(".compared-photo")).to_have_attribute("data-photo", "001.jpg")
         visit.check_accessible()
         scene, photo, half = (_compared(visit, share) for share in (0, 100, 50))
@@ -120,8 +115,7 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view=0_-8_5_0_0_0.2") as visit:
         canvas = _ready(visit)
         expect(visit.page.locator(".frusta")).to_have_count(0)
-        _menu(visit).get_by_label("Draw the cameras").check()
-        visit.page.locator(".look-menu summary").click()
+        visit.tab("Photos").get_by_label("Draw the cameras").check()
         expect(visit.page.locator(".frusta [data-camera]")).to_have_count(3)
         expect(visit.page).to_have_url(re.compile("look=cameras"))
         box = canvas.bounding_box()
@@ -150,8 +144,7 @@ def test_colors_say_things_labels_depth_and_normals(place: Place, webgl_browser:
         box = canvas.bounding_box()
         assert box is not None
         own = _balls(visit, box)
-        _menu(visit).get_by_label(mode, exact=True).check()
-        visit.page.locator(".look-menu summary").click()
+        visit.page.get_by_label("Colors show").select_option(mode)
         expect(canvas).to_have_attribute("data-colors", mode.lower())
         expect(visit.page).to_have_url(re.compile(f"look={mode.lower()}"))
         colors = _balls(visit, box)
@@ -223,7 +216,7 @@ def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place,
         visit.check_accessible()
         photos.get_by_role("button").first.click()
         expect(visit.page.locator(".compared-photo")).to_have_attribute("data-photo", best[0].view)
-        visit.page.locator(".thing-list").get_by_role("button", name="mug").click()
+        visit.tab("Things").locator(".thing-list").get_by_role("button", name="mug").click()
         first = place.service.photos.best_views(place.scene_id, (1,)).views[0].view
         expect(visit.page.locator(".thing-card .best-photos button").first).to_have_attribute(
             "aria-label", f"Fly to {first}"

@@ -29,14 +29,12 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
         box = canvas.bounding_box()
         assert box is not None
         ball = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}
-        page.locator(".thing-list").get_by_role("checkbox").first.check()  # without a flight
-        menu = page.locator(".change-menu")
-        menu.locator("summary").click()
-        menu.get_by_role("button", name="Split: click a part").click()
+        visit.tab("Things").locator(".thing-list").get_by_role("checkbox").first.check()  # without a flight
+        page.get_by_role("button", name="Split: click a part").click()
         expect(page.get_by_text("Click the part that is a thing of its own.")).to_be_visible()
         visit.check_accessible()
         canvas.click(position=ball)
-        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
         visit.check_accessible()
         expect(page.locator(".thing-card h2").first).to_have_text("Thing 4, no name")
         piece = _owner(place, own) == 4
@@ -44,7 +42,7 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
         assert overlap > 0.6, overlap
         canvas.click(position={"x": ball["x"] + 15, "y": ball["y"] + 10})
         expect(page.get_by_role("button", name="Done")).to_be_disabled()
-        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
         expect(page.get_by_role("button", name="Done")).to_be_enabled(timeout=PATIENCE_MS)
         made = next(version for version in place.service.versions.all(own) if version.current)
         assert made.parent == merged.version and made.edits[0].prompt is not None
@@ -60,16 +58,16 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         visit.scene_shown()
         page = visit.page
-        page.locator(".change-menu summary").focus()
-        page.keyboard.press("Enter")
+        page.get_by_role("tab", name="Ask").focus()
+        page.keyboard.press("ArrowRight")
         page.get_by_role("button", name="Add what is missing").focus()
         page.keyboard.press("Enter")
         middle = page.get_by_role("button", name="Take what is in the middle")
         middle.focus()
         page.keyboard.press("Enter")
-        expect(page.locator(".viewer-note.tool")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
         page.get_by_role("button", name="Done").click()
-        expect(page.locator(".viewer-note.tool")).to_have_count(0)
+        expect(page.locator(".tool-note")).to_have_count(0)
         expect(page.locator(".thing-list li")).to_have_count(3)
     assert (_owner(place, own) == 4).sum() > 200
 
@@ -83,7 +81,7 @@ def test_look_alikes_are_settled_by_one_key_each(place: Place, browser: Browser)
         place.service.versions.edit(own, [copy])
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
         canvas, page = visit.scene_shown(), visit.page
-        page.locator(".thing-list").get_by_role("button", name="Thing 1").click()
+        visit.tab("Things").locator(".thing-list").get_by_role("button", name="Thing 1").click()
         page.locator(".thing-card").get_by_label("Name", exact=True).fill("violin")
         page.get_by_role("button", name="Save the name").click()
         panel = page.locator(".look-alikes")

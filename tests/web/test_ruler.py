@@ -24,9 +24,8 @@ def own(place: Place) -> str:
 
 
 def _ruler(visit: Visit) -> Locator:
-    visit.page.locator(".change-menu summary").click()
-    visit.page.get_by_role("button", name="Measure").click()
-    note = visit.page.locator(".viewer-note.tool")
+    visit.page.get_by_role("group", name="Tools").get_by_role("button", name="Measure").click()
+    note = visit.page.locator(".tool-note")
     expect(note).to_contain_text("Click the first of two places.")
     return note
 
@@ -48,6 +47,7 @@ def test_a_known_length_makes_the_scene_metric_and_undo_takes_it_back(
         note.get_by_label("This length is really (meters)").fill("0.25")
         note.get_by_role("button", name="Set the scale").click()
         expect(page.get_by_text("The scene is in meters now.")).to_be_visible()
+        visit.tab("Things")
         expect(page.get_by_text(re.compile(r"In meters by 1 known length, ± [\d.]+ %"))).to_be_visible()
         scene = place.service.get_scene(own)
         assert scene.scale == "METRIC" and scene.scaling is not None and scene.scaling.meters_per_unit < 1

@@ -32,6 +32,29 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser, scheme:
         visit.check_accessible()
 
 
+def test_scenes_are_found_by_name_and_by_the_things_in_them(place: Place, browser: Browser) -> None:
+    other = place.new_scene("workshop")
+    with visiting(browser, place.url) as visit:
+        page, cards = visit.page, visit.page.get_by_role("list", name="Scenes").get_by_role("link")
+        expect(cards).to_have_count(2)
+        page.get_by_label("Sort by").select_option("By name")
+        expect(cards.first).to_contain_text("a table")
+        field = page.get_by_role("searchbox")
+        field.fill("work")
+        expect(cards).to_have_count(1)
+        expect(cards.first).to_contain_text("workshop")
+        field.fill("ball")
+        expect(page.get_by_text("No scene is called “ball”.")).to_be_visible()
+        field.press("Enter")
+        found = page.get_by_role("region", name="“ball”: in 2 of 2 scenes")
+        expect(found.get_by_role("link")).to_have_count(2)
+        expect(found.locator("img")).to_have_count(2)
+        visit.check_accessible()
+        found.get_by_role("link", name="workshop").click()
+        expect(page.locator(".verdict.here")).to_be_visible()
+        assert f"#/scenes/{other}?q=ball" in page.url
+
+
 def test_a_name_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
     place.new_scene(_MARKUP)
     with visiting(browser, place.url) as visit:

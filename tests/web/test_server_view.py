@@ -104,7 +104,7 @@ def test_things_are_pointed_at_and_clicked(place: Place, browser: Browser) -> No
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
         page, canvas = visit.page, visit.page.locator("canvas")
         _shows(page, "plain$")
-        expect(page.get_by_role("heading", name="Things")).to_be_visible()
+        visit.scene_shown()
         box = canvas.bounding_box()
         assert box is not None
         middle = {"x": box["width"] / 2, "y": box["height"] / 2 - 10}

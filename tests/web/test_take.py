@@ -35,7 +35,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
     file = place.service.exports.file
     with visiting(browser, place.url, f"#/scenes/{scene_id}?q=mug&view={_VIEW}") as visit:
         _wait_for(visit, "answer$")
-        visit.page.locator("summary", has_text="Take away").click()
+        visit.tab("Share")
         assert _saved(visit, "PLY, exact") == ("a _b_table_b.ply", file(ExportRequest(scene_id, "ply")))
         assert _saved(visit, "SPZ, compressed") == ("a _b_table_b.spz", file(ExportRequest(scene_id, "spz")))
         assert _saved(visit, "SOG, smallest") == ("a _b_table_b.sog", file(ExportRequest(scene_id, "sog")))
@@ -57,8 +57,8 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
         _, content = _saved(visit, "nerfstudio transforms.json")
         assert content == place.service.camera_file(scene_id, "transforms")
 
-        things = visit.page.get_by_role("region", name="Things")
-        things.get_by_role("button", name="ball", exact=True).click()
+        visit.tab("Things").get_by_role("button", name="ball", exact=True).click()
+        visit.tab("Share")
         (ball,) = [thing for thing in place.service.answers.list_things(scene_id).things if thing.name == "ball"]
         name, content = _saved(visit, "Only ball as PLY")
         assert name == "ball.ply" and content == file(ExportRequest(scene_id, "ply", things=(ball.id,)))
@@ -69,7 +69,7 @@ def test_what_cannot_be_taken_is_said(place: Place, browser: Browser) -> None:
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}", viewport={"width": 390, "height": 844}) as visit:
         _wait_for(visit, "plain$")
         visit.expected += ["404", "409"]
-        visit.page.locator("summary", has_text="Take away").click()
+        visit.tab("Share")
         visit.page.get_by_role("button", name="Make a link").click()
         expect(visit.page.get_by_role("alert")).to_contain_text("This server asks nobody for a key")
         assert visit.fits()
@@ -84,7 +84,7 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
         visit.page.get_by_label("Access key").fill(guarded.new_key("admin"))
         visit.page.get_by_role("button", name="Sign in").click()
         _wait_for(visit, "plain$")
-        visit.page.locator("summary", has_text="Take away").click()
+        visit.tab("Share")
         visit.page.get_by_label("For whom").fill("Ada <b>")
         visit.page.get_by_role("button", name="Make a link").click()
         link = visit.page.get_by_label("The link; it is shown this once").input_value()
@@ -103,10 +103,12 @@ def test_a_link_shows_one_scene_until_it_is_revoked(guarded: Place, browser: Bro
             visitor.page.get_by_role("searchbox").fill("ball")
             expect(visitor.page.locator(".verdict.here")).to_be_visible()
             expect(visitor.page).to_have_url(re.compile(r"q=ball.*share=fsk_"))
-            things = visitor.page.get_by_role("region", name="Things")
-            things.get_by_role("button", name="mug", exact=True).click()
+            visitor.tab("Things").get_by_role("button", name="mug", exact=True).click()
             expect(visitor.page.get_by_role("button", name="Look at it")).to_be_visible()
             for absent in ("Save the name", "Discard", "Delete scene", "Name the next one", "Undo", "Make a link"):
+                expect(visitor.page.get_by_role("button", name=absent)).to_have_count(0)
+            visitor.tab("Share")
+            for absent in ("Delete scene", "Make a link"):
                 expect(visitor.page.get_by_role("button", name=absent)).to_have_count(0)
             visitor.check_accessible()
             assert visitor.page.evaluate("localStorage.getItem('fastsplat-key')") is None

@@ -40,6 +40,7 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, we
         card.get_by_label("Name", exact=True).fill("violin")
         card.get_by_role("button", name="Save the name").click()
         expect(page.get_by_text("Named “violin”.")).to_be_visible()
+        visit.tab("Ask")
         page.get_by_role("searchbox").fill("violin")
         expect(page.locator(".verdict.here")).to_be_visible()
         expect(page.get_by_role("button", name="Look at violin 1")).to_be_visible()
@@ -51,7 +52,7 @@ def test_a_thing_is_clicked_named_asked_for_and_the_name_undone(place: Place, we
         expect(page.locator(".verdict.here")).to_be_visible()
         page.get_by_role("button", name="Undo").click()
         expect(page.get_by_text("Not here")).to_be_visible()
-        expect(page.locator(".thing-list")).to_contain_text("ball")
+        expect(visit.tab("Things").locator(".thing-list")).to_contain_text("ball")
         page.reload()
         expect(page.get_by_text("Not here")).to_be_visible()
     (first, *_) = place.service.versions.all(own)
@@ -108,7 +109,7 @@ def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> Non
 def test_two_things_are_merged_and_one_discarded(place: Place, browser: Browser, own: str) -> None:
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
-        page, rows = visit.page, visit.page.locator(".thing-list li")
+        page, rows = visit.page, visit.tab("Things").locator(".thing-list li")
         page.get_by_role("checkbox", name="Select mug").check()
         page.get_by_role("checkbox", name="Select ball").check()
         expect(page.get_by_role("heading", name="2 things selected")).to_be_visible()
@@ -130,6 +131,7 @@ def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, brow
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
         page = visit.page
+        visit.tab("Things")
         expect(page.get_by_text("3 things without a name")).to_be_visible()
         page.get_by_role("button", name="Name the next one").focus()
         page.keyboard.press("Enter")
@@ -148,7 +150,7 @@ def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> No
     with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
         canvas = visit.scene_shown()
         expect(visit.page.locator(".ask")).to_contain_text(MARKUP)
-        visit.page.locator(".thing-list").get_by_role("button", name=MARKUP).click()
+        visit.tab("Things").locator(".thing-list").get_by_role("button", name=MARKUP).click()
         expect(visit.page.locator(".thing-card h2")).to_have_text(MARKUP)
         assert canvas.is_visible() and visit.page.locator("b, main script").count() == 0
 
@@ -157,7 +159,7 @@ def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: 
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
         place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
-        expect(visit.page.locator(".thing-list")).to_contain_text("volcano")
+        expect(visit.tab("Things").locator(".thing-list")).to_contain_text("volcano")
         expect(visit.page.get_by_text("The scene has changed.")).to_be_visible()
 
 
@@ -168,7 +170,30 @@ def test_a_name_that_another_person_gave_meanwhile_is_not_lost(place: Place, bro
         visit.page.route("**/versions", lambda route: route.abort())  # the page does not notice
         visit.expected.append("ERR_FAILED")
         place.service.versions.edit(own, [Edit("name", things=(1,), name="volcano")])
-        visit.page.locator(".thing-list").get_by_role("button", name="mug").click()
+        visit.tab("Things").locator(".thing-list").get_by_role("button", name="mug").click()
         visit.page.locator(".thing-card").get_by_label("Name", exact=True).fill("moon")
         visit.page.get_by_role("button", name="Save the name").click()
         expect(visit.page.get_by_role("alert").first).to_contain_text("volcano")
+
+
+def test_things_are_walked_to_and_selected_by_keyboard_in_the_picture(place: Place, browser: Browser) -> None:
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+        canvas, page = visit.scene_shown(), visit.page
+        canvas.focus()
+        page.keyboard.press("Enter")
+        expect(canvas).to_have_attribute("data-hovered", "2")  # the ball, in the middle
+        page.keyboard.press("ArrowRight")
+        expect(canvas).to_have_attribute("data-hovered", "3")
+        for _ in range(2):
+            page.keyboard.press("ArrowLeft")
+        expect(canvas).to_have_attribute("data-hovered", "1")
+        visit.at_rest()
+        assert f"view={_VIEW}" in page.url or "view=" not in page.url  # nobody turns the view meanwhile
+        page.keyboard.press("Enter")
+        expect(page.locator(".thing-card").get_by_role("heading", name="mug")).to_be_visible()
+        page.keyboard.press("Escape")
+        expect(canvas).to_have_attribute("data-hovered", "0")
+        page.keyboard.press("Escape")
+        expect(page.locator(".thing-card")).to_have_count(0)
+        page.keyboard.press("/")
+        expect(page.get_by_role("searchbox")).to_be_focused()

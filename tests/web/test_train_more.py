@@ -11,7 +11,7 @@ from tests.web.places import Place
 def test_a_scene_is_trained_further(place: Place, browser: Browser, own: str) -> None:
     service, address = place.service, f"#/scenes/{own}"
     with visiting(browser, place.url, address, viewport={"width": 390, "height": 844}) as visit:
-        visit.page.locator("summary", has_text="Train further").click()
+        visit.tab("Photos").locator("summary", has_text="Train further").click()
         button = visit.page.get_by_role("button", name="Train further", exact=True)
         visit.page.get_by_label("How thoroughly").select_option("draft")
         button.click()

@@ -19,7 +19,7 @@ def test_places_for_the_next_photos_are_listed_drawn_and_flown_to(place: Place, 
         visit.scene_shown()
         cameras = visit.page.locator(".frusta.hollow [data-next]")
         expect(cameras).to_have_count(0)
-        visit.page.get_by_text("Where to stand next").click()
+        visit.tab("Photos").get_by_text("Where to stand next").click()
         rows = visit.page.locator(".improve li")
         expect(rows).to_have_count(len(photos))
         for number, photo in enumerate(photos):

@@ -1,6 +1,7 @@
 import "./styles/base.css";
 import "./styles/scenes.css";
 import "./styles/scene.css";
+import "./ask/ask.css";
 import "./serverView/serverView.css";
 import "./look/look.css";
 import "./styles/change.css";

@@ -91,6 +91,12 @@ export async function ask(
   return answer;
 }
 
+/** The answer of each ready scene to one text, with the objects that answer. */
+export async function askEveryScene(text: string, signal?: AbortSignal): Promise<readonly Answer[]> {
+  const query = new URLSearchParams({ text, outputs: "objects" });
+  return (await getJson<QueryOut>(`query?${query}`, signal)).answers;
+}
+
 /** What a free viewpoint shows at a pixel of it, with its masks there: in the picture, and of Gaussians if asked for. */
 export function pick(
   sceneId: string,

@@ -1,27 +1,31 @@
+import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 
 import type { Match, SceneObject } from "../api/types";
-import { BestPhotos } from "../look/BestPhotos";
+import { ThingPicture } from "../look/ThingPicture";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "./askParts";
+import { FollowUps } from "./FollowUps";
 import { knownNames } from "./knownNames";
 
 const TYPING_MS = 350;
-const SHOWN_MATCHES = 6;
-const SHOWN_LABELS = 30;
+const SHOWN_MATCHES = 4;
+const SHOWN_LABELS = 16;
 
 interface Properties {
   state: SceneState;
   onAsk: () => void;
-  onFly: (middle: Vec, size: number) => void;
+  onFly: (middle: Vec, size: number, views?: readonly string[]) => void;
+  /** What can be done about something that is not here. */
+  lookAgain: (text: string) => ComponentChildren;
 }
 
 /** A question, answered as typing stops. */
-export function AskPanel({ state, onAsk, onFly }: Properties) {
+export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
   const asked = state.text.value;
   // What is typed belongs to the question it was typed over: an effect would run after the first keys of a fast typist.
   const [draft, setDraft] = useState({ over: asked, text: asked });
@@ -30,7 +34,11 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
   const answer = state.answer.value;
 
   useEffect(() => () => window.clearTimeout(timer.current), []);
-  const flyTo = ({ box }: SceneObject) => onFly(centerOf(box), boxSize(box));
+  const flyTo = ({ box, best_views: views }: SceneObject) => onFly(centerOf(box), boxSize(box), views);
+  const flyToThing = (id: number) => {
+    const box = state.things.value?.find((thing) => thing.id === id)?.box;
+    if (box) onFly(centerOf(box), boxSize(box));
+  };
   const ask = (text: string) => {
     window.clearTimeout(timer.current);
     void state.ask(text).then(() => {
@@ -44,10 +52,13 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
+  const unnamed = new Set(state.things.value?.filter((thing) => !thing.name).map((thing) => thing.id));
   const labels = knownNames(state.things.value ?? []).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
-      <h2 id="ask-title">{texts.ask.title}</h2>
+      <h2 id="ask-title" class="sr-only">
+        {texts.ask.title}
+      </h2>
       <QuestionForm text={typed} placeholder={texts.ask.placeholder} onType={type} onAsk={() => ask(typed)} />
       {state.answerError.value !== null && <ErrorNote error={state.answerError.value} />}
       <div aria-live="polite" aria-busy={state.asking.value}>
@@ -55,11 +66,17 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
       </div>
       {answer && (
         <>
-          <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
-          {(answer.outcome === "here" || answer.outcome === "probably_here") && (
-            <BestPhotos state={state} text={answer.text} />
-          )}
-          <Matches matches={answer.matches.slice(0, SHOWN_MATCHES)} onAsk={type} />
+          <ObjectChips
+            objects={answer.objects ?? []}
+            onFly={flyTo}
+            picture={({ thing_id: id }) => unnamed.has(id) && <ThingPicture state={state} thing={id} />}
+          />
+          <FollowUps state={state} answer={answer} onAsk={type} onThing={flyToThing} lookAgain={lookAgain} />
+          <Others
+            title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}
+            matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)}
+            onAsk={type}
+          />
         </>
       )}
       {!answer && labels.length > 0 && <KnownLabels labels={labels} onAsk={type} />}
@@ -67,29 +84,26 @@ export function AskPanel({ state, onAsk, onFly }: Properties) {
   );
 }
 
-function Matches({ matches, onAsk }: { matches: Match[]; onAsk: (text: string) => void }) {
+/** What else may be meant, with how well each fits. */
+function Others({ title, matches, onAsk }: { title: string; matches: Match[]; onAsk: (text: string) => void }) {
+  if (matches.length === 0) return null;
   return (
     <>
-      <h3>{texts.ask.matches}</h3>
-      <ol class="matches">
-        {matches.map((match) => {
-          const share = match.probability ?? match.relevancy;
-          return (
-            <li key={match.label_id} class={match.relevant ? "relevant" : ""}>
-              <button
-                type="button"
-                class="plain"
-                aria-label={texts.ask.askFor(match.label)}
-                onClick={() => onAsk(match.label)}
-              >
-                {match.label}
-              </button>
-              <meter min={0} max={1} value={share} aria-label={match.label} />
-              <span class="hint figure">{texts.job.percent(share)}</span>
-            </li>
-          );
-        })}
-      </ol>
+      <h3>{title}</h3>
+      <ul class="chips">
+        {matches.map((match) => (
+          <li key={match.label_id}>
+            <button
+              type="button"
+              class="chip"
+              aria-label={texts.ask.askFor(match.label)}
+              onClick={() => onAsk(match.label)}
+            >
+              {match.label} <span class="hint">{texts.job.percent(match.probability ?? match.relevancy)}</span>
+            </button>
+          </li>
+        ))}
+      </ul>
     </>
   );
 }

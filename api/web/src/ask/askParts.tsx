@@ -1,5 +1,10 @@
+import type { ComponentChildren } from "preact";
+
 import type { Answer, SceneObject } from "../api/types";
 import { texts } from "../texts";
+import type { IconName } from "../ui/Icon";
+import { Icon } from "../ui/Icon";
+import { spoken } from "./spoken";
 
 /** The parts of a question that a page with a server and a file without one share. */
 
@@ -39,18 +44,47 @@ export function QuestionForm({
   );
 }
 
-/** The sentence that the server says. */
+const ICONS: Record<Answer["outcome"], IconName> = {
+  here: "here",
+  probably_here: "maybe",
+  not_here: "absent",
+  not_seen: "unseen",
+  cannot_say: "help",
+};
+
+/** The sentence that the server says: its first word large, its figure beside it. */
 export function Verdict({ answer }: { answer: Pick<Answer, "outcome" | "sentence"> }) {
-  return <p class={`verdict ${answer.outcome}`}>{answer.sentence}</p>;
+  const { word, figure, rest } = spoken(answer.sentence);
+  return (
+    <p class={`verdict ${answer.outcome}`}>
+      {word && (
+        <>
+          <Icon name={ICONS[answer.outcome]} />
+          <strong class="verdict-word">{word}</strong>
+          {figure && (
+            <span class="verdict-figure">
+              <span class="sr-only"> (</span>
+              {figure}
+              <span class="sr-only">)</span>
+            </span>
+          )}
+          <span class="sr-only">{rest ? ": " : "."}</span>
+        </>
+      )}
+      {rest && <span class="verdict-text">{rest}</span>}
+    </p>
+  );
 }
 
-/** The objects of an answer, to fly to. */
+/** The objects of an answer, to fly to; `picture` shows one that no name tells from others. */
 export function ObjectChips({
   objects,
   onFly,
+  picture = () => null,
 }: {
   objects: readonly SceneObject[];
   onFly: (object: SceneObject) => void;
+  picture?: (object: SceneObject) => ComponentChildren;
 }) {
   if (objects.length === 0) return null;
   return (
@@ -65,6 +99,7 @@ export function ObjectChips({
               aria-label={texts.ask.flyTo(object.label, index + 1)}
               onClick={() => onFly(object)}
             >
+              {picture(object)}
               {object.label} {index + 1}
             </button>
           </li>

@@ -38,7 +38,7 @@ export function RulerNote({ state }: { state: SceneState }) {
   const { measured } = ruler;
   const point = parsePoint(typed);
   return (
-    <div class="viewer-note tool">
+    <div class="note tool-note">
       <p role="status">
         {measured?.distance
           ? texts.change.apart(texts.change.length(measured.distance, measured.meters))
@@ -89,7 +89,6 @@ function KnownLengthForm({ state }: { state: SceneState }) {
         if (fits) void send();
       }}
     >
-      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
       <label>
         {texts.change.reallyMeters}
         <input

@@ -1,22 +1,27 @@
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { ErrorNote } from "../ui/parts";
 import { MiddleButton } from "./MiddleButton";
 import { endPrompt } from "./prompts";
 import { RulerLine, RulerNote } from "./Ruler";
 import { ComparedNote } from "./VersionsPanel";
 
-/** Over the picture: what the next click means, and the crosshair for those who do not click. */
+/** What the next click in the view means. */
 export function ToolNote({ state }: { state: SceneState }) {
-  const { change } = state;
-  const takesPlaces = change.onPlace.value !== null;
   return (
     <>
       <ComparedNote state={state} />
       <PromptNote state={state} />
       <RulerNote state={state} />
+    </>
+  );
+}
+
+/** Over the picture: what was clicked, and the crosshair for those who do not click. */
+export function ToolMarks({ state }: { state: SceneState }) {
+  return (
+    <>
       <RulerLine state={state} />
-      {takesPlaces && <div class="crosshair" aria-hidden="true" />}
+      {state.change.onPlace.value !== null && <div class="crosshair" aria-hidden="true" />}
     </>
   );
 }
@@ -26,7 +31,7 @@ function PromptNote({ state }: { state: SceneState }) {
   if (!tool) return null;
   const first = tool.kind === "split" ? texts.change.splitClick : texts.change.addClick;
   return (
-    <div class="viewer-note tool">
+    <div class="note tool-note">
       <p role="status">
         {state.busy.value
           ? texts.change.promptWaits
@@ -34,7 +39,6 @@ function PromptNote({ state }: { state: SceneState }) {
             ? texts.change.promptMade(tool.made.id, tool.made.count)
             : first}
       </p>
-      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
       <div class="buttons">
         <MiddleButton state={state} />
         {tool.made && (

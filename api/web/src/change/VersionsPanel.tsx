@@ -1,14 +1,10 @@
-import { useEffect } from "preact/hooks";
-
 import type { SceneVersion } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { undoKeys } from "./shortcuts";
 import { describeVersion, lineOf } from "./versionTexts";
 
 /** Every version of the scene, newest first: what made it, when, by whom; any can be restored, or looked at beside. */
 export function VersionsPanel({ state }: { state: SceneState }) {
-  useEffect(() => undoKeys(state), [state]);
   const versions = state.versions.value;
   const line = lineOf(versions, state.scene.value?.version ?? "");
   return (
@@ -70,12 +66,12 @@ function Row({ state, version, undone }: { state: SceneState; version: SceneVers
   );
 }
 
-/** Over the picture while another version is on show. */
+/** While another version is on show. */
 export function ComparedNote({ state }: { state: SceneState }) {
   const version = state.versions.value.find((each) => each.version === state.compared.value);
   if (!version) return null;
   return (
-    <p class="viewer-note compared" role="status">
+    <p class="note tool-note" role="status">
       {texts.change.comparing(describeVersion(version))}{" "}
       <button type="button" class="plain" onClick={() => (state.compared.value = "")}>
         {texts.change.compareEnd}

@@ -18,6 +18,7 @@ test("those without a name for which the name is likely come likeliest first", (
     thing(6, "", ["mug", 0.79]),
     thing(4, "", ["cup", 0.8]),
     thing(5, "", ["mug", 0.9, "another scene"]),
+    thing(6, "", ["mug", 0.1]),
   ];
   expect(lookAlikes(things, "mug").map((each) => each.id)).toEqual([3, 2]);
   expect(lookAlikes(things, "mug", new Set([3])).map((each) => each.id)).toEqual([2]);

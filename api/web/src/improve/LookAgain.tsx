@@ -3,7 +3,7 @@ import { texts } from "../texts";
 import { SceneOrder } from "./SceneOrder";
 
 /** Names to search the scene for once more, by the server's open-set detector; what came of it. */
-export function LookAgain({ sceneId, onDone }: { sceneId: string; onDone: () => void }) {
+export function LookAgain({ sceneId, onDone, word = "" }: { sceneId: string; onDone: () => void; word?: string }) {
   return (
     <SceneOrder
       sceneId={sceneId}
@@ -15,7 +15,7 @@ export function LookAgain({ sceneId, onDone }: { sceneId: string; onDone: () => 
     >
       <label>
         {texts.lookAgain.names}
-        <input name="names" required autocomplete="off" />
+        <input name="names" required autocomplete="off" defaultValue={word} />
       </label>
     </SceneOrder>
   );

@@ -49,17 +49,17 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
         </div>
       )}
       <LeftOutFiles files={operation.left_out} />
+      <ol class="stages">
+        {operation.stages.map((stage, index) => (
+          <Stage key={stage.stage} stage={stage} active={!operation.done && index === operation.stages.length - 1} />
+        ))}
+      </ol>
       {(operation.preview || operation.placed) && (
         <div class="job-figures">
           {operation.preview && <JobPreview operationId={operation.id} info={operation.preview} />}
           {operation.placed && <PlacedView operationId={operation.id} info={operation.placed} />}
         </div>
       )}
-      <ol class="stages">
-        {operation.stages.map((stage, index) => (
-          <Stage key={stage.stage} stage={stage} active={!operation.done && index === operation.stages.length - 1} />
-        ))}
-      </ol>
       {!operation.done && <FinishButton operation={operation} busy={busy} act={act} />}
       {!operation.done && (
         <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>

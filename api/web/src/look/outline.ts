@@ -44,3 +44,15 @@ export function outlinePixels(
     }
   return pixels;
 }
+
+/** Left, top and side of the square around a mask's inside, with some of what is around it. */
+export function cropAround({ width, mask }: { width: number; mask: Uint8Array }): readonly [number, number, number] {
+  let [left, right, top, bottom] = [width, 0, mask.length / width, 0];
+  mask.forEach((inside, at) => {
+    if (!inside) return;
+    const [x, y] = [at % width, Math.floor(at / width)];
+    [left, right, top, bottom] = [Math.min(left, x), Math.max(right, x), Math.min(top, y), Math.max(bottom, y)];
+  });
+  const side = 1.25 * (Math.max(right - left, bottom - top, 0) + 1);
+  return [(left + right + 1 - side) / 2, (top + bottom + 1 - side) / 2, side];
+}

@@ -4,11 +4,10 @@ import type { SceneObject } from "../api/types";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "../ask/askParts";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
-import type { LookAt } from "../viewer/poses";
-import { lookAtBox } from "../viewer/poses";
 import { fromBase64, unpackBits } from "../viewer/states";
 import type { OfflineAnswer, SceneData } from "./data";
 import { nameOf, parameter, unzipped } from "./data";
+import type { FlyTo } from "./OfflineViewer";
 import { OfflineViewer } from "./OfflineViewer";
 
 /** What the file says to a text: what the server had said of that name, or that only the server can tell. */
@@ -19,11 +18,11 @@ export function OfflinePage({ data }: { data: SceneData }) {
   const [typed, setTyped] = useState(() => parameter("q"));
   const [reply, setReply] = useState<Reply | null>(() => replyTo(parameter("q"), data)); // nothing flies from its view
   const [found, setFound] = useState<Uint8Array | null>(null);
-  const flyTo = useRef<(aim: (now: LookAt) => LookAt) => void>(() => undefined);
+  const flyTo = useRef<FlyTo>(() => undefined);
   const answer = reply?.answer ?? null;
 
-  const lookAt = (object: SceneObject) =>
-    flyTo.current((now) => lookAtBox(now, centerOf(object.box), boxSize(object.box)));
+  const lookAt = ({ box, best_views: views }: SceneObject) =>
+    flyTo.current({ middle: centerOf(box), size: boxSize(box), views });
   const ask = (text: string) => {
     const next = replyTo(text, data);
     setTyped(text);
@@ -46,7 +45,7 @@ export function OfflinePage({ data }: { data: SceneData }) {
   return (
     <main class="scene offline-scene">
       <OfflineViewer data={data} found={found} flyTo={flyTo} />
-      <aside class="panel">
+      <aside class="panel tab-body">
         <h1>{data.name || texts.scenes.untitled}</h1>
         <p class="hint">{texts.offline.about}</p>
         <section class="ask" aria-labelledby="ask-title">

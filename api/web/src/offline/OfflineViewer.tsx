@@ -2,21 +2,28 @@ import type { MutableRef } from "preact/hooks";
 import { useEffect, useRef, useState } from "preact/hooks";
 
 import { texts } from "../texts";
+import { Icon } from "../ui/Icon";
+import { aspectOf, CameraBound } from "../viewer/cameraBound";
 import { CameraMotion } from "../viewer/cameraMotion";
 import { Controls } from "../viewer/controls";
-import type { LookAt } from "../viewer/poses";
 import { firstView, parseView } from "../viewer/poses";
+import { SeenField } from "../viewer/seenField";
 import { SplatView } from "../viewer/splatView";
 import { readSpz } from "../viewer/spz";
 import { fromBase64, statesOf } from "../viewer/states";
+import type { Sight } from "../viewer/viewpoints";
+import { viewOfSight } from "../viewer/viewpoints";
 import type { SceneData } from "./data";
 import { parameter } from "./data";
+
+/** Moves the camera to where something is seen best. */
+export type FlyTo = (sight: Sight) => void;
 
 interface Properties {
   data: SceneData;
   /** Bytes by row, 1 for what glows; null for nothing. */
   found: Uint8Array | null;
-  flyTo: MutableRef<(aim: (now: LookAt) => LookAt) => void>;
+  flyTo: MutableRef<FlyTo>;
 }
 
 /** The scene of this file in 3D, with what was found in a color of its own. */
@@ -34,9 +41,13 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
     const camera = new CameraMotion(parseView(parameter("view"), start.up) ?? start, (now, resting) =>
       made?.setView(now, resting),
     );
-    flyTo.current = (aim) => camera.flyTo(aim(camera.view));
+    let bound: CameraBound | null = null;
+    flyTo.current = (sight) => {
+      const size = { width: element.clientWidth, height: element.clientHeight };
+      camera.flyTo(viewOfSight(sight, data.cameras, camera.view, size, (view) => bound?.shows(view) ?? true));
+    };
     goHome.current = () => camera.flyTo(start);
-    const controls = new Controls(element, camera, goHome.current);
+    const controls = new Controls(element, camera, goHome.current, (gesture) => bound?.bounded(gesture) ?? gesture(1));
     const resize = () => {
       const ratio = Math.min(window.devicePixelRatio, 2);
       made?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
@@ -49,7 +60,9 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
         made = created;
         made.setView(camera.view);
         resize();
-        made.setSplat(await splat);
+        const read = await splat;
+        made.setSplat(read);
+        bound = new CameraBound(new SeenField(read, data.cameras), data.cameras, () => aspectOf(element));
         setView(made);
       },
       () => setProblem(texts.offline.noWebGL),
@@ -69,28 +82,36 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
   }, [view, found, data]);
 
   return (
-    <section class="viewer" aria-label={texts.scene.canvas}>
-      <canvas
-        ref={canvas}
-        tabIndex={0}
-        role="application"
-        aria-label={texts.scene.canvas}
-        aria-describedby="canvas-help"
-      />
-      {(problem || !view) && (
-        <p class="viewer-note" role="status">
-          {problem || texts.loading}
-        </p>
-      )}
-      <div class="viewer-tools">
-        <button type="button" onClick={() => goHome.current()}>
+    <div class="stage">
+      <div class="toolbar" role="group" aria-label={texts.scene.tools}>
+        <button type="button" class="tool" onClick={() => goHome.current()}>
+          <Icon name="home" />
           {texts.scene.home}
         </button>
         <details>
-          <summary>{texts.scene.help}</summary>
-          <p id="canvas-help">{texts.scene.canvasHelp}</p>
+          <summary>
+            <Icon name="help" />
+            {texts.scene.help}
+          </summary>
+          <p class="tool-help" id="canvas-help">
+            {texts.scene.canvasHelp}
+          </p>
         </details>
       </div>
-    </section>
+      <section class="viewer" aria-label={texts.scene.canvas}>
+        <canvas
+          ref={canvas}
+          tabIndex={0}
+          role="application"
+          aria-label={texts.scene.canvas}
+          aria-describedby="canvas-help"
+        />
+        {(problem || !view) && (
+          <p class="viewer-note" role="status">
+            {problem || texts.loading}
+          </p>
+        )}
+      </section>
+    </div>
   );
 }

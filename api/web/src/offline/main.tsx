@@ -1,5 +1,6 @@
 import "../styles/base.css";
 import "../styles/scene.css";
+import "../ask/ask.css";
 import "./offline.css";
 
 import { render } from "preact";

@@ -6,15 +6,19 @@ export function AssessmentNote({ assessment }: { assessment: Assessment }) {
   const { grade, findings } = assessment;
   return (
     <section class={`assessment ${grade}`} aria-label={texts.assessment.title}>
-      <p>{texts.assessment.grades[grade]}</p>
-      {findings.length > 0 && (
-        <ul>
-          {findings.map((finding) => (
-            <li key={finding.reason}>
-              {finding.message} {finding.advice}
-            </li>
-          ))}
-        </ul>
+      {findings.length === 0 ? (
+        <p class="grade">{texts.assessment.grades[grade]}</p>
+      ) : (
+        <details>
+          <summary class="grade">{texts.assessment.grades[grade]}</summary>
+          <ul>
+            {findings.map((finding) => (
+              <li key={finding.reason}>
+                {finding.message} {finding.advice}
+              </li>
+            ))}
+          </ul>
+        </details>
       )}
     </section>
   );

@@ -4,32 +4,19 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { go, replaceAddress, route, sceneAddress } from "../address/router";
 import { isShared } from "../address/share";
 import { deleteScene } from "../api/calls";
-import { AskPanel } from "../ask/AskPanel";
-import { LookAlikes } from "../change/LookAlikes";
-import { MovePanel } from "../change/MovePanel";
-import { ScaleFacts } from "../change/Ruler";
-import { VersionsPanel } from "../change/VersionsPanel";
-import { LookAgain } from "../improve/LookAgain";
-import { NextPhotos } from "../improve/NextPhotos";
-import { TrainMore } from "../improve/TrainMore";
 import { JobPanel } from "../jobs/JobPanel";
 import { useJob } from "../jobs/useJob";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
 import { SceneState } from "../state/sceneState";
-import { SharedThing } from "../take/SharedThing";
-import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
-import { ThingList } from "../things/ThingList";
-import { ThingPanel } from "../things/ThingPanel";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
-import { firstView, lookAtBox, lookFrom, parseView, viewText } from "../viewer/poses";
-import type { Vec } from "../viewer/vectors";
-import { AssessmentNote } from "./AssessmentNote";
+import { firstView, lookFrom, parseView, viewText } from "../viewer/poses";
 import { DeleteScene } from "./DeleteScene";
-import { SceneFacts } from "./SceneFacts";
 import { SceneName } from "./SceneName";
+import { ScenePanel } from "./ScenePanel";
+import { Toolbar } from "./Toolbar";
 import type { ViewerHandle } from "./Viewer";
 import { Viewer } from "./Viewer";
 
@@ -73,6 +60,8 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       batch(() => {
         state.askedVersion.value = current.version;
         state.selected.value = current.things;
+        if (current.text) state.tab.value = "ask";
+        else if (current.things.length > 0) state.tab.value = "things";
       });
       if (current.text !== state.text.value.trim()) void state.ask(current.text);
       if (current.view) viewer.current?.flyTo((now) => parseView(current.view, now.up) ?? now);
@@ -128,7 +117,6 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
         <Loading />
       </section>
     );
-  const fly = (middle: Vec, size: number) => viewer.current?.flyTo((now) => lookAtBox(now, middle, size));
   const name = scene.name || texts.scenes.untitled;
   const remove = (
     <DeleteScene
@@ -150,73 +138,31 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     );
   return (
     <div class="scene">
-      <Viewer
-        state={state}
-        first={first}
-        handle={viewer}
-        onView={(moved) => {
-          view.current = moved;
-          note();
-        }}
-      />
-      <aside class="panel">
-        <SceneName scene={scene} onChange={() => state.refresh()} />
-        {!state.isCurrent.value && (
-          <p class="note">
-            {texts.scene.oldVersion}{" "}
-            <a href={sceneAddress(sceneId, { text: state.text.value, things: state.selected.value })}>
-              {texts.scene.toCurrent}
-            </a>
-          </p>
-        )}
-        {changed && (
-          <p class="note" role="status">
-            {texts.scene.changedElsewhere}
-          </p>
-        )}
-        <AskPanel state={state} onAsk={note} onFly={fly} />
-        {isShared ? (
-          <SharedThing state={state} onFly={fly} />
-        ) : (
-          <>
-            <MovePanel state={state} />
-            <LookAlikes state={state} onFly={fly} />
-            <ThingPanel state={state} onFly={fly} />
-          </>
-        )}
-        <ThingList state={state} onFly={fly} />
-        <SceneFacts scene={scene} />
-        <TakeAway
+      <div class="stage">
+        <Toolbar state={state} onHome={() => viewer.current?.goHome()} />
+        <Viewer
           state={state}
-          scene={scene}
-          view={() => {
-            const start = firstView(scene.cameras);
-            return view.current ?? parseView(first, start.up) ?? start;
+          first={first}
+          handle={viewer}
+          onView={(moved) => {
+            view.current = moved;
+            note();
           }}
         />
-        {!isShared && (
-          <>
-            <VersionsPanel state={state} />
-            <LookAgain sceneId={sceneId} onDone={() => void state.refresh()} />
-          </>
-        )}
-        <ScaleFacts state={state} />
-        {scene.assessment && <AssessmentNote assessment={scene.assessment} />}
-        {!isShared && (
-          <NextPhotos
-            sceneId={sceneId}
-            version={state.version.value}
-            onFly={(camera) => viewer.current?.flyTo((now) => lookFrom(camera, now))}
-          />
-        )}
-        {!isShared && <TrainMore sceneId={sceneId} onDone={() => void state.refresh()} />}
-        {!isShared && (
-          <>
-            <PhotosPanel sceneId={sceneId} ready />
-            {remove}
-          </>
-        )}
-      </aside>
+      </div>
+      <ScenePanel
+        state={state}
+        scene={scene}
+        changed={changed}
+        view={() => {
+          const start = firstView(scene.cameras);
+          return view.current ?? parseView(first, start.up) ?? start;
+        }}
+        onAsk={note}
+        onFly={(middle, size, views) => viewer.current?.flyToSight({ middle, size, views })}
+        onStand={(camera) => viewer.current?.flyTo((now) => lookFrom(camera, now))}
+        remove={remove}
+      />
     </div>
   );
 }

@@ -2,15 +2,13 @@ import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
-import { isShared } from "../address/share";
 import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
-import { ChangeMenu } from "../change/ChangeMenu";
 import { Gizmo } from "../change/Gizmo";
-import { ToolNote } from "../change/ToolNote";
+import { ToolMarks } from "../change/ToolNote";
 import { HollowCameras } from "../improve/NextPhotos";
 import { Frusta } from "../look/Frusta";
-import { Legend, LookMenu } from "../look/LookMenu";
+import { GlowLegend, Legend } from "../look/Legend";
 import { PhotoCompare } from "../look/PhotoCompare";
 import { useColors } from "../look/useColors";
 import { ServerView } from "../serverView/ServerView";
@@ -18,20 +16,30 @@ import { hasWebGL, useServerView } from "../serverView/useServerView";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
+import type { Gesture } from "../viewer/cameraBound";
+import { aspectOf, CameraBound } from "../viewer/cameraBound";
 import { CameraMotion } from "../viewer/cameraMotion";
 import { Controls } from "../viewer/controls";
 import { LoadedSplats } from "../viewer/loadedSplats";
 import type { LookAt } from "../viewer/poses";
-import { firstView, parseView, rescaled } from "../viewer/poses";
+import { firstView, parseView, rescaled, viewText } from "../viewer/poses";
 import { readSplat } from "../viewer/readSplat";
+import { SeenField } from "../viewer/seenField";
 import type { SplatView } from "../viewer/splatView";
 import { statesOf } from "../viewer/states";
+import type { Sight } from "../viewer/viewpoints";
+import { viewOfSight } from "../viewer/viewpoints";
 import { Pointing } from "./pointing";
+import { Walking } from "./walking";
 
 /** What other parts of the page may ask of the 3D view. */
 export interface ViewerHandle {
+  /** Flies to the first view. */
+  goHome(): void;
   /** Moves the camera to where `aim` says, seen from where it is. */
   flyTo(aim: (now: LookAt) => LookAt): void;
+  /** Moves it to where something is seen best. */
+  flyToSight(sight: Sight): void;
 }
 
 interface Properties {
@@ -50,6 +58,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const [share, setShare] = useState<number | null>(0);
   const [error, setError] = useState<unknown>(null);
   const serverView = useSignal<ServerView | null>(null); // where the browser cannot draw
+  const bound = useSignal<CameraBound | null>(null);
+  const [unseen, setUnseen] = useState(false);
   const motion = useRef<CameraMotion | null>(null);
   const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
@@ -71,11 +81,26 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       serverView.peek()?.setView(now, resting);
       state.look.moved(now, resting);
       state.change.view.value = now;
-      if (resting) latest.current(now);
+      element.dataset["view"] = viewText(now);
+      if (!resting) return;
+      setUnseen(bound.peek()?.showsNothing(now) ?? false);
+      latest.current(now);
     });
     motion.current = camera;
-    handle.current = { flyTo: (aim) => camera.flyTo(aim(camera.view)) };
-    const controls = new Controls(element, camera, () => camera.flyTo(home.current ?? start));
+    const goHome = () => camera.flyTo(home.current ?? start);
+    const sizeNow = () => ({ width: element.clientWidth, height: element.clientHeight });
+    handle.current = {
+      goHome,
+      flyTo: (aim) => camera.flyTo(aim(camera.view)),
+      flyToSight: (sight) => {
+        const cameras = state.scene.peek()?.cameras ?? [];
+        const shown = (view: LookAt) => bound.peek()?.shows(view) ?? true;
+        camera.flyTo(viewOfSight(sight, cameras, camera.view, sizeNow(), shown));
+      },
+    };
+    const walking = new Walking(element, state);
+    const bounded = (gesture: Gesture) => bound.peek()?.bounded(gesture) ?? gesture(1);
+    const controls = new Controls(element, camera, goHome, bounded);
     const pointing = new Pointing(element, state, () => camera.view);
     state.look.attach({
       canvas: element,
@@ -87,8 +112,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     state.look.moved(camera.view, false);
     state.change.view.value = camera.view;
     const resize = () => {
-      state.look.resized({ width: element.clientWidth, height: element.clientHeight });
-      state.change.size.value = { width: element.clientWidth, height: element.clientHeight };
+      state.look.resized(sizeNow());
+      state.change.size.value = sizeNow();
       const ratio = Math.min(window.devicePixelRatio, 2);
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
@@ -130,6 +155,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     return () => {
       gone = true;
       observer.disconnect();
+      walking.destroy();
       controls.destroy();
       pointing.destroy();
       camera.stop();
@@ -164,6 +190,10 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         view.setSplat(splat);
         loaded.value = splat.count;
         setShare(null);
+        const [element, cameras] = [canvas.current, state.scene.peek()?.cameras ?? []];
+        if (!element) return;
+        bound.value = new CameraBound(new SeenField(splat, cameras), cameras, () => aspectOf(element));
+        setUnseen(motion.current !== null && bound.value.showsNothing(motion.current.view));
       },
       (problem: unknown) => {
         if (!controller.signal.aborted && !isAbort(problem)) setError(problem);
@@ -173,9 +203,11 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   });
 
   useSignalEffect(() => {
-    const [view, count, found] = [splatView.value, loaded.value, state.found.value];
+    const [view, count, lit] = [splatView.value, loaded.value, state.lit.value];
     if (!view || !count) return;
+    const found = lit === "answer" ? state.found.value : null;
     const mask = found?.length === count ? found : null;
+    const selected = lit === "selection" ? state.selected.value : [];
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     const part = state.partRows.value?.length === count ? state.partRows.value : null;
     view.setStates(
@@ -185,11 +217,11 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         mask,
         owners,
         view.isSlow ? 0 : state.hovered.value,
-        state.selected.value,
+        selected,
         (thing) => state.change.shows(thing),
-        part,
+        lit === "selection" ? part : null,
       ),
-      mask !== null || state.selected.value.length > 0,
+      mask !== null || selected.length > 0,
     );
     if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
   });
@@ -220,7 +252,16 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           {texts.scene.loading3d(Math.round(share * 100))}
         </p>
       )}
-      <ToolNote state={state} />
+      {unseen && share === null && (
+        <p class="viewer-note unseen" role="status">
+          {texts.scene.unseen}{" "}
+          <button type="button" onClick={() => handle.current?.goHome()}>
+            {texts.scene.backToSeen}
+          </button>
+        </p>
+      )}
+      <ToolMarks state={state} />
+      <GlowLegend state={state} />
       <Gizmo state={state} />
       {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
       {error !== null && (
@@ -228,17 +269,6 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           <ErrorNote error={error} />
         </div>
       )}
-      <div class="viewer-tools">
-        <button type="button" onClick={() => home.current && motion.current?.flyTo(home.current)}>
-          {texts.scene.home}
-        </button>
-        <LookMenu state={state} />
-        {!isShared && <ChangeMenu state={state} />}
-        <details>
-          <summary>{texts.scene.help}</summary>
-          <p id="canvas-help">{texts.scene.canvasHelp}</p>
-        </details>
-      </div>
     </section>
   );
 }

@@ -1,20 +1,30 @@
+import { useState } from "preact/hooks";
+
 import { sceneAddress } from "../address/router";
 import { listScenes } from "../api/calls";
-import type { SceneSummary } from "../api/types";
+import type { Assessment, SceneSummary } from "../api/types";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
+import type { Order } from "./arranged";
+import { arranged, ORDERS } from "./arranged";
 import { Thumbnail } from "./Thumbnail";
+import { WhereIs } from "./WhereIs";
 
 const BUSY_MS = 3_000;
 const QUIET_MS = 15_000;
 
-/** Every scene of the project, with a picture and its state. */
+/** Every scene of the project, with a photo and its state; found by name, or by the things in it. */
 export function ScenesPage() {
   const { value, error, reload } = useLoaded(listScenes, [], (scenes) =>
     scenes?.some((scene) => scene.state === "TRAINING") ? BUSY_MS : QUIET_MS,
   );
+  const [text, setText] = useState("");
+  const [asked, setAsked] = useState("");
+  const [order, setOrder] = useState<Order>("newest");
+  const some = value !== null && value.length > 0;
+  const listed = arranged(value ?? [], asked ? "" : text, order);
   return (
     <section class="scenes" aria-labelledby="scenes-title">
       <div class="title-row">
@@ -31,9 +41,48 @@ export function ScenesPage() {
           <p class="hint">{texts.scenes.emptyHint}</p>
         </div>
       )}
-      {value !== null && value.length > 0 && (
-        <ul class="cards">
-          {value.map((scene) => (
+      {some && (
+        <form
+          role="search"
+          class="find-scenes"
+          onSubmit={(event) => {
+            event.preventDefault();
+            setAsked(text.trim());
+          }}
+        >
+          <label class="sr-only" for="find">
+            {texts.scenes.find}
+          </label>
+          <input
+            id="find"
+            type="search"
+            value={text}
+            maxLength={1000}
+            placeholder={texts.scenes.findExample}
+            autocomplete="off"
+            onInput={(event) => {
+              setText(event.currentTarget.value);
+              setAsked("");
+            }}
+          />
+          <button disabled={!text.trim()}>{texts.scenes.askAll}</button>
+          <label class="sort">
+            <span class="sr-only">{texts.scenes.sort}</span>
+            <select value={order} onChange={(event) => setOrder(event.currentTarget.value as Order)}>
+              {ORDERS.map((name) => (
+                <option key={name} value={name}>
+                  {texts.scenes.orders[name]}
+                </option>
+              ))}
+            </select>
+          </label>
+        </form>
+      )}
+      {asked && value && <WhereIs key={asked} text={asked} scenes={value} />}
+      {some && listed.length === 0 && <p class="hint">{texts.scenes.noneNamed(text.trim())}</p>}
+      {listed.length > 0 && (
+        <ul class="cards" aria-label={texts.scenes.title}>
+          {listed.map((scene) => (
             <li key={scene.id}>
               <Card scene={scene} />
             </li>
@@ -45,13 +94,22 @@ export function ScenesPage() {
 }
 
 function Card({ scene }: { scene: SceneSummary }) {
+  const [grade, setGrade] = useState<Assessment["grade"] | null>(null);
   const name = scene.name || texts.scenes.untitled;
+  const ready = scene.state === "READY";
+  const made = new Date(scene.created_at).toLocaleDateString("en", { dateStyle: "medium" });
   return (
     <a class="card" href={sceneAddress(scene.id)}>
-      <Thumbnail scene={scene} name={name} />
+      <Thumbnail scene={scene} name={name} onLoaded={setGrade} />
       <span class="card-name">{name}</span>
-      <span class={`state ${scene.state.toLowerCase()}`}>{texts.scenes.states[scene.state]}</span>
-      {scene.state === "READY" && <span class="hint">{texts.scenes.gaussians(scene.gaussians)}</span>}
+      <span class={`state ${scene.state.toLowerCase()} ${grade ?? ""}`}>
+        {ready && grade ? texts.scenes.grades[grade] : texts.scenes.states[scene.state]}
+      </span>
+      <span class="hint">
+        {[ready && texts.scenes.names(scene.label_count), ready && texts.scenes.gaussians(scene.gaussians), made]
+          .filter(Boolean)
+          .join(" · ")}
+      </span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>
   );

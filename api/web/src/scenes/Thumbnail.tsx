@@ -2,25 +2,50 @@ import { useEffect, useRef, useState } from "preact/hooks";
 
 import { getScene, renderPicture } from "../api/calls";
 import { isAbort } from "../api/http";
-import type { PosedCamera, SceneSummary } from "../api/types";
+import { listPhotos, photoAddress } from "../api/photoCalls";
+import type { Assessment, PosedCamera, SceneSummary } from "../api/types";
 import { texts } from "../texts";
+import { Icon } from "../ui/Icon";
+import { middleCamera } from "../viewer/poses";
 
 const WIDTH = 360;
 const AT_ONCE = 2;
 
-const pictures = new Map<string, string>(); // object URLs by scene and version: a version never changes
+type Grade = Assessment["grade"];
+
+/** What a card shows once the scene is loaded. */
+interface Shown {
+  address: string;
+  grade: Grade | null;
+}
+
+const shown = new Map<string, Shown>(); // by scene and version: a version never changes
 const waiting: (() => void)[] = [];
 let running = 0;
 
-/** A picture of a ready scene from its first camera; loaded when it comes into sight. */
-export function Thumbnail({ scene, name }: { scene: SceneSummary; name: string }) {
+/** A ready scene's photo, or its picture where none is stored, of the camera in the middle; loaded when it is in sight. */
+export function Thumbnail({
+  scene,
+  name,
+  onLoaded,
+}: {
+  scene: SceneSummary;
+  name: string;
+  onLoaded: (grade: Grade | null) => void;
+}) {
   const id = `${scene.id} ${scene.version}`;
-  const [address, setAddress] = useState(pictures.get(id) ?? "");
+  const [address, setAddress] = useState(shown.get(id)?.address ?? "");
   const frame = useRef<HTMLSpanElement>(null);
   const ready = scene.state === "READY";
+  const told = useRef(onLoaded);
+  told.current = onLoaded;
   useEffect(() => {
-    const known = pictures.get(id);
-    setAddress(known ?? "");
+    const take = (one: Shown) => {
+      setAddress(one.address);
+      told.current(one.grade);
+    };
+    const known = shown.get(id);
+    if (known) take(known);
     if (!ready || known || !frame.current) return;
     const controller = new AbortController();
     const observer = new IntersectionObserver((entries) => {
@@ -28,10 +53,9 @@ export function Thumbnail({ scene, name }: { scene: SceneSummary; name: string }
       observer.disconnect();
       void inTurn(async () => {
         try {
-          const picture = await load(scene.id, controller.signal);
-          if (!picture) return;
-          pictures.set(id, URL.createObjectURL(picture));
-          if (!controller.signal.aborted) setAddress(pictures.get(id) ?? "");
+          const one = await load(scene, controller.signal);
+          shown.set(id, one);
+          if (!controller.signal.aborted) take(one);
         } catch (error) {
           if (!isAbort(error)) setAddress(""); // the card says what the scene is without its picture
         }
@@ -42,18 +66,21 @@ export function Thumbnail({ scene, name }: { scene: SceneSummary; name: string }
       observer.disconnect();
       controller.abort();
     };
-  }, [id, ready, scene.id]);
+  }, [id, ready]); // eslint-disable-line react-hooks/exhaustive-deps -- a scene of that id and version never changes
   return (
     <span class="thumbnail" ref={frame}>
-      {address && <img src={address} alt={texts.scenes.pictureOf(name)} />}
+      {address ? <img src={address} alt={texts.scenes.pictureOf(name)} /> : <Icon name="photos" />}
     </span>
   );
 }
 
-async function load(sceneId: string, signal: AbortSignal): Promise<Blob | null> {
-  const { cameras } = await getScene(sceneId, signal);
-  const [first] = cameras;
-  return first ? renderPicture(sceneId, narrowed(first), signal) : null;
+async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise<Shown> {
+  const [{ cameras, assessment }, stored] = await Promise.all([getScene(id, signal), listPhotos(id, version, signal)]);
+  const grade = assessment?.grade ?? null;
+  const camera = middleCamera(cameras);
+  if (!camera) return { address: "", grade };
+  if (stored.has(camera.name)) return { address: await photoAddress(id, version, camera.name, true), grade };
+  return { address: URL.createObjectURL(await renderPicture(id, narrowed(camera), signal)), grade };
 }
 
 /** The same camera with a picture of at most `WIDTH` pixels across. */

@@ -18,8 +18,9 @@ export function useServerView(view: Signal<ServerView | null>, state: SceneState
     const known = listed && [...listed, ...state.parts.value].map((thing) => thing.id);
     if (!view.value || !version) return;
     const answer = state.answer.value;
-    const found = answer && answer.things.length > 0 && answer.version === version ? answer.things : null;
-    const selected = state.selected.value.filter((id) => known?.includes(id));
+    const lit = state.lit.value;
+    const found = lit === "answer" && answer?.version === version && answer.things.length > 0 ? answer.things : null;
+    const selected = lit === "selection" ? state.selected.value.filter((id) => known?.includes(id)) : [];
     view.value.show({
       version,
       found: found ?? [],

@@ -10,6 +10,9 @@ import { ChangeState } from "./changeState";
 import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
 
+/** What the panel beside the view is about. */
+export type PanelTab = "ask" | "things" | "photos" | "share";
+
 /** A scene on show: what the server says of it, what was asked, and which things are selected. */
 export class SceneState {
   readonly scene = signal<Scene | null>(null);
@@ -35,6 +38,7 @@ export class SceneState {
   /** How the scene is looked at. */
   readonly look = new LookState(this);
 
+  readonly tab = signal<PanelTab>("ask");
   readonly selected = signal<readonly number[]>([]);
   /** Bytes, 1 for the Gaussians of the part that is selected; null while none is. */
   readonly partRows = computed(() => {
@@ -57,6 +61,12 @@ export class SceneState {
     return answer?.mask3d && (answer.things.length > 0 || answer.matches.some((match) => match.relevant))
       ? unpackBits(fromBase64(answer.mask3d), answer.gaussians)
       : null;
+  });
+  /** What lights up: one light at a time. While things are looked at, what is selected; else what answers. */
+  readonly lit = computed(() => {
+    const things = this.tab.value === "things" || this.change.motion.value !== null;
+    if (this.selected.value.length > 0 && (things || !this.answer.value)) return "selection";
+    return this.found.value ? "answer" : null;
   });
   readonly selectedThings = computed(() =>
     this.selected.value.flatMap((id) =>
@@ -177,6 +187,7 @@ export class SceneState {
     const before = this.selected.value;
     const others = before.filter((each) => each !== id);
     this.actionError.value = null;
+    this.tab.value = "things";
     if (!more) this.selected.value = [id];
     else this.selected.value = others.length < before.length ? others : [...before, id];
   }

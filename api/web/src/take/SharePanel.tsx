@@ -28,7 +28,8 @@ export function SharePanel({ sceneId }: { sceneId: string }) {
       setCopied(false);
     });
   return (
-    <div class="share">
+    <section class="share" aria-labelledby="share-title">
+      <h2 id="share-title">{texts.take.share}</h2>
       <p class="hint">{texts.take.shareHelp}</p>
       <form
         onSubmit={(event) => {
@@ -95,6 +96,6 @@ export function SharePanel({ sceneId }: { sceneId: string }) {
           ))}
         </ul>
       )}
-    </div>
+    </section>
   );
 }

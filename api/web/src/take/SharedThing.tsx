@@ -1,18 +1,14 @@
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 
 /** What is selected, for who may only look. */
 export function SharedThing({ state, onFly }: { state: SceneState; onFly: (middle: Vec, size: number) => void }) {
   const things = state.selectedThings.value;
+  if (things.length === 0) return null;
   return (
     <section class="thing" aria-label={texts.things.selected(things.length)}>
-      <p class="hint" role="status">
-        {state.message.value}
-      </p>
-      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
       {things.map((thing) => {
         const { box } = thing;
         const facts = [

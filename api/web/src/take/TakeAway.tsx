@@ -1,6 +1,5 @@
 import { useState } from "preact/hooks";
 
-import { isShared } from "../address/share";
 import { exportPath } from "../api/calls";
 import type { Scene } from "../api/types";
 import type { SceneState } from "../state/sceneState";
@@ -11,7 +10,6 @@ import { cameraOf } from "../viewer/poses";
 import { fileName } from "./fileName";
 import type { FileNaming } from "./save";
 import { save } from "./save";
-import { SharePanel } from "./SharePanel";
 
 const SIZES = [
   [1280, 720],
@@ -68,8 +66,8 @@ export function TakeAway({ state, scene, view }: Properties) {
   const [width, height] = SIZES[size] ?? SIZES[0];
   const camera = () => cameraOf(view(), width, height);
   return (
-    <details class="take">
-      <summary>{texts.take.title}</summary>
+    <section class="take" aria-labelledby="take-title">
+      <h2 id="take-title">{texts.take.title}</h2>
       {running && (
         <div role="status">
           <p>{texts.take.running(running.label, running.bytes, running.of)}</p>
@@ -147,12 +145,6 @@ export function TakeAway({ state, scene, view }: Properties) {
         {item(texts.take.camerasWithPoints, named, exportPath(scene.id, "cameras", version))}
         {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
       </ul>
-      {!isShared && (
-        <>
-          <h3>{texts.take.share}</h3>
-          <SharePanel sceneId={scene.id} />
-        </>
-      )}
-    </details>
+    </section>
   );
 }

@@ -4,7 +4,6 @@ import { plural } from "./plural";
 export const changeTexts = {
   change: {
     title: "Change",
-    selectFirst: "Click a thing in the view, or select it in the list.",
     hide: "Hide",
     isolate: "Show alone",
     showAll: "Show everything",
@@ -32,6 +31,7 @@ export const changeTexts = {
     lookAlikeNo: "No (N)",
     lookAlikeAll: (count: number) => `Yes to all ${count}`,
     measure: "Measure",
+    measureForMeters: "Measure it in meters",
     rulerFirst: "Click the first of two places.",
     rulerSecond: "Click the second place.",
     rulerEnd: "Put the ruler away",

@@ -1,7 +1,6 @@
 /** How a scene is looked at. */
 export const lookTexts = {
   look: {
-    menu: "View",
     colors: "Colors show",
     modes: { photo: "The photos’ colors", depth: "Depth", normals: "Normals", labels: "Labels", things: "Things" },
     axes: ["x of the scene", "y of the scene", "z of the scene"],
@@ -26,6 +25,8 @@ export const lookTexts = {
     units: "units",
     more: (count: number) => `and ${count} more`,
     none: "Nothing has a color of its own here.",
+    glowsAnswer: (text: string) => `Answers “${text}”`,
+    glowsSelection: (names: readonly string[]) => `Selected: ${names.join(", ")}`,
     bestPhotos: "Photos that show it best",
     bestViews: "Views that show it best",
     best: (name: string, share: number) => `${name}: ${(share * 100).toPrecision(2)} % of the picture`,

@@ -1,16 +1,18 @@
 import { plural } from "./plural";
 
-const unnamed = (id: number) => `Thing ${id}, no name`;
+const unnamed = (id: number, what = "") =>
+  `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Thing"} ${id}, no name`;
 
 interface Named {
   id: number;
   name: string;
   guess?: boolean;
   probability?: number;
+  surface?: string;
 }
 
-const titleOf = ({ name, id, guess, probability = 0 }: Named) =>
-  guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id);
+const titleOf = ({ name, id, guess, probability = 0, surface = "" }: Named) =>
+  guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id, surface);
 
 /** Questions and things. */
 export const thingsTexts = {
@@ -18,9 +20,13 @@ export const thingsTexts = {
     title: "Ask",
     label: "What are you looking for?",
     placeholder: "Where is the mug?",
-    clear: "Clear the question",
-    matches: "Names, best match first",
-    others: "Other labels",
+    others: "It may also be",
+    otherNames: "Other names here",
+    select: "Select it",
+    near: (label: string) => `What is near the ${label}?`,
+    confirm: (label: string) => `Yes, it is “${label}”`,
+    seeThings: "See all things",
+    lookAt: (name: string) => `Look at ${name}`,
     askFor: (label: string) => `Ask for ${label}`,
     objects: "Where",
     flyTo: (label: string, number: number) => `Look at ${label} ${number}`,

@@ -4,7 +4,6 @@ import type { SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { AskKind } from "./AskKind";
@@ -23,24 +22,9 @@ export function ThingPanel({ state, onFly }: Properties) {
     void state.edit({ action: "merge", things: things.map((each) => each.id) }, texts.things.merged).then((done) => {
       if (done && thing) state.select(thing.id);
     });
+  if (things.length === 0) return null;
   return (
     <section class="thing" aria-label={texts.things.selected(things.length)}>
-      <div class="title-row">
-        <p class="hint" role="status">
-          {state.message.value}
-        </p>
-        {state.canUndo.value && (
-          <button type="button" disabled={state.busy.value} onClick={() => void state.undo(texts.things.undone)}>
-            {texts.things.undo}
-          </button>
-        )}
-        {state.canRedo.value && (
-          <button type="button" disabled={state.busy.value} onClick={() => void state.redo(texts.change.redone)}>
-            {texts.change.redo}
-          </button>
-        )}
-      </div>
-      {state.actionError.value !== null && <ErrorNote error={state.actionError.value} />}
       {things.length > 1 && (
         <div class="thing-card">
           <h2>{texts.things.selected(things.length)}</h2>

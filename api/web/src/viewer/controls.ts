@@ -1,4 +1,6 @@
+import type { Gesture } from "./cameraBound";
 import type { CameraMotion } from "./cameraMotion";
+import type { LookAt } from "./poses";
 import { fly, orbit, turn, zoom } from "./poses";
 
 const RADIANS_A_PIXEL = 0.006;
@@ -15,6 +17,7 @@ export class Controls {
     private readonly canvas: HTMLCanvasElement,
     private readonly motion: CameraMotion,
     private readonly goHome: () => void,
+    private readonly bounded: (gesture: Gesture) => LookAt = (gesture) => gesture(1),
   ) {
     const options = { signal: this.#ended.signal };
     canvas.addEventListener("pointerdown", (event) => this.#down(event), options);
@@ -26,7 +29,8 @@ export class Controls {
       "wheel",
       (event) => {
         event.preventDefault();
-        this.motion.set(zoom(this.motion.view, Math.exp(event.deltaY * WHEEL)));
+        const { view } = this.motion;
+        this.#go((share) => zoom(view, Math.exp(share * event.deltaY * WHEEL)));
       },
       { ...options, passive: false },
     );
@@ -51,15 +55,19 @@ export class Controls {
     const perPixel = 1 / this.canvas.clientHeight;
     if (this.#pointers.size === 1) {
       const moves = event.buttons === 2 || event.buttons === 4;
-      this.motion.set(
-        moves ? fly(view, -dx * perPixel, dy * perPixel, 0) : orbit(view, -dx * RADIANS_A_PIXEL, dy * RADIANS_A_PIXEL),
+      this.#go((share) =>
+        moves
+          ? fly(view, -dx * perPixel * share, dy * perPixel * share, 0)
+          : orbit(view, -dx * RADIANS_A_PIXEL * share, dy * RADIANS_A_PIXEL * share),
       );
     } else {
       const [other] = [...this.#pointers].filter(([id]) => id !== event.pointerId).map(([, place]) => place);
       if (other) {
         const spread = (place: { x: number; y: number }) => Math.hypot(place.x - other.x, place.y - other.y);
-        const zoomed = zoom(view, spread(before) / Math.max(spread(now), 1));
-        this.motion.set(fly(zoomed, (-dx / 2) * perPixel, (dy / 2) * perPixel, 0));
+        const ratio = spread(before) / Math.max(spread(now), 1);
+        this.#go((share) =>
+          fly(zoom(view, ratio ** share), (-dx / 2) * perPixel * share, (dy / 2) * perPixel * share, 0),
+        );
       }
     }
     this.#pointers.set(event.pointerId, now);
@@ -70,25 +78,29 @@ export class Controls {
     const { view } = this.motion;
     const rotate = event.shiftKey ? turn : orbit;
     const sign = event.shiftKey ? -1 : 1;
-    const moves: Record<string, () => void> = {
-      ArrowLeft: () => this.motion.set(rotate(view, -KEY_RADIANS * sign, 0)),
-      ArrowRight: () => this.motion.set(rotate(view, KEY_RADIANS * sign, 0)),
-      ArrowUp: () => this.motion.set(rotate(view, 0, KEY_RADIANS)),
-      ArrowDown: () => this.motion.set(rotate(view, 0, -KEY_RADIANS)),
-      w: () => this.motion.set(fly(view, 0, 0, KEY_SHARE)),
-      s: () => this.motion.set(fly(view, 0, 0, -KEY_SHARE)),
-      a: () => this.motion.set(fly(view, -KEY_SHARE, 0, 0)),
-      d: () => this.motion.set(fly(view, KEY_SHARE, 0, 0)),
-      e: () => this.motion.set(fly(view, 0, KEY_SHARE, 0)),
-      q: () => this.motion.set(fly(view, 0, -KEY_SHARE, 0)),
-      "+": () => this.motion.set(zoom(view, 1 - KEY_SHARE)),
-      "=": () => this.motion.set(zoom(view, 1 - KEY_SHARE)),
-      "-": () => this.motion.set(zoom(view, 1 + KEY_SHARE)),
-      Home: this.goHome,
+    const moves: Record<string, Gesture> = {
+      ArrowLeft: (share) => rotate(view, -KEY_RADIANS * sign * share, 0),
+      ArrowRight: (share) => rotate(view, KEY_RADIANS * sign * share, 0),
+      ArrowUp: (share) => rotate(view, 0, KEY_RADIANS * share),
+      ArrowDown: (share) => rotate(view, 0, -KEY_RADIANS * share),
+      w: (share) => fly(view, 0, 0, KEY_SHARE * share),
+      s: (share) => fly(view, 0, 0, -KEY_SHARE * share),
+      a: (share) => fly(view, -KEY_SHARE * share, 0, 0),
+      d: (share) => fly(view, KEY_SHARE * share, 0, 0),
+      e: (share) => fly(view, 0, KEY_SHARE * share, 0),
+      q: (share) => fly(view, 0, -KEY_SHARE * share, 0),
+      "+": (share) => zoom(view, 1 - KEY_SHARE * share),
+      "=": (share) => zoom(view, 1 - KEY_SHARE * share),
+      "-": (share) => zoom(view, 1 + KEY_SHARE * share),
     };
     const move = moves[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-    if (!move) return;
+    if (!move && event.key !== "Home") return;
     event.preventDefault();
-    move();
+    if (move) this.#go(move);
+    else this.goHome();
+  }
+
+  #go(gesture: Gesture): void {
+    this.motion.set(this.bounded(gesture));
   }
 }

@@ -4,11 +4,11 @@ import type { PosedCamera } from "../api/types";
 import type { LookAt } from "./poses";
 import {
   axesOf,
+  between,
   cameraOf,
   centerOfAttention,
   firstView,
   fly,
-  lookAtBox,
   orbit,
   parseView,
   rayOf,
@@ -70,6 +70,7 @@ test("the first view looks at what all cameras look at", () => {
   expect(length(subtract(center, [0.5, 0.2, 0.1]))).toBeLessThan(0.02);
   const first = firstView(cameras);
   expect(length(subtract(first.target, center))).toBeLessThan(0.02);
+  close(first.position, rayOf(cameras[1] as PosedCamera).position); // in the middle of where all were
 });
 
 describe("moving", () => {
@@ -99,10 +100,13 @@ describe("moving", () => {
     expect(length(subtract(near.position, near.target))).toBeCloseTo(distance / 2, 9);
   });
 
-  test("a flight to a box keeps the direction", () => {
-    const there = lookAtBox(start, [1, 1, 1], 0.2);
-    close(axesOf(there).forward, axesOf(start).forward);
-    close(there.target, [1, 1, 1]);
+  test("a flight goes around what is looked at", () => {
+    const goal = orbit(start, 2, 0);
+    for (const share of [0, 0.25, 0.5, 0.75, 1]) {
+      const way = between(start, goal, share);
+      expect(length(subtract(way.position, way.target))).toBeCloseTo(distance, 9);
+    }
+    close(between(start, goal, 1).position, goal.position);
   });
 });
 

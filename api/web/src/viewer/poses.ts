@@ -116,14 +116,22 @@ export function centerOfAttention(cameras: readonly PosedCamera[]): Vec {
   return solve(damped(normal, damping * cameras.length), right);
 }
 
-/** Where to look from first: the scene's first camera, turned upright, around what all cameras look at. */
+/** The camera in the middle of where all were: the one that is least far from the others. */
+export function middleCamera(cameras: readonly PosedCamera[]): PosedCamera | null {
+  const positions = cameras.map((camera) => rayOf(camera).position);
+  const away = positions.map((one) => positions.reduce((sum, other) => sum + length(subtract(one, other)), 0));
+  return cameras[away.indexOf(Math.min(...away))] ?? null;
+}
+
+/** Where to look from first: the camera in the middle of where all were, upright, at what all cameras look at. */
 export function firstView(cameras: readonly PosedCamera[]): LookAt {
-  const [first] = cameras;
+  const middle = middleCamera(cameras);
   const up = upOf(cameras);
-  if (!first) return { position: [0, -2, 1], target: [0, 0, 0], up };
-  const { position, forward } = rayOf(first);
-  const depth = dot(subtract(centerOfAttention(cameras), position), forward);
-  return { position, target: add(position, scale(forward, Math.max(depth, 0.1))), up };
+  if (!middle) return { position: [0, -2, 1], target: [0, 0, 0], up };
+  const { position, forward } = rayOf(middle);
+  const center = centerOfAttention(cameras);
+  const ahead = dot(subtract(center, position), forward) > NEAREST;
+  return { position, target: ahead ? center : add(position, scale(forward, 0.1)), up };
 }
 
 /** Turns the camera around its target. Angles in radians; up and down ends before the zenith. */
@@ -156,25 +164,21 @@ export function zoom(view: LookAt, factor: number): LookAt {
   return { ...view, position: add(view.target, scale(unit(offset), distance)) };
 }
 
-/** Looks at a box of the given middle and longest side from the present direction, so that it fills a third. */
-export function lookAtBox(view: LookAt, middle: Vec, size: number): LookAt {
-  const direction = unit(subtract(view.position, view.target));
-  const distance = (Math.max(size, NEAREST) * 1.5) / Math.tan((FIELD_OF_VIEW * Math.PI) / 360);
-  return { up: view.level ?? view.up, target: middle, position: add(middle, scale(direction, distance)) };
-}
-
 /** The same view of a scene whose lengths were multiplied by `factor`. */
 export function rescaled(view: LookAt, factor: number): LookAt {
   return { ...view, position: scale(view.position, factor), target: scale(view.target, factor) };
 }
 
-/** The view at `share` (0..1) of the way between two. */
+/** The view at `share` (0..1) of the way between two, around what is looked at: not through the middle of it. */
 export function between(from: LookAt, to: LookAt, share: number): LookAt {
   const [wide, narrow] = [from.fieldOfView ?? FIELD_OF_VIEW, to.fieldOfView ?? FIELD_OF_VIEW];
+  const target = mix(from.target, to.target, share);
+  const [begin, end] = [subtract(from.position, from.target), subtract(to.position, to.target)];
+  const distance = length(begin) * (1 - share) + length(end) * share;
   return {
     ...to,
-    position: mix(from.position, to.position, share),
-    target: mix(from.target, to.target, share),
+    position: share < 1 ? add(target, scale(unit(mix(unit(begin), unit(end), share)), distance)) : to.position,
+    target,
     up: unit(mix(from.up, to.up, share)),
     fieldOfView: wide + (narrow - wide) * share,
   };

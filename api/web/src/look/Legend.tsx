@@ -3,61 +3,10 @@ import { useMemo } from "preact/hooks";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import type { LegendEntry } from "../viewer/colors";
-import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, MODES, NOTHING } from "../viewer/colors";
+import { AXES, coloringByLabel, coloringByThing, css, DEPTH_STOPS, NOTHING } from "../viewer/colors";
+import { TINTS } from "../viewer/glow";
 
 const SHOWN_ENTRIES = 40;
-
-/** The menu "View": what the colors say, whether the cameras are drawn, and the way to each photo. */
-export function LookMenu({ state }: { state: SceneState }) {
-  const { look } = state;
-  const cameras = look.all.value;
-  return (
-    <details class="look-menu">
-      <summary>{texts.look.menu}</summary>
-      <fieldset>
-        <legend>{texts.look.colors}</legend>
-        {MODES.map((mode) => (
-          <label key={mode} class="look-choice">
-            <input
-              type="radio"
-              name="look-mode"
-              checked={look.mode.value === mode}
-              onChange={() => look.setMode(mode)}
-            />
-            {texts.look.modes[mode]}
-          </label>
-        ))}
-      </fieldset>
-      {cameras.length > 0 && (
-        <>
-          <label class="look-choice">
-            <input
-              type="checkbox"
-              checked={look.cameras.value}
-              onChange={(event) => look.showCameras(event.currentTarget.checked)}
-            />
-            {texts.look.cameras}
-          </label>
-          <label class="look-photo">
-            {texts.look.standAt}
-            <select
-              value={look.at.value}
-              onChange={(event) => (event.currentTarget.value ? look.goTo(event.currentTarget.value) : look.leave())}
-            >
-              <option value="">{texts.look.nowhere}</option>
-              {cameras.map((camera) => (
-                <option key={camera.name} value={camera.name}>
-                  {camera.name}
-                </option>
-              ))}
-            </select>
-          </label>
-          <p class="hint">{texts.look.keys}</p>
-        </>
-      )}
-    </details>
-  );
-}
 
 /** What the colors on show mean; nothing for the photos' own. */
 export function Legend({ state }: { state: SceneState }) {
@@ -103,5 +52,25 @@ export function Legend({ state }: { state: SceneState }) {
         </ul>
       )}
     </section>
+  );
+}
+
+/** What lights up in the view, in words. */
+export function GlowLegend({ state }: { state: SceneState }) {
+  const lit = state.lit.value;
+  if (!lit || state.look.standing.value) return null;
+  const { color } = lit === "answer" ? TINTS.found : TINTS.selected;
+  const [r, g, b] = color.map((part) => Math.round(255 * part));
+  return (
+    <p class="glow-legend">
+      <svg class="swatch" viewBox="0 0 1 1" aria-hidden="true">
+        <rect width="1" height="1" fill={`rgb(${r ?? 0} ${g ?? 0} ${b ?? 0})`} />
+      </svg>
+      <span>
+        {lit === "answer"
+          ? texts.look.glowsAnswer(state.answer.value?.text ?? "")
+          : texts.look.glowsSelection(state.selectedThings.value.map(texts.things.titleOf))}
+      </span>
+    </p>
   );
 }

@@ -1,0 +1,97 @@
+import { useEffect, useState } from "preact/hooks";
+
+import type { SceneState } from "../state/sceneState";
+import { texts } from "../texts";
+import { centerOf } from "../viewer/boxes";
+import { beginPrompt } from "./prompts";
+import { beginRuler } from "./ruler";
+
+/** What can be done to the selected things: hidden and isolated on show; recolored, moved, copied, removed as versions. */
+export function ThingTools({ state }: { state: SceneState }) {
+  const { change } = state;
+  useEffect(
+    () => state.selected.subscribe(() => (change.motion.value = null)), // it was of those that were selected before
+    [state, change],
+  );
+  const things = state.selectedThings.value;
+  const [first] = things;
+  if (!first) return null;
+  const ids = things.map((thing) => thing.id);
+  const box = things.find((thing) => thing.box)?.box;
+  return (
+    <section class="thing-card thing-tools" aria-labelledby="tools-title">
+      <h2 id="tools-title">{texts.change.title}</h2>
+      <div class="buttons">
+        <button type="button" onClick={() => change.hide(ids)}>
+          {texts.change.hide}
+        </button>
+        <button type="button" onClick={() => change.isolate(ids)}>
+          {texts.change.isolate}
+        </button>
+        {box && (
+          <button
+            type="button"
+            onClick={() => (change.motion.value = { pivot: centerOf(box), shift: [0, 0, 0], angles: [0, 0, 0] })}
+          >
+            {texts.change.moveOrTurn}
+          </button>
+        )}
+        {things.length === 1 && (
+          <button type="button" disabled={state.busy.value} onClick={() => beginPrompt(state, "split", first.id)}>
+            {texts.change.split}
+          </button>
+        )}
+        {box && !first.meters && (
+          <button type="button" onClick={() => beginRuler(state)}>
+            {texts.change.measureForMeters}
+          </button>
+        )}
+        <button
+          type="button"
+          class="danger"
+          disabled={state.busy.value}
+          onClick={() => void state.edit({ action: "remove", things: ids }, texts.change.removed)}
+        >
+          {texts.change.remove}
+        </button>
+      </div>
+      <Recolor state={state} ids={ids} />
+    </section>
+  );
+}
+
+/** What is done to no thing in particular. */
+export function SceneTools({ state }: { state: SceneState }) {
+  return (
+    <div class="buttons">
+      <button type="button" disabled={state.busy.value} onClick={() => beginPrompt(state, "add")}>
+        {texts.change.add}
+      </button>
+      {state.change.hides.value && (
+        <button type="button" onClick={() => state.change.showAll()}>
+          {texts.change.showAll}
+        </button>
+      )}
+    </div>
+  );
+}
+
+function Recolor({ state, ids }: { state: SceneState; ids: number[] }) {
+  const [color, setColor] = useState("#3d7be0");
+  const [r = 0, g = 0, b = 0] = [1, 3, 5].map((at) => parseInt(color.slice(at, at + 2), 16) / 255);
+  return (
+    <form
+      class="recolor"
+      onSubmit={(event) => {
+        event.preventDefault();
+        void state.edit({ action: "recolor", things: ids, color: { r, g, b } }, texts.change.recolored);
+      }}
+    >
+      <label>
+        {texts.change.color}
+        <input type="color" value={color} onInput={(event) => setColor(event.currentTarget.value)} />
+      </label>
+      <button disabled={state.busy.value}>{texts.change.recolor}</button>
+    </form>
+  );
+}

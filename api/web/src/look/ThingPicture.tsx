@@ -1,0 +1,32 @@
+import { useEffect, useRef } from "preact/hooks";
+
+import { bestViews, photoAddress } from "../api/photoCalls";
+import type { SceneState } from "../state/sceneState";
+import { cropAround, decodeRle } from "./outline";
+
+const SIDE = 96; // pixels
+
+/** A thing without a name, as the photo shows it that shows it best. */
+export function ThingPicture({ state, thing }: { state: SceneState; thing: number }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const version = state.version.value;
+  useEffect(() => {
+    const controller = new AbortController();
+    const { signal } = controller;
+    const draw = async () => {
+      const [best] = await bestViews(state.sceneId, version, { things: [thing] }, signal);
+      if (!best?.mask.segmentation) return;
+      const picture = new Image();
+      picture.src = await photoAddress(state.sceneId, version, best.view, best.photo);
+      await picture.decode();
+      const mask = decodeRle(best.mask.segmentation);
+      const [left, top, side] = cropAround(mask);
+      const ratio = picture.naturalWidth / mask.width;
+      const context = signal.aborted ? null : canvas.current?.getContext("2d");
+      context?.drawImage(picture, left * ratio, top * ratio, side * ratio, side * ratio, 0, 0, SIDE, SIDE);
+    };
+    draw().catch(() => undefined); // its number stands beside it
+    return () => controller.abort();
+  }, [state, version, thing]);
+  return <canvas class="thing-picture" ref={canvas} width={SIDE} height={SIDE} aria-hidden="true" />;
+}

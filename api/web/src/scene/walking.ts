@@ -1,0 +1,72 @@
+import type { SceneState } from "../state/sceneState";
+import { texts } from "../texts";
+import { centerOf } from "../viewer/boxes";
+import type { Point } from "../viewer/projection";
+import { Projection } from "../viewer/projection";
+import type { Direction } from "../viewer/walk";
+import { nearestTo, nextIn } from "../viewer/walk";
+
+/** From thing to thing by keyboard in the picture on show: Enter begins and selects, arrows walk, Escape leaves. */
+export class Walking {
+  readonly #ended = new AbortController();
+  #at: number | null = null; // id of the thing that is lit up; null while nobody walks
+
+  constructor(
+    canvas: HTMLCanvasElement,
+    private readonly state: SceneState,
+  ) {
+    const options = { signal: this.#ended.signal };
+    canvas.addEventListener("keydown", (event) => this.#key(event), options);
+    canvas.addEventListener("blur", () => this.#stand(null), options);
+    canvas.addEventListener("pointerdown", () => this.#stand(null), options);
+  }
+
+  destroy(): void {
+    this.#ended.abort();
+  }
+
+  #key(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.shiftKey) return;
+    if (event.key === "Enter") {
+      if (this.#at === null) this.#begin();
+      else this.state.select(this.#at);
+    } else if (event.key === "Escape") {
+      if (this.#at === null) this.state.clearSelection();
+      else this.#stand(null);
+    } else if (this.#at !== null && event.key.startsWith("Arrow")) {
+      const next = nextIn(event.key as Direction, this.#at, this.#places());
+      if (next !== null) this.#stand(next);
+    } else return;
+    event.preventDefault();
+    event.stopImmediatePropagation(); // arrows turn the view while nobody walks
+  }
+
+  #begin(): void {
+    const { width, height } = this.state.change.size.peek();
+    this.#stand(nearestTo([width / 2, height / 2], this.#places()));
+    if (this.#at !== null) this.state.message.value = `${this.state.message.peek()} ${texts.scene.walkBegins}`;
+  }
+
+  #stand(at: number | null): void {
+    if (at === null && this.#at === null) return;
+    this.#at = at;
+    this.state.hovered.value = at ?? 0;
+    const thing = this.state.things.peek()?.find((each) => each.id === at);
+    this.state.message.value = thing ? texts.things.titleOf(thing) : "";
+  }
+
+  /** Where the middles of the things on show are in the picture. */
+  #places(): ReadonlyMap<number, Point> {
+    const { change, things } = this.state;
+    const [view, size] = [change.view.peek(), change.size.peek()];
+    const places = new Map<number, Point>();
+    if (!view || !size.width) return places;
+    const projection = new Projection(view, size);
+    for (const thing of things.peek() ?? []) {
+      const point = thing.box && change.shows(thing.id) ? projection.point(centerOf(thing.box)) : null;
+      const inside = point && point[0] >= 0 && point[1] >= 0 && point[0] < size.width && point[1] < size.height;
+      if (inside) places.set(thing.id, point);
+    }
+    return places;
+  }
+}

@@ -1,0 +1,61 @@
+import type { PosedCamera } from "../api/types";
+import type { LookAt } from "./poses";
+import { FIELD_OF_VIEW, rayOf, upOf } from "./poses";
+import type { Size } from "./projection";
+import type { Vec } from "./vectors";
+import { add, dot, length, mix, scale, subtract, unit } from "./vectors";
+
+/** What is flown to: its middle, its longest side, and the cameras that show it best, where that is known. */
+export interface Sight {
+  middle: Vec;
+  size: number;
+  views?: readonly string[] | undefined;
+}
+
+const OF_HEIGHT = 1 / 3; // how much of the picture's height a thing is to take
+const [NEAREST, FARTHEST] = [0.5, 1.1]; // of the photo's distance: nearer it is blurred, farther nobody has been
+const TURNS = [0, 0.25, 0.5, 0.75, 1]; // of the way from the thing to where the photo looked
+const ASIDE = 4; // how much a turn of the head counts against a way
+
+/**
+ * Looks at something from where a photo of it was taken, so that it takes a third of the height: on the line from that
+ * camera to it, which is free, since the photo shows it.
+ *
+ * @param shown whether a view shows what was seen: if not, the head turns to where the photo looked, as far as it must.
+ */
+export function viewOfSight(
+  sight: Sight,
+  cameras: readonly PosedCamera[],
+  now: LookAt,
+  size: Size,
+  shown: (view: LookAt) => boolean = () => true,
+): LookAt {
+  const best = sight.views?.flatMap((name) => cameras.filter((camera) => camera.name === name))[0];
+  const camera = best ?? facing(sight.middle, cameras);
+  const from = camera ? rayOf(camera).position : now.position;
+  const offset = subtract(from, sight.middle);
+  const photo = length(offset);
+  const longer = Math.max(size.width, size.height, 1);
+  const extent = 2 * Math.tan((FIELD_OF_VIEW * Math.PI) / 360) * (Math.max(size.height, 1) / longer);
+  const wanted = sight.size / (OF_HEIGHT * extent);
+  const distance = camera ? Math.min(FARTHEST * photo, Math.max(NEAREST * photo, wanted)) : wanted;
+  const up = cameras.length ? upOf(cameras) : (now.level ?? now.up);
+  const view = { up, target: sight.middle, position: add(sight.middle, scale(unit(offset), distance)) };
+  if (!camera) return view;
+  const ahead = add(view.position, scale(rayOf(camera).forward, distance));
+  const turned = TURNS.map((share) => ({ ...view, target: mix(view.target, ahead, share) }));
+  return turned.find(shown) ?? view;
+}
+
+/** The camera that has a place near the middle of its picture, from nearby. */
+function facing(middle: Vec, cameras: readonly PosedCamera[]): PosedCamera | null {
+  let [best, lowest]: [PosedCamera | null, number] = [null, Infinity];
+  for (const camera of cameras) {
+    const { position, forward } = rayOf(camera);
+    const offset = subtract(middle, position);
+    const aside = Math.acos(Math.min(1, Math.max(-1, dot(unit(offset), forward))));
+    const cost = length(offset) * (1 + ASIDE * aside * aside);
+    if (cost < lowest) [best, lowest] = [camera, cost];
+  }
+  return best;
+}
