@@ -18,6 +18,7 @@ PLACE_OFF = 0.03
 """Meters that a thing's middle may be off."""
 LENGTH_OFF, SHARE_OFF = 0.02, 0.05
 """Meters, or the share of a length, that it may be off, whichever is more."""
+_ABSENT = ("not_here", "not_seen")
 _LINE = re.compile(r"(?P<kind>[a-z ]+?)(?: \[(?P<view>[^]]+)\])?: (?P<rest>.+)")
 
 
@@ -89,7 +90,7 @@ def is_right(question: Question, said: Mapping[str, Any], layout: Layout) -> boo
     judges = {
         "find": _names_right,
         "names": _names_right,
-        "absent": lambda question, said, layout: said["outcome"] == "not_here" and not said["things"],
+        "absent": lambda question, said, layout: said["outcome"] in _ABSENT and not said["things"],
         "count": _count_right,
         "count of": _count_right,
         "relations": _relation_right,
@@ -128,7 +129,7 @@ def _names_right(question: Question, said: Mapping[str, Any], layout: Layout) ->
     answered = {each["id"] for each in said["things"]}
     named = {each["name"] for each in said["things"]} <= {said["label"], *said["alternatives"]}
     return (
-        said["outcome"] != "not_here"
+        said["outcome"] not in _ABSENT
         and said["label"] in question.names
         and named
         and layout.bearing(said["label"]) <= answered
@@ -150,7 +151,7 @@ def _relation_right(question: Question, said: Mapping[str, Any], layout: Layout)
 def _places_right(question: Question, said: Mapping[str, Any], layout: Layout) -> bool:
     assert question.things is not None
     places = {each["id"]: np.array(each["center"]) for each in said["places"]}
-    if sorted(places) != list(question.things) or (said["outcome"] == "not_here") != (not places):
+    if sorted(places) != list(question.things) or (said["outcome"] in _ABSENT) != (not places):
         return False
     off = [float(np.linalg.norm(layout.center(number) - place)) for number, place in places.items()]
     return said["unit"] == "m" and max(off, default=0.0) <= PLACE_OFF

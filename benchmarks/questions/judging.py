@@ -62,7 +62,7 @@ def is_right(question: Question, answer: Answer, truth: Truth) -> bool:
         return not _shown(answer) or (answer.probability is not None and answer.probability < RATHER)
     if question.kind == "far":
         nameless = sum(not name for name in truth.names.values())
-        return not _shown(answer) and (answer.outcome == "not_here" or 2 * nameless > len(truth.names))
+        return not _shown(answer) and (answer.is_absent or 2 * nameless > len(truth.names))
     return _things_right(question, answer, truth)
 
 
@@ -78,9 +78,9 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
     refused = phrase is not None and phrase.refusal is not None
     if likely is not None and likely < 0.5 and answer.outcome in ("here", "not_here"):
         said.append(f"{answer.outcome} at {likely:.2f}")
-    if answer.outcome == "not_here" and answer.presence is not None and answer.presence > 0.5:
+    if answer.is_absent and answer.presence is not None and answer.presence > 0.5:
         said.append(f"absent with a presence of {answer.presence:.2f}")
-    if answer.outcome == "not_here" and (answer.things or refused):
+    if answer.is_absent and (answer.things or refused):
         said.append("absent, and things are shown, or nothing was decided")
     if answer.outcome in _DECIDED and not answer.things:
         said.append(f"{answer.outcome}, and nothing is shown")
@@ -88,7 +88,7 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append("nothing was decided, and an outcome or a probability of something else stands beside it")
     if answer.outcome in _DECIDED and answer.matches and not answer.matches[0].relevant and not phrase:
         said.append("the first match is none")
-    if answer.outcome == "not_here" and label_key(answer.text) in {label_key(name) for name in names}:
+    if answer.is_absent and label_key(answer.text) in {label_key(name) for name in names}:
         said.append("a name of the scene is not here")
     if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
         said.append("a number of other things than are shown")
@@ -104,7 +104,7 @@ def _things_right(question: Question, answer: Answer, truth: Truth) -> bool:
     ids = {truth.ids[key] for key in question.keys if key in truth.ids}
     accepted = ids | {truth.ids[key] for key in question.also if key in truth.ids}
     if not question.keys:
-        return not shown and answer.outcome in ("not_here", "cannot_say")
+        return not shown and (answer.is_absent or answer.outcome == "cannot_say")
     if shown:
         named = {truth.ids[key] for key in question.keys if truth.named(key)}
         complete = question.kind in ("use", "superlative") or 2 * len(named & set(shown)) >= len(named)

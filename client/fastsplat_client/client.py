@@ -358,7 +358,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
 
     def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
         """Just the Gaussians that answer, as a 3DGS PLY."""
-        choices = {"version": version, "max_matches": 1, "mask3d_encoding": "ply"}
+        choices: dict[str, Any] = {"version": version, "max_matches": 1, "mask3d_encoding": "ply"}
         (answer,) = self.query(scene_id, text, outputs=["mask3d"], **choices)
         return answer.mask3d or b""
 

@@ -196,8 +196,7 @@ class Box(Response):
 
 @dataclass(frozen=True)
 class SceneObject(Response):
-    """A thing or a part that has a name, as earlier releases say it: a view of its SceneThing, answered for one release
-    more."""
+    """A named thing or part as earlier releases say it: a view of its SceneThing, for one release more."""
 
     id: Annotated[str, Field(description="stable within a version of a scene")]
     label_id: Annotated[int, Field(description="of the label that is its name")]

@@ -68,7 +68,8 @@ def test_a_scene_of_each_schema_opens_and_is_edited_and_undone(
     low = heights()
     client.edit_scene(scene, [Edit("move", things=things, transform=_UP)])
     assert heights() == pytest.approx([height + 1 for height in low], abs=1e-4)
-    client.edit_scene(scene, [Edit("name", things=things, name="violin")])
+    moved = client.scene(scene).version
+    client.edit_scene(scene, [Edit("name", things=things, name="violin")], looked_at=moved)
     assert client.query(scene, "violin")[0].things == things
     client.undo_edit(scene)
     assert client.query(scene, "violin")[0].is_absent and client.query(scene, "ball")[0].things == things

@@ -60,7 +60,7 @@ def screened(service: SceneService) -> str:
     ("text", "outcome", "said"),
     [
         ("mug", "here", 'Here: "mug".'),
-        ("violin", "probably_here", "Probably here (30 %): the unnamed thing "),
+        ("violin", "probably_here", 'Probably here (30 %): an unnamed thing may be "violin".'),
         ("elephant", "not_seen", "Not seen: none of the "),
         ("mug left of the ball", "cannot_say", "Cannot say: "),
         ("elephant", "not_here", "Not here"),

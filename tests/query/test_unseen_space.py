@@ -47,6 +47,36 @@ def measured(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> Unsee
     return unseen_space(scene, *parts_of(scene))
 
 
+def exactly(boxes: Sequence[BoxShell], cameras: Sequence[PosedCamera]) -> float:
+    """The share by rays: of the points of the room that are in a picture, those that boxes hide in all pictures."""
+    axes = [np.arange(low + 0.05, high, 0.1) for low, high in ((-2, 2), (-1.5, 1.5), (0, HEIGHT))]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    shown, seen = np.zeros((2, len(points)), np.bool_)
+    for posed in cameras:
+        camera, pose, eye = posed.camera, posed.camera_from_world(), posed.world_from_camera[:3, 3]
+        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+        u, v = camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy
+        inside = (z > 0) & (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+        free = inside.copy()
+        for box in boxes:
+            ends = [(np.add(box.centre, side * np.array(box.size) / 2) - eye) / (points - eye) for side in (-1, 1)]
+            enters, leaves = np.minimum(*ends).max(axis=1), np.maximum(*ends).min(axis=1)
+            free &= ~((enters < leaves) & (enters > 0) & (enters < 1))
+        shown |= inside
+        seen |= free
+    return float(1 - seen.sum() / shown.sum())
+
+
+@pytest.mark.parametrize("turn", range(3))
+def test_the_share_is_what_rays_say(turn: int) -> None:
+    rng = np.random.default_rng(turn)
+    block = BoxShell("block", (-0.7, 0.3, 0.6), (rng.uniform(0.4, 1.0), rng.uniform(0.5, 1.2), 1.2), count=4000)
+    screen = replace(SCREEN, centre=(rng.uniform(-1.2, -0.4), 0.3, 0.8))
+    for hiding in (block, screen):
+        boxes = [*THINGS, hiding]
+        assert measured([*WALLS, *boxes], from_corner()).share == pytest.approx(exactly(boxes, from_corner()), abs=0.05)
+
+
 def test_what_photos_show_from_somewhere_is_seen() -> None:
     for boxes in (THINGS, [*THINGS, CARTON]):
         assert not measured([*WALLS, *boxes], inward()).hides

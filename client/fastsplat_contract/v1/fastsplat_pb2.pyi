@@ -2505,9 +2505,7 @@ Global___ListObjectsResponse: _TypeAlias = ListObjectsResponse  # noqa: Y015
 
 @_typing.final
 class SceneObject(_message.Message):
-    """A thing or a part that has a name, as earlier releases say it: a view of its SceneThing, answered for one release
-    more.
-    """
+    """A named thing or part as earlier releases say it: a view of its SceneThing, for one release more."""
 
     DESCRIPTOR: _descriptor.Descriptor
 

@@ -10,7 +10,7 @@ from fastsplat_contract.queries import Searched
 RATHER = 0.5
 """What is said to be here, or not here, is at least so likely; what is less likely is possible, or cannot be said."""
 
-HIDES = 0.04
+HIDES = 0.07
 """Share of a place that no photo shows, from which on a thing that was not found may be there."""
 
 

@@ -73,14 +73,15 @@ def spread_views(cameras: Sequence[PosedCamera], most: int = _MAX_VIEWS) -> tupl
 class SightLines:
     """What is nearest in each cell of a view, 64 cells to the longer side.
 
-    Only the middles of what is seen are drawn: the cells around each one close the holes between them.
+    Only the middles of what is seen are drawn. Holes between them are closed by the least of each cell and the eight
+    around it, and then by the largest of those, so that nothing becomes wider than it is.
 
     Args:
         posed: the view.
         points: float64 [K, 3], what hides what is behind it.
 
     Attributes:
-        nearest: float64 [C], z of the nearest point of each cell and the eight around it; infinite for none.
+        nearest: float64 [C], z of what is nearest in each cell; infinite for nothing.
         front: int64 [C], which point that is.
     """
 
@@ -94,10 +95,12 @@ class SightLines:
         np.minimum.at(nearest, cell, depth)
         first = depth == nearest[cell]
         front[cell[first]] = ahead[first]
-        around = _around(nearest.reshape(rows, -1))
-        least = around.argmin(axis=0)[None]
-        self.nearest = np.take_along_axis(around, least, axis=0).ravel()
-        self.front = np.take_along_axis(_around(front.reshape(rows, -1)), least, axis=0).ravel()
+        nearest, front = nearest.reshape(rows, -1), front.reshape(rows, -1)
+        for chosen in (np.argmin, np.argmax):
+            around, which = _around(nearest), _around(front)
+            best = chosen(around, axis=0)[None]
+            nearest, front = np.take_along_axis(around, best, axis=0)[0], np.take_along_axis(which, best, axis=0)[0]
+        self.nearest, self.front = nearest.ravel(), front.ravel()
 
     def cells(self, points: F64) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
         """Cell and z of the points inside the image, and which points those are."""
