@@ -129,7 +129,7 @@ EXAMPLES = (
     Example("FinishOperation", of="training"),
     Example("CancelOperation", of="training"),
     Example("RetryOperation", {"exclude": ("bad.jpg",)}, "cancelled"),
-    *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras")),
+    *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
     *(Example(name) for name in ("GetServerStatus", "ListProjects")),
     _bad("CreateProject", {"name": "Kitchen!"}, "project"),
     Example("ListKnownNames", {"page_size": 1}, "named"),

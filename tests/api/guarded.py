@@ -72,6 +72,8 @@ _OF_TRAINING = {
     "FinishOperation",
     "GetPreview",
     "GetPlacedCameras",
+    "GetJobLog",
+    "GET /v1/operations/{operation_id}/log",
     "POST /v1/operations/{operation_id}:finish",
     "GET /v1/operations/{operation_id}/preview",
     "GET /v1/operations/{operation_id}/preview.jpg",

@@ -45,18 +45,22 @@ _LOOKING = re.compile(r"(Get|List|Localize|Pick|Measure|Query|Watch|Render|Downl
 
 def _least_role(name: str) -> str | None:
     """What a call should need, by what it does: what is looked at needs a reader, what changes something an editor,
-    what deletes it for ever, and keys, an admin."""
+    what deletes it for ever, keys, and what a trainer wrote, an admin; what is of the server, an operator."""
     if name in _OPEN:
         return None
     if name.startswith("/"):
         rpc = name.rpartition("/")[2]
         if rpc == "CreateUploadKey":
             return "editor"
-        if rpc.startswith("Delete") or rpc.endswith(("Key", "Keys")):
+        if "Project" in rpc:
+            return "operator"
+        if rpc.startswith("Delete") or rpc.endswith(("Key", "Keys", "Log")):
             return "admin"
         return "reader" if _LOOKING.match(rpc) or rpc == "ServerReflectionInfo" else "editor"
     method, path = name.split(" ")
-    if path.startswith("/v1/keys") or (method == "DELETE" and "/uploads" not in path):
+    if path == "/v1/projects":
+        return "operator"
+    if path.startswith("/v1/keys") or path.endswith("/log") or (method == "DELETE" and "/uploads" not in path):
         return "admin"
     if path == "/v1/uploads/{upload_id}":
         return "editor"
@@ -166,7 +170,7 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
     if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up
-        expected = {"UndoEdit": "ALREADY_EXISTS", "RedoEdit": "ALREADY_EXISTS"}
+        expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
         assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal")
     if rule.one_upload and not about_one(name):

@@ -22,6 +22,7 @@ def _ids(client: Client) -> list[str]:
 
 
 def test_names_are_listed_and_forgotten_alike(faces: Faces, service: SceneService, api_settings: Settings) -> None:
+    service.known_names.forget_all()
     scenes = [add_scene(service, api_settings) for _ in range(3)]
     ids = [add_known_name(service, scene_id, f"mug {number} ☕") for number, scene_id in enumerate(scenes)]
     with client_of(faces) as client:

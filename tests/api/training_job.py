@@ -18,11 +18,14 @@ from fastsplat_contract.camera import Camera, PosedCamera
 
 
 def add_training_job(service: SceneService, name: str = "") -> Claim:
-    """A claimed job with 300 steps of training, a picture and two of three cameras."""
+    """A claimed job with 300 steps of training, a log, a picture and two of three cameras."""
     job = NewJob(uuid.uuid4().hex, uuid.uuid4().hex, name, "", "", "none", {"labels": []})
     service._store.scenes.create(job)
     claim = service._store.jobs.claim(job.operation_id)
     assert claim is not None
+    log = service._store.blobs.log(job.operation_id)
+    log.parent.mkdir(exist_ok=True)
+    log.write_text("step 300")
     show_training(service, claim, 1)
     return claim
 
