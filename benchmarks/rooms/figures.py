@@ -195,10 +195,10 @@ def _covers(gaussians: Gaussians, points: F64) -> NDArray[np.bool_]:
 def _silhouette_iou(gaussians: Gaussians, scene: Measured, number: int) -> float:
     splats = splats_of(gaussians)
     common = union = 0
+    posed_of = {view.name: view.posed for view in scene.dataset.test}
     for place, name in enumerate(scene.truth.names):
-        posed = next((view.posed for view in scene.dataset.test if view.name == name), None)
-        if posed is None:
-            continue
+        posed = posed_of[name]
+        assert posed is not None
         viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
         with torch.no_grad():
             drawn = rasterize(splats, viewmat, posed.camera).alpha.numpy() >= 0.5
