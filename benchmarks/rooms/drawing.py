@@ -141,7 +141,10 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         "test_filenames": names[1],
         "frames": frames,
     }
-    write_truth(truth_of(room, studio.soup, studio.thing_of, train, test), folder / "truth.npz")
+    write_truth(
+        truth_of(room, studio.soup, studio.thing_of, [part for _, part in studio.parts], train, test),
+        folder / "truth.npz",
+    )
     (folder / "transforms.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 

@@ -52,6 +52,8 @@ def _made() -> tuple[Truth, np.ndarray]:
         owners=np.repeat(np.arange(1, 5, dtype=np.int32), 900),
         names=("0.jpg",),
         silhouettes=alone[None],
+        parts=(alone[2] & (y < 0))[None].astype(np.uint8),
+        part_names=("head",),
     )
     return truth, shown
 
@@ -126,8 +128,15 @@ def test_two_that_are_one_are_no_thing_and_halves_are_joined_by_a_second_click()
 def test_a_part_under_the_click_may_be_what_is_meant() -> None:
     _, true = _made()
     measured = _measured(np.where(true == 3, 2, true))
+    assert figures_of(measured)["parts_recall_50"] == 0
     with_parts = replace(measured, parts={"0.jpg": np.choose(true, (0, 0, 7, 8, 0)).astype(np.int32)})
     assert figures_of(with_parts)["clicks_1.3_miou"] > figures_of(measured)["clicks_1.3_miou"]
+
+
+def test_a_part_is_known_by_a_part_or_a_thing_that_is_as_large() -> None:
+    truth, true = _made()
+    with_head = _measured(np.where(truth.parts[0] == 1, 5, true))
+    assert figures_of(with_head)["parts_recall_50"] == 1 and figures_of(with_head)["parts_true"] == 1
 
 
 def test_names_are_right_or_not_and_known_or_not() -> None:
