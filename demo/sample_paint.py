@@ -1,4 +1,4 @@
-"""Pictures painted by numpy for the sample scene: wall, cloth, prints, covers. None of them is ever tiled.
+"""Pictures painted by numpy for the sample scene and for drawn rooms: wall, cloth, prints, covers. None is ever tiled.
 
 Every function takes a size in pixels and a seed, and returns float32 [H, W, 3], sRGB in 0..1, row 0 on top.
 Structure from motion needs features that exist once in the scene: all fields are multi-octave noise, all motifs

@@ -98,10 +98,13 @@ class Ground:
                 return moved
         return None
 
-    def at(self, meshes: Meshes, x: float, y: float, turn: float = 0.0) -> Meshes:
-        """The meshes, resting at this place, which is taken from now on."""
+    def at(self, meshes: Meshes, x: float, y: float, turn: float = 0.0, *, touching: bool = False) -> Meshes:
+        """The meshes, resting at this place, which is taken from now on; unless they are to touch what stands beside
+        it, it must be free."""
         moved = resting(placed(meshes, x, y, turn), self.height)
-        self._taken |= self._covered(moved, 0.0)
+        covered = self._covered(moved, 0.0)
+        assert touching or not (covered & self._taken).any()
+        self._taken |= covered
         return moved
 
     def _put(self, meshes: Meshes, turn: float, spot: F64, gap: float) -> Meshes | None:

@@ -68,6 +68,7 @@ class Studio:
     Args:
         room: what stands where.
         seed: of the light.
+        width: of the photos, pixels: shadows are as fine.
 
     Attributes:
         meshes: all of them.
@@ -76,7 +77,7 @@ class Studio:
         parts: thing and name of each part, from id 1.
     """
 
-    def __init__(self, room: Room, seed: int) -> None:
+    def __init__(self, room: Room, seed: int, width: int = WIDTH) -> None:
         self.meshes: list[Mesh] = [mesh for thing in room.things for mesh in thing.meshes]
         owners = [number for number, thing in enumerate(room.things, start=1) for _ in thing.meshes]
         named = [(owner, mesh.part) for owner, mesh in zip(owners, self.meshes, strict=True)]
@@ -88,7 +89,7 @@ class Studio:
         things = [
             mesh.points for thing in room.things if thing.surface in ("", "horizontal surface") for mesh in thing.meshes
         ]
-        self.light = light_on(self.soup, np.concatenate(things), room.window, seed)
+        self.light = light_on(self.soup, np.concatenate(things), room.window, seed, width / WIDTH)
 
     def shown(self, posed: PosedCamera) -> Shown:
         """A view, with the things and parts that the centers of its pixels show."""
@@ -109,14 +110,14 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         width: of the photos, pixels.
     """
     room, seed = room_of(name)
-    studio, camera, rng = Studio(room, seed), camera_of(width), np.random.default_rng([seed, 1])
+    studio, camera, rng = Studio(room, seed, width), camera_of(width), np.random.default_rng([seed, 1])
     for part in ("images", "instances", "parts"):
         (folder / part).mkdir(parents=True, exist_ok=True)
     frames: list[dict[str, Any]] = []
     train, test = [], []
     for number, pose in enumerate(room.poses[:views]):
         file = f"{number:03d}"
-        shown = studio.shown(PosedCamera(camera, pose, f"{file}.jpg"))
+        shown = studio.shown(PosedCamera(camera, pose, f"images/{file}.jpg"))
         tested = number % _TEST_EVERY == _FIRST_TEST
         photo = photo_of(shown.light, EVEN if tested else phone_faults(rng), rng)
         Image.fromarray(photo).save(folder / "images" / f"{file}.jpg", quality=92)
@@ -125,7 +126,7 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         paths = {"file_path": f"images/{file}.jpg", "instance_path": f"instances/{file}.png"}
         frames.append({**paths, "part_path": f"parts/{file}.png", "transform_matrix": _opengl(pose).tolist()})
         (test if tested else train).append(shown)
-    names = [[f"images/{view.posed.name}" for view in views] for views in (train, test)]
+    names = [[view.posed.name for view in views] for views in (train, test)]
     document = {
         "camera_model": "PINHOLE",
         "fl_x": camera.fx,
@@ -140,7 +141,10 @@ def write_room(name: str, folder: Path, *, views: int | None = None, width: int 
         "test_filenames": names[1],
         "frames": frames,
     }
-    write_truth(truth_of(room, studio.soup, studio.thing_of, train, test), folder / "truth.npz")
+    write_truth(
+        truth_of(room, studio.soup, studio.thing_of, [part for _, part in studio.parts], train, test),
+        folder / "truth.npz",
+    )
     (folder / "transforms.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 

@@ -16,6 +16,7 @@ from benchmarks.rooms.shapes import F64
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.thing_discovery import (
+    MIN_PIXELS,
     ThingCounts,
     average_precision_at,
     count_things,
@@ -105,6 +106,7 @@ def figures_of(scene: Measured) -> dict[str, Any]:
         **_clicked(scene),
         "surfaces_iou": _mean(best[surfaces]),
         **{f"{kind}_iou": _mean(best[counts.present & (kinds == kind)]) for kind in sorted(set(kinds) - {""})},
+        **_parted(scene),
         **_in_space(scene),
         **_named(scene),
     }
@@ -143,6 +145,24 @@ def _clicked(scene: Measured) -> dict[str, float]:
     after = first.copy()
     after[worst] = second[worst]
     return {"selected_miou": float(first.mean()), "clicks_1.3_miou": float(after.mean())}
+
+
+def _parted(scene: Measured) -> dict[str, float | int]:
+    """The share of the true parts that are a discovered part, or thing, by an intersection over union of 0.5."""
+    names = scene.truth.names
+    truth, things, parts = (
+        scene.truth.parts,
+        *(np.stack([of[name] for name in names]) for of in (scene.things, scene.parts)),
+    )
+    best = []
+    for number in range(1, len(scene.truth.part_names) + 1):
+        meant = truth == number
+        if meant.sum() < MIN_PIXELS:
+            continue
+        pairs = [(shown, shown[meant]) for shown in (things, parts)]
+        likely = [(shown, int(np.bincount(inside).argmax())) for shown, inside in pairs]
+        best.append(max(_iou(shown == number_there, meant) if number_there else 0.0 for shown, number_there in likely))
+    return {"parts_true": len(best), "parts_recall_50": _mean([float(iou >= _IS) for iou in best])}
 
 
 def _spot(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
@@ -195,10 +215,10 @@ def _covers(gaussians: Gaussians, points: F64) -> NDArray[np.bool_]:
 def _silhouette_iou(gaussians: Gaussians, scene: Measured, number: int) -> float:
     splats = splats_of(gaussians)
     common = union = 0
+    posed_of = {view.name: view.posed for view in scene.dataset.test}
     for place, name in enumerate(scene.truth.names):
-        posed = next((view.posed for view in scene.dataset.test if view.name == name), None)
-        if posed is None:
-            continue
+        posed = posed_of[name]
+        assert posed is not None
         viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
         with torch.no_grad():
             drawn = rasterize(splats, viewmat, posed.camera).alpha.numpy() >= 0.5

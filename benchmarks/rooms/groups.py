@@ -149,7 +149,7 @@ def put_row(room: Room, rng: Random, ground: Ground, x: float, count: int) -> No
         upright = office.standing_book(rng)
         low, high = extent(upright)
         wide = float(high[0] - low[0])
-        ids.append(room.put("book", ground.at(upright, x + wide / 2, -0.085)))
+        ids.append(room.put("book", ground.at(upright, x + wide / 2, -0.085, touching=True)))
         x += wide + 0.0008
     room.note("touching", *ids)
 

@@ -37,13 +37,13 @@ def desk(rng: Random) -> Room:
     computer = rng.uniform() < 0.5
     if computer:
         room.put("tv", ground.at(office.monitor(rng), -0.1, 0.2, float(rng.uniform(-0.15, 0.15))))
-        keys = room.put("keyboard", ground.at(office.keyboard(rng), -0.1, -0.05, float(rng.uniform(-0.1, 0.1))))
+        keys = room.put("keyboard", ground.at(office.keyboard(rng), -0.05, -0.03, float(rng.uniform(-0.1, 0.1))))
         room.note("thin", keys)
     else:
         room.put("laptop", ground.at(office.laptop(rng), -0.08, 0.08, float(rng.uniform(-0.2, 0.2))))
     room.put("mouse", ground.at(office.mouse(rng), 0.24, -0.02, float(rng.uniform(-0.3, 0.3))))
     put_pile(room, rng, ground, (0.47, 0.18), 3)
-    pages = ground.at(office.notebook(rng), -0.42, -0.2, float(rng.uniform(-0.3, 0.3)))
+    pages = ground.at(office.notebook(rng), -0.47, -0.23, float(rng.uniform(-0.15, 0.15)))
     notes = room.put("notebook", pages)
     pen = room.put("pen", upon(pages, office.pen(rng), rng))
     room.note("on a pattern", pen, notes)
@@ -164,6 +164,15 @@ def shelf(rng: Random) -> Room:
 def lying_tools(rng: Random) -> Room:
     """Tools that lie on each other on a workbench."""
     room, ground = before_wall(rng, (1.2, 0.8), tableware.grained(rng))
+    put_filled(
+        room,
+        rng,
+        ground,
+        (0.38, 0.22),
+        ("crate", tools.crate(rng)),
+        3,
+        [("tape", tools.tape_roll), ("jar", tableware.jar), ("tape measure", tools.tape_measure)],
+    )
     pairs: list[tuple[tuple[str, Build], tuple[str, Build], float]] = [
         (("wrench", tools.wrench), ("hammer", tools.hammer), 0.012),
         (("pliers", tools.pliers), ("screwdriver", tools.screwdriver), 0.016),
@@ -178,15 +187,6 @@ def lying_tools(rng: Random) -> Room:
         cutter = room.put("scissors", upon(rag, tools.scissors(rng), rng))
         room.note("on a pattern", cutter, cloth)
         room.note("thin", cutter)
-    put_filled(
-        room,
-        rng,
-        ground,
-        (0.38, 0.22),
-        ("crate", tools.crate(rng)),
-        3,
-        [("tape", tools.tape_roll), ("jar", tableware.jar), ("tape measure", tools.tape_measure)],
-    )
     put_hollow(room, rng, ground, [("tape", tools.tape_roll), ("cup", tableware.mug)])
     first = ground.place(tools.paint_tin(rng))
     if first is not None:

@@ -71,7 +71,7 @@ class Light:
         return sums
 
 
-def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int) -> Light:
+def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int, detail: float = 1.0) -> Light:
     """The light in a room.
 
     Args:
@@ -79,6 +79,7 @@ def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int) -> Ligh
         about: float64 [N, 3], points around which shadows are drawn; elsewhere all light arrives.
         window: direction to the window's middle.
         seed: of the directions.
+        detail: cells of the maps along each side, as a share of the usual.
     """
     rng = np.random.default_rng(seed)
     middle = np.asarray(window, float) / np.linalg.norm(window)
@@ -91,7 +92,10 @@ def light_on(soup: Soup, about: F64, window: Sequence[float], seed: int) -> Ligh
     toward = np.concatenate([room, spread / np.linalg.norm(spread, axis=1, keepdims=True)])
     of_room = np.outer(np.full(_ROOM, _ROOM_STRENGTH / (_ROOM * 0.66)), _COOL)
     strength = np.concatenate([of_room, np.outer(np.full(_WINDOW, _WINDOW_STRENGTH / _WINDOW), _WARM)])
-    made = [_map(soup, about, direction, _COARSE if k < _ROOM else _FINE) for k, direction in enumerate(toward)]
+    made = [
+        _map(soup, about, direction, round(detail * (_COARSE if k < _ROOM else _FINE)))
+        for k, direction in enumerate(toward)
+    ]
     axes, maps, low, step = zip(*made, strict=True)
     return Light(toward, strength, np.stack(axes), maps, np.stack(low), np.stack(step), middle)
 

@@ -17,6 +17,8 @@ from fastsplat_contract.camera import PosedCamera
 
 _POINTS = 1500
 """Points that are drawn on each thing, those included that no photo shows."""
+_ARRAYS = ("axes", "low", "high", "points", "owners", "parts")
+_WORDS = ("labels", "surfaces", "names", "part_names")
 _NEAR = 0.01
 """Share of its depth by which a point that a photo shows may lie behind what is seen there."""
 
@@ -51,6 +53,8 @@ class Truth:
         owners: int32 [K], the thing of each point, from 1.
         names: of the V views to measure by.
         silhouettes: bool [V, N, H, W], what each thing would cover if it were alone.
+        parts: uint8 [V, H, W], the part that each pixel shows, 0 for none.
+        part_names: of each part, from 1.
     """
 
     labels: tuple[str, ...]
@@ -62,6 +66,8 @@ class Truth:
     owners: NDArray[np.int32]
     names: tuple[str, ...]
     silhouettes: NDArray[np.bool_]
+    parts: NDArray[np.uint8]
+    part_names: tuple[str, ...]
 
     def outside(self, thing: int, points: F64, margin: float) -> NDArray[np.bool_]:
         """bool [K]: which points [K, 3] lie farther than `margin`, meters, outside the box of a thing, from 1."""
@@ -70,15 +76,23 @@ class Truth:
         return np.asarray((beyond > margin).any(axis=1))
 
 
-def truth_of(room: Room, soup: Soup, thing_of: Ints, train: Sequence[Shown], test: Sequence[Shown]) -> Truth:
+def truth_of(
+    room: Room,
+    soup: Soup,
+    thing_of: Ints,
+    part_names: Sequence[str],
+    train: Sequence[Shown],
+    test: Sequence[Shown],
+) -> Truth:
     """The truth of a room.
 
     Args:
         room: what stands where.
         soup: its triangles.
         thing_of: int64 [T], their things.
+        part_names: of each part, from 1.
         train: views that show what can be known.
-        test: views to measure by.
+        test: views to measure by, at least one.
     """
     rng = np.random.default_rng(0)
     boxes = [_upright_box(np.concatenate([mesh.points for mesh in thing.meshes])) for thing in room.things]
@@ -100,16 +114,16 @@ def truth_of(room: Room, soup: Soup, thing_of: Ints, train: Sequence[Shown], tes
         points=np.concatenate(points).astype(np.float32),
         owners=np.concatenate(owners),
         names=tuple(view.posed.name for view in test),
-        silhouettes=np.stack([_silhouettes(soup, thing_of, len(room.things), view.posed) for view in test])
-        if test
-        else np.zeros((0, len(room.things), 1, 1), np.bool_),
+        silhouettes=np.stack([_silhouettes(soup, thing_of, len(room.things), view.posed) for view in test]),
+        parts=np.stack([view.parts for view in test]),
+        part_names=tuple(part_names),
     )
 
 
 def write_truth(truth: Truth, path: Path) -> None:
     """As one NPZ, silhouettes as bits."""
-    arrays = {name: getattr(truth, name) for name in ("axes", "low", "high", "points", "owners")}
-    words = {name: np.array(getattr(truth, name), dtype=np.str_) for name in ("labels", "surfaces", "names")}
+    arrays = {name: getattr(truth, name) for name in _ARRAYS}
+    words = {name: np.array(getattr(truth, name), dtype=np.str_) for name in _WORDS}
     shape = np.array(truth.silhouettes.shape)
     np.savez_compressed(path, bits=np.packbits(truth.silhouettes), shape=shape, **arrays, **words)
 
@@ -119,8 +133,8 @@ def read_truth(path: Path) -> Truth:
     with np.load(path) as stored:
         shape = stored["shape"]
         bits = np.unpackbits(stored["bits"], count=int(np.prod(shape))).reshape(shape).astype(np.bool_)
-        words = {name: tuple(stored[name].tolist()) for name in ("labels", "surfaces", "names")}
-        arrays = {name: stored[name] for name in ("axes", "low", "high", "points", "owners")}
+        words = {name: tuple(stored[name].tolist()) for name in _WORDS}
+        arrays = {name: stored[name] for name in _ARRAYS}
     return Truth(**words, **arrays, silhouettes=bits)
 
 

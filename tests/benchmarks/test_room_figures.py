@@ -52,6 +52,8 @@ def _made() -> tuple[Truth, np.ndarray]:
         owners=np.repeat(np.arange(1, 5, dtype=np.int32), 900),
         names=("0.jpg",),
         silhouettes=alone[None],
+        parts=(alone[2] & (y < 0))[None].astype(np.uint8),
+        part_names=("head",),
     )
     return truth, shown
 
@@ -67,15 +69,14 @@ def _measured(shown: np.ndarray | None = None, names: dict[int, str] | None = No
     gaussians = Gaussians(
         means=means,
         quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.full((count, 3), np.log(0.008), np.float32),
+        log_scales=np.full((count, 3), np.log(0.004), np.float32),
         logit_opacities=np.full(count, 4.0, np.float32),
         sh=np.zeros((count, 1, 3), np.float32),
         codes=np.zeros((count, 0), np.float32),
     )
     named = names or {}
-    table = tuple(
-        Thing(number, named.get(number, ""), "detected" if number in named else None) for number in range(1, 5)
-    )
+    ids = range(1, max(4, int(shown.max())) + 1)
+    table = tuple(Thing(number, named.get(number, ""), "detected" if number in named else None) for number in ids)
     membership = evidence_of(np.arange(count), truth.owners, np.full(count, UNIT, np.int64), count)
     scene = Scene(
         gaussians=gaussians,
@@ -107,7 +108,7 @@ def test_the_truth_is_perfect() -> None:
     ):
         assert figures[name] == 1, name
     assert figures["wall_iou"] == 1 and figures["outside_box"] == 0 and figures["things_true"] == 4
-    assert figures["covered"] > 0.98 and figures["alone_miou"] > 0.8
+    assert figures["covered"] > 0.95 and figures["alone_miou"] > 0.7
 
 
 def test_fog_lies_outside_the_box_of_its_thing() -> None:
@@ -120,19 +121,22 @@ def test_two_that_are_one_are_no_thing_and_halves_are_joined_by_a_second_click()
     assert merged["recall_50"] < 1 and merged["clicks_miou"] < 1
     halves = true.copy()
     halves[:30][true[:30] == 1] = 5  # the upper half of the wall is a thing of its own
-    measured = _measured(halves)
-    table = (*measured.scene.things.table, Thing(5)) if measured.scene.things else ()
-    assert measured.scene.things is not None
-    scene = replace(measured.scene, things=replace(measured.scene.things, table=table))
-    split = figures_of(replace(measured, scene=scene, counts=count_things(scene, measured.dataset, measured.things)))
+    split = figures_of(_measured(halves))
     assert split["selected_miou"] < 0.95 and split["clicks_1.3_miou"] == 1
 
 
 def test_a_part_under_the_click_may_be_what_is_meant() -> None:
     _, true = _made()
     measured = _measured(np.where(true == 3, 2, true))
+    assert figures_of(measured)["parts_recall_50"] == 0
     with_parts = replace(measured, parts={"0.jpg": np.choose(true, (0, 0, 7, 8, 0)).astype(np.int32)})
     assert figures_of(with_parts)["clicks_1.3_miou"] > figures_of(measured)["clicks_1.3_miou"]
+
+
+def test_a_part_is_known_by_a_part_or_a_thing_that_is_as_large() -> None:
+    truth, true = _made()
+    with_head = _measured(np.where(truth.parts[0] == 1, 5, true))
+    assert figures_of(with_head)["parts_recall_50"] == 1 and figures_of(with_head)["parts_true"] == 1
 
 
 def test_names_are_right_or_not_and_known_or_not() -> None:

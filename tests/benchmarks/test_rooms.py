@@ -12,13 +12,15 @@ import pytest
 from benchmarks.rooms.arranging import HARD, Room, extent
 from benchmarks.rooms.drawing import KINDS, ROOMS, Studio, camera_of, room_of, write_room
 from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
-from benchmarks.rooms.rasterizing import projected_into, rasterized
+from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
 from benchmarks.rooms.truth import Shown, read_truth
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat_contract.camera import PosedCamera
 
-_WIDTH = 96
+_WIDTH = 64
+_NEAR = 0.012
+_ALIKE = ("tools-1", "tools-2")
 _VIEWS = 8
 
 
@@ -29,7 +31,7 @@ def _room(name: str) -> Room:
 
 @cache
 def _studio() -> Studio:
-    return Studio(*room_of("tools-1"))
+    return Studio(*room_of("tools-1"), _WIDTH)
 
 
 @cache
@@ -44,10 +46,10 @@ def test_six_rooms_to_choose_by_and_six_held_out_are_of_eight_kinds() -> None:
 
 
 def test_the_same_seed_gives_the_same_pixels_and_another_room_others() -> None:
-    again = Studio(*room_of("tools-1")).shown(_shown().posed)
-    other = Studio(*room_of("tools-2")).shown(_shown().posed)
+    again = Studio(*room_of("tools-1"), _WIDTH).shown(_shown().posed)
+    one, other = (soup_of([mesh for thing in _room(name).things for mesh in thing.meshes]) for name in _ALIKE)
     assert np.array_equal(again.light, _shown().light) and np.array_equal(again.things, _shown().things)
-    assert not np.array_equal(other.light, _shown().light) and not np.array_equal(other.things, _shown().things)
+    assert not np.array_equal(one.points, other.points)
 
 
 def test_ids_are_exact() -> None:
@@ -86,7 +88,7 @@ def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(tmp_path: Pa
     assert len(dataset.train) + len(dataset.test) == _VIEWS and truth.names == tuple(v.name for v in dataset.test)
     for place, view in enumerate(dataset.test):
         assert view.posed is not None and view.instances is not None
-        assert np.allclose(view.posed.world_from_camera, room.poses[int(view.name.split(".")[0])], atol=1e-9)
+        assert np.allclose(view.posed.world_from_camera, room.poses[int(Path(view.name).stem)], atol=1e-9)
         alone = truth.silhouettes[place]
         seen = view.instances > 0
         assert alone[view.instances[seen] - 1, *np.nonzero(seen)].all()
@@ -98,7 +100,7 @@ def test_what_is_written_is_read_again_with_its_poses_ids_and_truth(tmp_path: Pa
         near = np.zeros(inside.sum(), bool)  # points on an edge may fall into the pixel beside their silhouette
         for dx, dy in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)):
             near |= alone[truth.owners[inside] - 1, y[inside] + dy, x[inside] + dx]
-        assert near.mean() > 0.99
+        assert near.mean() > 0.95
     for number in range(1, len(room.things) + 1):
         points = truth.points[truth.owners == number].astype(float)
         assert not truth.outside(number, points, 1e-5).any()
@@ -117,7 +119,7 @@ def test_hard_cases_are_what_they_are_called(name: str) -> None:
     boxes = [extent(thing.meshes) for thing in room.things]
     for low, high in room.hard.get("crossed", []):
         below, above = boxes[low - 1], boxes[high - 1]
-        assert _overlap(below, above) and above[1][2] > below[1][2] - 0.012
+        assert (below[0] < above[1] + _NEAR).all() and (above[0] < below[1] + _NEAR).all()
     for pile in room.hard.get("stacked", []):
         for low, high in pairwise(pile):
             assert abs(boxes[high - 1][0][2] - boxes[low - 1][1][2]) < 2e-3 and _overlap(
