@@ -152,6 +152,12 @@ def _things(document: Document) -> Iterator[Row]:
             yield name, *found, _count(row["things_precision"], row["things_judged"]), f"{row['clicks_miou']:.2f}"
 
 
+def _names(document: Document) -> Iterator[Row]:
+    for row in document["rows"]:
+        between = f"{row['from']:.0%} to {row['to']:.0%}"
+        yield between, f"{row['predicted']:.0%}", f"{row['right']} of {row['things']}"
+
+
 def _absence(document: Document) -> Iterator[Row]:
     figures, asked = document["figures"], document["questions"]
     for title, name, wanted in (
@@ -268,6 +274,7 @@ TABLES: Mapping[str, Table] = {
         ("things",), ("", "found at IoU 0.5", "at IoU 0.75", "found things that are right", "IoU of a click"), _things
     ),
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
+    "names": Table(("names",), ("probability", "mean", "right"), _names),
     "questions": Table(("questions",), ("", "right"), _questions),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),

@@ -1,36 +1,36 @@
 """Fit `service/instances/name_calibration.json`: how probable it is that the default detector calls a thing right.
 
-    python -m benchmarks.calibration.fit_names FOLDER [FOLDER ...] [--dry-run]
+    python -m benchmarks.calibration.fit_names FOLDER [FOLDER ...] [--keep FOLDER] [--dry-run]
 
-A folder has photos with poses and maps of true things, laid out as `demo/sample`, or maps of labels, as `tabletop`.
-The detector looks at every second photo. As in a scene, a region votes for the true thing that it overlaps most, by at
-least a half, and a thing's evidence for its best name is `name_evidence` of the mean scores over the photos that show
-most of it. One thing counts once. A name is right that is the true label, or that `_SAME` says is another word for it.
+A folder has photos with poses and maps of true things, laid out as `demo/sample`, or maps of labels, as `tabletop`;
+`benchmarks.rooms` draws such rooms. The detector looks at 20 photos at most. As in a scene, a region votes for the true
+thing that it overlaps most, by at least a half, and a thing's evidence for its best name is `name_evidence` of the mean
+scores over the photos that show most of it. One thing counts once. A name is right that is the true label, or that
+`_SAME` says is another word for it. What was seen of a set that lies in `--keep` is not looked for again.
 
-The curve is a logistic model of the evidence's logarithm, with one wrong and one right thing added so that it stays off
-0 and 1, and nowhere more than the rule of succession allows for the things that had as much evidence or more:
-(right + 1) / (things + 2). Printed beside it is the calibration error of predictions for sets that were left out.
+The model is logistic in ln(e / (1 - e)) of the evidence e, with an offset for each name, by ridge: names that are often
+wrong, as "cup" for all that is round, need more evidence, and a name that was seen seldom is as good as the mean. What
+benchmarks/results/names.json counts are predictions for sets that were left out.
 """
 
 from __future__ import annotations
 
-import datetime
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from scipy.optimize import minimize
 
-from benchmarks.calibration.separation import auroc, calibration_error, logistic_fit
-from benchmarks.provenance import parser_of
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.common.logistic import logistic
 from fastsplat.service.common.progress import silent
-from fastsplat.service.instances.name_calibration import FILE, NameCurve, name_evidence
+from fastsplat.service.instances.name_calibration import FILE, NameCategory, NameModel, evidence_logit, name_evidence
 from fastsplat.service.instances.scene_things import NAME_OVERLAP
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.types import Regions
@@ -39,13 +39,18 @@ from fastsplat_contract.camera import Camera, PosedCamera
 
 F64 = NDArray[np.float64]
 
-_EVERY = 2
+_PHOTOS = 20
 _LEAST_PX = 64
 """Pixels of a thing from which a photo shows it."""
 _MOST_SHOWN = 0.5
 """Of a thing's usual pixels, from which a photo shows most of it."""
-_EDGES = (0.0, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
-_SAME: frozenset[tuple[str, str]] = frozenset()
+_RIDGE = 1.0
+"""Of the names' offsets, whose mean is 0; of 0.3, 1, 2 and 4 the one by which sets left out are most probable."""
+_EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+"""Of predicted probabilities that are counted together."""
+_SAME = frozenset(
+    {("table", "dining table"), ("mug", "cup"), ("pen cup", "cup"), ("red scissors", "scissors"), ("notebook", "book")}
+)
 """True labels and words of the detector that are right for them."""
 
 
@@ -72,24 +77,37 @@ def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
     parser.add_argument("folders", nargs="+", type=Path)
-    parser.add_argument("--dry-run", action="store_true", help="Write nothing.")
+    parser.add_argument("--keep", type=Path, help="For what was seen of each set.")
+    parser.add_argument("--dry-run", action="store_true", help="Write nothing but that.")
     options = parser.parse_args()
-    settings = load_settings()
-    named = [thing for folder in options.folders for thing in named_things(folder, settings)]
+    start, settings = begin(), load_settings()
+    named = [thing for folder in options.folders for thing in _kept(folder, settings, options.keep)]
     for thing in sorted(named, key=lambda one: -one.evidence):
         print(
             f"{thing.evidence:.2f} {'right' if thing.right else 'WRONG'} {thing.group}: {thing.label} is {thing.name}"
         )
-    curve = fitted(named, settings.perception.closed_set_detector)
-    report(named, curve)
+    model = fitted(named, settings.perception.closed_set_detector)
+    rows = left_out(named)
+    print(json.dumps(rows, indent=1))
     if not options.dry_run:
-        FILE.write_text(json.dumps(curve.model_dump(mode="json"), indent=1) + "\n")
+        FILE.write_text(json.dumps(model.model_dump(mode="json"), indent=1) + "\n")
+        about = provenance(start, settings=options, chosen_on="the same things, by sets that were left out")
+        write_json(RESULTS / "names.json", {"rows": rows, "things": len(named), **about})
+
+
+def _kept(folder: Path, settings: Settings, keep: Path | None) -> list[Named]:
+    if keep is None:
+        return named_things(folder, settings)
+    stored = keep / f"{folder.name}.json"
+    if not stored.is_file():
+        stored.write_text(json.dumps([vars(each) for each in named_things(folder, settings)]))
+    return [Named(**row) for row in json.loads(stored.read_text())]
 
 
 def named_things(folder: Path, settings: Settings) -> list[Named]:
     """What the detector calls the things of one set."""
     document = json.loads((folder / "transforms.json").read_text())
-    frames = document["frames"][::_EVERY]
+    frames = document["frames"][:: -(-len(document["frames"]) // _PHOTOS)]
     camera = Camera(*(document[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")))
     labels = document.get("instances") or sorted(document["labels"], key=document["labels"].get)
     key = "instance_path" if document.get("instances") else "mask_path"
@@ -152,49 +170,58 @@ def is_right(label: str, name: str) -> bool:
     return label_key(label) == label_key(name) or (label, name) in _SAME
 
 
-def fitted(named: Sequence[Named], detector: str) -> NameCurve:
-    """The curve of these things."""
-    evidence = np.array([thing.evidence for thing in named])
-    right = np.array([thing.right for thing in named])
-    place = np.searchsorted(_EDGES, evidence, side="right") - 1
-    things = np.bincount(place, minlength=len(_EDGES))
-    correct = np.bincount(place, right, minlength=len(_EDGES))
-    above, right_above = things[::-1].cumsum()[::-1], correct[::-1].cumsum()[::-1]
-    most = (right_above + 1) / (above + 2)
-    probability = np.minimum(_predicted(evidence, right, np.array(_EDGES)), most)
-    return NameCurve(
-        date=datetime.date.today().isoformat(),
+def fitted(named: Sequence[Named], detector: str) -> NameModel:
+    """The model of these things."""
+    names = sorted({label_key(thing.name) for thing in named})
+    factor, offset, *offsets = _fit(named, names)
+    counted = {name: [thing.right for thing in named if label_key(thing.name) == name] for name in names}
+    return NameModel(
         detector=detector,
         sets=tuple(dict.fromkeys(thing.group for thing in named)),
-        evidence=_EDGES,
-        probability=tuple(round(float(each), 3) for each in np.minimum.accumulate(probability[::-1])[::-1]),
-        things=tuple(things.tolist()),
-        right=tuple(int(each) for each in correct),
+        factor=round(factor, 3),
+        offset=round(offset, 3),
+        categories={
+            name: NameCategory(offset=round(own, 3), things=len(counted[name]), right=sum(counted[name]))
+            for name, own in zip(names, offsets, strict=True)
+        },
     )
 
 
-def report(named: Sequence[Named], curve: NameCurve) -> None:
-    """The curve with its counts, and how well it holds for sets that were left out."""
-    rows = zip(curve.evidence, curve.probability, curve.things, curve.right, strict=True)
-    for evidence, probability, things, right in rows:
-        print(f"from {evidence:.2f}: {probability:.3f}, {right} of {things} right")
-    evidence, right = np.array([t.evidence for t in named]), np.array([t.right for t in named])
-    groups = np.array([thing.group for thing in named])
+def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
+    """How many things of sets that were left out had a probability between two edges, and how many were right."""
     predicted = np.zeros(len(named))
+    groups = np.array([thing.group for thing in named])
     for group in set(groups.tolist()):
-        out = groups == group
-        predicted[out] = _predicted(evidence[~out], right[~out], evidence[out])
-    error = calibration_error(predicted, right.astype(np.float64), bins=5)
-    print(f"of sets left out: calibration error {error:.3f}, area {auroc(predicted[right], predicted[~right]):.3f}")
-    for bound in (0.75, 0.95):
-        chosen = predicted >= bound
-        print(f"of sets left out: {right[chosen].sum()} of {chosen.sum()} right from {bound}")
+        model = fitted([thing for thing in named if thing.group != group], "")
+        for row in np.flatnonzero(groups == group):
+            predicted[row] = model.probability(np.array([[named[row].evidence]]), [named[row].name])[0, 0]
+    right = np.array([thing.right for thing in named])
+    place = np.clip(np.searchsorted(_EDGES, predicted, side="right") - 1, 0, len(_EDGES) - 2)
+    return [
+        {
+            "from": low,
+            "to": high,
+            "things": int((place == number).sum()),
+            "right": int(right[place == number].sum()),
+            "predicted": round(float(predicted[place == number].mean()), 3),
+        }
+        for number, (low, high) in enumerate(pairwise(_EDGES))
+        if (place == number).any()
+    ]
 
 
-def _predicted(evidence: F64, right: NDArray[np.bool_], at: F64) -> F64:
-    known = np.append(evidence, [np.median(evidence)] * 2)
-    factor, offset = logistic_fit(np.log(known)[:, None], np.append(right, [True, False]))
-    return np.asarray(logistic(factor * np.log(np.maximum(at, 1e-3)) + offset))
+def _fit(named: Sequence[Named], names: Sequence[str]) -> list[float]:
+    """Factor and offset, then the offset of each name, by maximum likelihood with a ridge."""
+    logit = evidence_logit(np.array([thing.evidence for thing in named]))
+    place = np.array([names.index(label_key(thing.name)) for thing in named])
+    sign = np.where([thing.right for thing in named], 1.0, -1.0)
+
+    def loss(factors: F64) -> float:
+        predicted = factors[0] * logit + factors[1] + factors[2:][place]
+        return float(np.logaddexp(0.0, -sign * predicted).sum() + _RIDGE / 2 * (factors[2:] ** 2).sum())
+
+    optimum = minimize(loss, np.zeros(2 + len(names)), method="L-BFGS-B")
+    return [float(each) for each in optimum.x]
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""How probable it is that what a detector calls a thing is right: a curve, measured on things with true names."""
+"""How probable it is that what a detector calls a thing is right: a model, measured on things with true names."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -10,34 +11,62 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.common.logistic import logistic
+
 F64 = NDArray[np.float64]
 
 FILE = Path(__file__).with_name("name_calibration.json")
-"""Written by `benchmarks.calibration.fit_names`, which says what the curve is and how it was measured."""
+"""Written by `benchmarks.calibration.fit_names`, which says how it is measured."""
+
+_CERTAIN = 0.98
+"""Evidence beyond counts as this, on both sides."""
 
 
-class NameCurve(BaseModel):
-    """Probabilities by evidence, and what they were measured on.
+class NameCategory(BaseModel):
+    """One name of the detector.
 
     Attributes:
-        date: ISO date.
-        detector: that called the things so.
-        sets: what the things are of.
-        evidence: ascending, 0..1; the curve is straight between them, and flat beyond.
-        probability: at each of them, 0..1, ascending.
-        things: how many things had about that evidence; the first row is of those up to the second value.
-        right: how many of them were called right.
+        offset: what the logit of its probability has beside that of others.
+        things: that were called so, most of all names, when it was measured.
+        right: how many of them rightly.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    date: str
+    offset: float
+    things: int
+    right: int
+
+
+class NameModel(BaseModel):
+    """p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset))), e the evidence.
+
+    Attributes:
+        detector: that called the things so.
+        sets: what the things are of.
+        factor, offset: see above.
+        categories: by `label_key` of the name; others have an offset of 0.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
     detector: str
     sets: tuple[str, ...]
-    evidence: tuple[float, ...]
-    probability: tuple[float, ...]
-    things: tuple[int, ...]
-    right: tuple[int, ...]
+    factor: float
+    offset: float
+    categories: Mapping[str, NameCategory]
+
+    def probability(self, evidence: F64, names: Sequence[str]) -> F64:
+        """float64 [T, N], 0..1, of evidence [T, N] for N names."""
+        offsets = [each.offset if (each := self.categories.get(label_key(name))) else 0.0 for name in names]
+        return logistic(self.factor * evidence_logit(evidence) + self.offset + np.array(offsets, np.float64))
+
+
+def evidence_logit(evidence: F64) -> F64:
+    """ln(e / (1 − e)) of evidence, 0..1, kept off both ends."""
+    inside = np.clip(evidence, 1 - _CERTAIN, _CERTAIN)
+    return np.asarray(np.log(inside / (1 - inside)))
 
 
 def name_evidence(scores: F64) -> F64:
@@ -51,17 +80,19 @@ def name_evidence(scores: F64) -> F64:
     return np.asarray(scores * np.divide(scores, total, out=np.zeros_like(scores), where=total > 0))
 
 
-def name_probability(scores: F64) -> F64:
+def name_probability(scores: F64, names: Sequence[str]) -> F64:
     """float64 [T, N + 1], 0..1: how probable each label is right for each thing; 0 where no view says so.
 
     Args:
-        scores: see `name_evidence`.
+        scores: see `name_evidence`; [:, 0] is 0.
+        names: of labels 1..N.
     """
-    curve = name_curve()
-    return np.where(scores > 0, np.interp(name_evidence(scores), curve.evidence, curve.probability), 0.0)
+    probability = np.zeros_like(scores)
+    probability[:, 1:] = name_model().probability(name_evidence(scores)[:, 1:], names)
+    return np.where(scores > 0, probability, 0.0)
 
 
 @cache
-def name_curve() -> NameCurve:
-    """The curve of the file."""
-    return NameCurve.model_validate(json.loads(FILE.read_text()))
+def name_model() -> NameModel:
+    """The model of the file."""
+    return NameModel.model_validate(json.loads(FILE.read_text()))

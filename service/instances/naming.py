@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from fastsplat.service.instances.name_calibration import name_probability
 from fastsplat.service.perception.types import Regions
 from fastsplat.service.scene.things import thing_rows
-from fastsplat.service.scene.types import Gaussians, NameSource, Thing, Things
+from fastsplat.service.scene.types import NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
-NAMED_FROM = 0.75
+NAMED_FROM = 0.8
 """A detected name is given from this probability; below, it is a suggestion. See `Thing.guessed` for those between."""
 _GIVEN_FROM, _GIVEN_RIVALS = 0.28, 0.5
 """A name of label maps is given from this share of the views, if no other has more than this part of it."""
-_NAME_SIZE_RATIO = 1.6
-"""A detected name that things bear of which one is so many times as large as another is a class that the detector
-puts everything into: then it is a suggestion for all of them. Names that were asked for are spared."""
 
 F64 = NDArray[np.float64]
 
@@ -104,49 +101,29 @@ def name_things(
     votes: NameVotes,
     names: Sequence[str],
     source: NameSource,
-    extents: F64 | None = None,
 ) -> Things:
     """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
 
-    How probable a detected name is says `name_probability`. It is given from `NAMED_FROM`, if all things of which it is
-    the best are about as large; otherwise it is suggested. Of exact label maps the probability is the share of views.
+    How probable a detected name is says `name_probability`. It is given from `NAMED_FROM`; otherwise it is suggested.
+    Of exact label maps the probability is the share of views.
 
     Args:
         things: T of them.
         votes: see `count_votes`.
         names: of labels 1..N.
         source: who votes.
-        extents: float64 [T], see `thing_extents`; None: sizes do not matter.
     """
-    probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores)
-    mixed = np.zeros(probability.shape[1], np.bool_)
-    if extents is not None:
-        best = probability.argmax(axis=1)
-        for label in range(1, len(mixed)):
-            own = extents[(best == label) & (probability[:, label] >= NAMED_FROM)]
-            mixed[label] = len(own) > 1 and own.max() > _NAME_SIZE_RATIO * own.min()
+    probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(
-        thing if thing.source == "person" else _named(thing, row, mixed, names, source)
+        thing if thing.source == "person" else _named(thing, row, names, source)
         for thing, row in zip(things.table, probability, strict=True)
     )
     return replace(things, table=table)
 
 
-def thing_extents(things: Things, gaussians: Gaussians) -> F64:
-    """float64 [T], scene units: the standard deviation of each thing's Gaussians around their mean, over all three
-    axes together; 0 for a thing without Gaussians."""
-    rows = thing_rows(things)
-    extents = np.zeros(len(things.table))
-    for place, thing in enumerate(things.table):
-        means = gaussians.means[rows == thing.id].astype(np.float64)
-        extents[place] = np.sqrt(means.var(axis=0).sum()) if len(means) else 0.0
-    return extents
-
-
 def _named(
     thing: Thing,
     row: F64,
-    mixed: NDArray[np.bool_],
     names: Sequence[str],
     source: NameSource,
 ) -> Thing:
@@ -159,6 +136,6 @@ def _named(
     clear = sure >= NAMED_FROM
     if source == "given":
         clear = sure >= _GIVEN_FROM and all(other <= _GIVEN_RIVALS * sure for _, other in rivals)
-    if not clear or mixed[order[0]]:
+    if not clear:
         return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
     return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)

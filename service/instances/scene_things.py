@@ -14,7 +14,7 @@ from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.instances.coded_things import fit_thing_codes
 from fastsplat.service.instances.discovery import OnView, discover_things, masked_view
 from fastsplat.service.instances.lifting import lift_regions_of
-from fastsplat.service.instances.naming import NameVotes, count_votes, name_things, thing_extents
+from fastsplat.service.instances.naming import NameVotes, count_votes, name_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.types import Gaussians, Things
@@ -83,10 +83,7 @@ def _named(
     regions = labelling.regions or [regions_of_label_map(label_map) for label_map in labelling.label_maps]
     used = [(view, own) for view, own in zip(capture.views, regions, strict=True) if own.votes]
     votes = votes_of_views(things, gaussians, used, len(names), settings, backend=backend)
-    if labelling.exact:
-        return name_things(things, votes, names, "given")
-    extents = None if labelling.expected else thing_extents(things, gaussians)
-    return name_things(things, votes, names, "detected", extents)
+    return name_things(things, votes, names, "given" if labelling.exact else "detected")
 
 
 @torch.no_grad()

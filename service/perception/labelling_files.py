@@ -48,7 +48,6 @@ def save_labelling(labelling: Labelling, directory: Path) -> None:
                 "schema_version": 1,
                 "maps": len(labelling.label_maps),
                 "exact": labelling.exact,
-                "expected": labelling.expected,
                 "votes": [view.votes for view in labelling.regions],
                 "searched": labelling.searched,
                 "masks": [own is not None for own in labelling.masks],
@@ -93,9 +92,9 @@ def load_labelling(directory: Path) -> Labelling:
         )
         dictionary = Dictionary(entries)
         maps: list[NDArray[np.uint16]] = []
-        flags = [index.get(name, False) for name in ("exact", "expected")]
-        if not all(isinstance(flag, bool) for flag in flags):
-            raise ValueError(f"exact and expected are {flags}")
+        exact = index.get("exact", False)
+        if not isinstance(exact, bool):
+            raise ValueError(f"exact is {exact}")
         for number in range(int(index["maps"])):
             maps.append(_read_map(directory / f"{number:06d}.png", len(entries)))
         regions = tuple(
@@ -114,7 +113,7 @@ def load_labelling(directory: Path) -> Labelling:
         searched = None if names is None else tuple(str(name) for name in names)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error
-    return Labelling(dictionary, tuple(maps), flags[0], regions, flags[1], masks, searched)
+    return Labelling(dictionary, tuple(maps), exact, regions, masks, searched)
 
 
 def _masks_name(number: int) -> str:

@@ -103,7 +103,6 @@ class Labelling:
         exact: the maps came with the capture and are the truth: they agree with each other, and 0 in a map that names
             anything is "none of these classes" rather than "not detected".
         regions: one per view, what the label maps were painted from; empty where nothing was detected by us.
-        expected: the names were asked for, so each is expected to be somewhere.
         masks: one per view, its masks without names, None where nobody looked for any; empty where nobody did at all.
         searched: the names that a detector looked for; None where that is not known, or none did.
     """
@@ -112,7 +111,6 @@ class Labelling:
     label_maps: tuple[NDArray[np.uint16], ...]
     exact: bool = False
     regions: tuple[Regions, ...] = ()
-    expected: bool = False
     masks: tuple[ViewMasks | None, ...] = ()
     searched: tuple[str, ...] | None = None
 

@@ -77,7 +77,7 @@ def build_labelling(
         aliases: see `synonyms`.
         min_pixels: see the settings.
         regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
-        expected: see `Labelling`.
+        expected: whether the names were asked for, so that each is expected to be somewhere.
     """
     counts = _counts(maps, len(classes))
     voted = {label for view in regions for votes in view.votes for label, _ in votes} if expected else set()
@@ -104,7 +104,6 @@ def build_labelling(
         Dictionary(tuple(entry for entry, _ in entries)),
         tuple(lookup[m] for m in maps),
         regions=tuple(_renumbered(view, lookup) for view in regions),
-        expected=expected,
     )
 
 

@@ -13,6 +13,7 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.scenes import Edit
 from tests.api.made_scene import made_scene
 from tests.scenes import store_scene
 
@@ -43,6 +44,27 @@ def test_answers_say_the_relation_to_what_was_found(lexicon_models_dir: Path, tm
     assert {answer.relation for answer in truth} >= {"same", "kind_of", "absent"}
     said = {answer.text: (answer.relation, answer.relation_subject) for answer in truth}
     assert said["drinking vessel"] == ("kind_of", "label") and said["volcano"] == ("absent", None)
+
+
+def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_models_dir: Path, tmp_path: Path) -> None:
+    settings = _settings(lexicon_models_dir, tmp_path)
+    scene = made_scene(open_text_encoder("minilm_l6_int8", lexicon_models_dir, threads=1))
+
+    def name(thing: int, text: str, *kinds: str) -> Edit:
+        return Edit("name", things=(thing,), name=text, kinds=kinds)
+
+    with open_service(settings) as service:
+        scene_id = store_scene(service._store, scene, "made")
+        edit = service.versions.edit
+        assert not edit(scene_id, [name(1, "grandma's mug")]).asks_kind
+        asked = edit(scene_id, [name(2, "Oskar")], "the request")
+        assert asked.asks_kind and edit(scene_id, [name(2, "Oskar")], "the request") == asked
+        told = edit(scene_id, [name(2, "Oskar", "teddy bear")])
+        assert not told.asks_kind and told.edits[0].kinds == ("teddy bear",)
+        assert not edit(scene_id, [name(3, "Oskar")]).asks_kind  # its kind is known by now
+        (answer,) = service.answers.query(QueryRequest(scene_id, ("toy",)))
+        assert answer.relation == "kind_of" and set(answer.things) == {2, 3}
+        assert [version.asks_kind for version in service.versions.all(scene_id)] == [False, False, True, False, False]
 
 
 @pytest.mark.parametrize(

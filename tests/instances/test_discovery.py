@@ -15,7 +15,7 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.instances.discovery import Discovery, discover_things
 from fastsplat.service.instances.name_calibration import name_probability
-from fastsplat.service.instances.naming import NAMED_FROM, NameVotes, name_things, thing_extents
+from fastsplat.service.instances.naming import NAMED_FROM, NameVotes, name_things
 from fastsplat.service.instances.scene_things import find_scene_things, regions_of_label_map
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.thing_appearances import with_appearances
@@ -194,42 +194,13 @@ def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], 
     votes = NameVotes(np.array([[0.0, *scores]]), np.array([able]))
     things = Things((Thing(1),), no_evidence(3))
     (thing,) = name_things(things, votes, ("a", "b", "c", "d"), "detected").table
-    probability = name_probability(votes.mean_scores)[0, 1:]
+    probability = name_probability(votes.mean_scores, ("a", "b", "c", "d"))[0, 1:]
     assert bool(thing.name) == (probability.max() >= NAMED_FROM)
     if thing.name:
         assert thing.probability == pytest.approx(probability.max())
         assert thing.guessed == (thing.probability < STATED_FROM)
     shares = [share for _, share in thing.suggestions]
     assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
-
-
-@pytest.mark.parametrize(("ratio", "stated"), [(1.0, True), (1.5, True), (1.7, False), (0.5, False)])
-def test_a_name_for_things_of_all_sizes_is_only_suggested(ratio: float, stated: bool) -> None:
-    """Two things are "cup" by every view, and an apple is as large as ever it likes."""
-    votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.1, 0.9]]) * 10, np.full(3, 10.0))
-    things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
-    named = name_things(things, votes, ("cup", "apple"), "detected", np.array([1.0, ratio, 100.0])).table
-    assert [thing.name for thing in named] == (["cup", "cup"] if stated else ["", ""]) + ["apple"]
-    assert stated or [thing.suggestions[0][0] for thing in named[:2]] == ["cup", "cup"]
-    without = name_things(things, votes, ("cup", "apple"), "detected").table
-    assert [thing.name for thing in without] == ["cup", "cup", "apple"]
-
-
-def test_sizes_are_compared_among_things_that_a_name_fits_best() -> None:
-    """A large bowl might also be a cup: the two cups are named all the same."""
-    votes = NameVotes(np.array([[0, 0.9, 0], [0, 0.8, 0.1], [0, 0.4, 0.9]]) * 10, np.full(3, 10.0))
-    things = Things((Thing(1), Thing(2), Thing(3)), no_evidence(3))
-    named = name_things(things, votes, ("cup", "bowl"), "detected", np.array([1.0, 1.1, 5.0])).table
-    assert [thing.name for thing in named] == ["cup", "cup", "bowl"]
-
-
-def test_extents_do_not_depend_on_the_frame(room: Room, discovery: Discovery) -> None:
-    turned = replace(room.gaussians, means=room.gaussians.means[:, [2, 0, 1]] + np.float32(3))
-    doubled = replace(room.gaussians, means=room.gaussians.means * 2)
-    extents = thing_extents(discovery.things, room.gaussians)
-    assert thing_extents(discovery.things, turned) == pytest.approx(extents, rel=1e-4)
-    assert thing_extents(discovery.things, doubled) == pytest.approx(2 * extents, rel=1e-4)
-    assert extents.argmax() == _overlaps(discovery.things, room.owner)[0][0] - 1  # the floor
 
 
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:

@@ -1,4 +1,4 @@
-"""What a detector's scores say of a name: a measured curve that never falls."""
+"""What a detector's scores say of a name: a measured model that never falls with them."""
 
 from __future__ import annotations
 
@@ -7,46 +7,47 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.name_calibration import name_curve, name_evidence, name_probability
+from fastsplat.service.instances.name_calibration import name_evidence, name_model, name_probability
 from fastsplat.service.instances.naming import NAMED_FROM
 from fastsplat.service.scene.types import STATED_FROM
 
 _SCORES = st.lists(st.floats(0, 1), min_size=1, max_size=5)
+_NAMES = st.sampled_from(["cup", "banana", "book", "what no detector says"])
 
 
-def test_the_file_says_what_the_curve_was_measured_on() -> None:
-    curve = name_curve()
-    rows = (curve.evidence, curve.probability, curve.things, curve.right)
-    assert len({len(row) for row in rows}) == 1 and curve.sets and curve.detector
-    assert (np.diff(curve.evidence) > 0).all() and (np.diff(curve.probability) >= 0).all()
-    assert all(0 <= right <= things for things, right in zip(curve.things, curve.right, strict=True))
-    # Nothing is promised beyond what so many things can show: the rule of succession for all that had so much evidence.
-    for place, probability in enumerate(curve.probability):
-        things, right = sum(curve.things[place:]), sum(curve.right[place:])
-        assert probability <= (right + 1) / (things + 2) + 1e-3
-    assert curve.probability[0] < NAMED_FROM < curve.probability[-1]
-    assert NAMED_FROM < STATED_FROM
+def test_the_file_says_what_it_was_measured_on() -> None:
+    model = name_model()
+    assert model.sets and model.detector and model.factor > 0 and NAMED_FROM < STATED_FROM
+    for category in model.categories.values():
+        assert 0 <= category.right <= category.things
+    # Of two names that were seen as often the one that was right more often needs less evidence.
+    seen = sorted(model.categories.values(), key=lambda each: each.things)
+    best = max(seen[-4:], key=lambda each: each.right / each.things)
+    worst = min(seen[-4:], key=lambda each: each.right / each.things)
+    assert best.offset > worst.offset
 
 
 @settings(max_examples=60)
-@given(_SCORES)
-def test_probabilities_are_such_and_nothing_is_likely_that_no_view_says(scores: list[float]) -> None:
+@given(_SCORES, _NAMES)
+def test_probabilities_are_such_and_nothing_is_likely_that_no_view_says(scores: list[float], name: str) -> None:
     row = np.array([[0.0, *scores]])
-    probability = name_probability(row)
+    probability = name_probability(row, [name] * len(scores))
     assert ((probability >= 0) & (probability <= 1)).all() and (probability[row == 0] == 0).all()
 
 
 @settings(max_examples=60)
-@given(_SCORES, st.floats(0, 1))
-def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(scores: list[float], other: float) -> None:
-    alone = name_probability(np.array([[0.0, scores[0]]]))[0, 1]
-    beside = name_probability(np.array([[0.0, scores[0], other]]))[0, 1]
+@given(st.floats(0, 1), st.floats(0, 1), _NAMES)
+def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(
+    score: float, other: float, name: str
+) -> None:
+    alone = name_probability(np.array([[0.0, score]]), [name])[0, 1]
+    beside = name_probability(np.array([[0.0, score, other]]), [name, "another"])[0, 1]
     assert beside <= alone + 1e-12
-    assert name_probability(np.array([[0.0, scores[0] / 2]]))[0, 1] <= alone + 1e-12
+    assert name_probability(np.array([[0.0, score / 2]]), [name])[0, 1] <= alone + 1e-12
 
 
 def test_the_evidence_of_one_name_alone_is_its_mean_score() -> None:
-    np.testing.assert_allclose(
-        name_evidence(np.array([[0.0, 0.6, 0.0], [0, 0, 0], [0, 0.4, 0.4]])), [[0, 0.6, 0], [0, 0, 0], [0, 0.2, 0.2]]
-    )
-    assert name_probability(np.array([[0.0, 1.0, 0.0]]))[0, 1] == pytest.approx(name_curve().probability[-1])
+    scores = np.array([[0.0, 0.6, 0.0], [0, 0, 0], [0, 0.4, 0.4]])
+    np.testing.assert_allclose(name_evidence(scores), [[0, 0.6, 0], [0, 0, 0], [0, 0.2, 0.2]])
+    first, nothing, twice = name_probability(scores, ["banana", "banana"])
+    assert first[1] > twice[1] == pytest.approx(twice[2]) and not nothing.any()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
 import numpy as np
-from playwright.sync_api import Browser, Locator, expect
+from playwright.sync_api import Browser, Locator, Route, expect
 
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
@@ -95,6 +96,37 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
     (part,) = (thing for thing in service.answers.list_things(own, parts=True).things if thing.parent)
     assert (part.id, part.name) == (4, "violin")
     service.delete_scene(own)
+
+
+def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
+    place: Place, browser: Browser, own: str
+) -> None:
+    """The server has no lexicon and asks nothing, so that its answer is changed on the way."""
+
+    def asks(route: Route) -> None:
+        response = route.fetch()
+        named = json.loads(route.request.post_data or "")["edits"][0]
+        route.fulfill(response=response, json={**response.json(), "asks_kind": not named.get("kinds")})
+
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        visit.scene_shown()
+        page, card = visit.page, visit.page.locator(".thing-card")
+        page.route("**/*:edit", asks)
+        page.locator(".thing-list").get_by_role("button", name="ball").click()
+        card.get_by_label("Name", exact=True).fill("violin")
+        card.get_by_label("Other names, separated by commas").fill("moon, fiddle")
+        card.get_by_role("button", name="Save the name").click()
+        expect(card.get_by_text("Also called moon, fiddle.")).to_be_visible()
+        visit.check_accessible()
+        card.get_by_label("violin is a …").fill("toy, instrument")
+        card.get_by_role("button", name="Save what it is").click()
+        expect(card.get_by_text("Also called moon, fiddle, violin toy, violin instrument.")).to_be_visible()
+        expect(card.get_by_label("violin is a …")).to_have_count(0)
+        card.get_by_label("Name", exact=True).fill("carrot")
+        card.get_by_role("button", name="Save the name").click()
+        card.get_by_role("button", name="Do not say").click()
+        expect(card.get_by_label("carrot is a …")).to_have_count(0)
+        page.unroute("**/*:edit")
 
 
 def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> None:
