@@ -91,18 +91,21 @@ function Others({ title, matches, onAsk }: { title: string; matches: Match[]; on
     <>
       <h3>{title}</h3>
       <ul class="chips">
-        {matches.map((match) => (
-          <li key={match.label_id}>
-            <button
-              type="button"
-              class="chip"
-              aria-label={texts.ask.askFor(match.label)}
-              onClick={() => onAsk(match.label)}
-            >
-              {match.label} <span class="hint">{texts.job.percent(match.probability ?? match.relevancy)}</span>
-            </button>
-          </li>
-        ))}
+        {matches.map((match) => {
+          const share = texts.job.percent(match.probability ?? match.relevancy);
+          return (
+            <li key={match.label_id}>
+              <button
+                type="button"
+                class="chip"
+                aria-label={`${texts.ask.askFor(match.label)} ${share}`}
+                onClick={() => onAsk(match.label)}
+              >
+                {match.label} <span class="hint">{share}</span>
+              </button>
+            </li>
+          );
+        })}
       </ul>
     </>
   );

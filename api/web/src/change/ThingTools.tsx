@@ -19,7 +19,7 @@ export function ThingTools({ state }: { state: SceneState }) {
   const ids = things.map((thing) => thing.id);
   const box = things.find((thing) => thing.box)?.box;
   return (
-    <section class="thing-card thing-tools" aria-labelledby="tools-title">
+    <section class="thing-tools" aria-labelledby="tools-title">
       <h2 id="tools-title">{texts.change.title}</h2>
       <div class="buttons">
         <button type="button" onClick={() => change.hide(ids)}>

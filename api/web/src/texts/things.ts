@@ -62,10 +62,8 @@ export const thingsTexts = {
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",
     suggestion: (name: string, probability: number) => `${name} (${Math.round(100 * probability)} %)`,
-    size: "Size",
     sizeOf: (sides: number[], meters: boolean) =>
       `${sides.map((side) => side.toFixed(2)).join(" × ")} ${meters ? "m" : "scene units"}`,
-    gaussians: "Gaussians",
     lookAt: "Look at it",
     merge: "Merge into one",
     mergeHelp: "Hold Shift while clicking, or tick further things in the list, to merge several into one.",

@@ -7,7 +7,7 @@ import { add, dot, scale, subtract } from "./vectors";
 /** A gesture, or a share of it: the view that it leads to. */
 export type Gesture = (share: number) => LookAt;
 
-const FLOOR = 0.6; // of the picture: what is to be covered by surfaces that were seen
+const FLOOR = 0.7; // of the picture, as it is counted here, so that 0.6 of it was surely seen
 const OF_PHOTOS = 0.9; // of what is usual in the scene's own photos, where that is less
 const SOFT = 0.12; // above the floor: there a gesture moves the less, the nearer the floor is
 const STEPS = 5;

@@ -1,7 +1,7 @@
 import type { SplatColumns } from "./spz";
 import type { Vec } from "./vectors";
 
-const SAMPLES = 6_000;
+const SAMPLES = 12_000;
 const FAINT = -1; // logit of an opacity of 0.27
 const WIDEST = 4; // cells: how far around its middle a sample covers
 const SIGMAS = 1.25;
