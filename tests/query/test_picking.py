@@ -8,7 +8,6 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from fastsplat.service.query.edits.edit import Edit
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +19,7 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Thing, ThingGroup, Things
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.poses import Vector3
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import PickedLevel, PickLevel, Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 
