@@ -95,12 +95,12 @@ class SightLines:
         np.minimum.at(nearest, cell, depth)
         first = depth == nearest[cell]
         front[cell[first]] = ahead[first]
-        nearest, front = nearest.reshape(rows, -1), front.reshape(rows, -1)
+        near: NDArray[Any] = nearest.reshape(rows, -1)
+        which: NDArray[Any] = front.reshape(rows, -1)
         for chosen in (np.argmin, np.argmax):
-            around, which = _around(nearest), _around(front)
-            best = chosen(around, axis=0)[None]
-            nearest, front = np.take_along_axis(around, best, axis=0)[0], np.take_along_axis(which, best, axis=0)[0]
-        self.nearest, self.front = nearest.ravel(), front.ravel()
+            best = chosen(_around(near), axis=0)[None]
+            near, which = (np.take_along_axis(_around(values), best, axis=0)[0] for values in (near, which))
+        self.nearest, self.front = near.ravel(), which.ravel()
 
     def cells(self, points: F64) -> tuple[NDArray[np.int64], F64, NDArray[np.int64]]:
         """Cell and z of the points inside the image, and which points those are."""
