@@ -18,9 +18,6 @@ _SMALLER = 0.8
 """Children weigh less than this share of their parent."""
 _COVERED = 0.6
 """Share of a group's weight that its members cover."""
-_BETTER = 1.02
-"""Support of what is better explained by itself than by the whole, over the support of the whole: a tie goes to the
-whole."""
 
 
 @dataclass(frozen=True)
@@ -70,12 +67,12 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
             own[candidates[sure[child]].rows] = support[child]
         rows = candidates[sure[one]].rows
         covered = size[rows][own[rows] > 0].sum() / weight[one]
-        if covered >= _COVERED and own[rows] @ size[rows] >= _BETTER * support[one] * weight[one]:
+        if covered >= _COVERED and own[rows] @ size[rows] > support[one] * weight[one]:
             if len(children) > 1:
                 groups[sure[one]] = tuple(sure[child] for child in reversed(children))
             continue
         for child in children:
-            if support[child] < _BETTER * support[one]:
+            if support[child] <= support[one]:
                 things.remove(child)
                 whole[child] = one
         things.append(one)
