@@ -125,7 +125,6 @@ def _things(
         np.concatenate(quality),
         min_overlap=settings.min_overlap,
         min_views=settings.min_views,
-        min_view_share=settings.min_view_share,
     )
     selection = select_things(candidates, gaussians, overlaps.size, settings)
     membership = refined_membership(

@@ -6,30 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fastsplat.service.instances.candidates import F32, Candidate, common_weights
 from fastsplat.service.instances.settings import DiscoverySettings
 
-_MIN_CONSENSUS = 0.45
-"""Share of the views that see a thing that must propose it."""
-_NESTED_SCORE = 0.77
-"""What lies inside a larger thing is a thing of its own from this consensus times quality, and its part below."""
-
-F64 = NDArray[np.float64]
-
+_LEAST_SUPPORT = 0.35
+"""Candidates with less are chance."""
 _INSIDE = 0.8
-"""Share of a candidate's weight inside another from which it is one of the other's children."""
+"""Share of a candidate's weight inside a larger one from which it is the larger one's child."""
 _SMALLER = 0.8
 """Children weigh less than this share of their parent."""
-_APART = 0.5
-"""Children that share less are different ones."""
-_COVERED = 0.7
+_COVERED = 0.6
 """Share of a group's weight that its members cover."""
-_LARGE = 0.15
-"""Share of a thing's weight from which what lies inside it is large."""
-_PART = 0.6
-"""Share of a candidate's weight inside a larger thing from which it is a part of the thing, or lies in it."""
 
 
 @dataclass(frozen=True)
@@ -50,47 +38,48 @@ class Hierarchy:
 def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: DiscoverySettings) -> Hierarchy:
     """Parts, things and groups among candidates.
 
-    Candidates below `min_consensus` are left out. A candidate is a group when two or more of its children, which do not
-    overlap each other, have at least its own consensus and cover most of it. Of the others the larger come first. One
-    that mostly lies inside a thing is its part, unless it is a thing of its own that lies in the other: because so many
-    views are so sure of it (`nested_score`, of consensus times quality), or because it is large and they are surer of
-    it than of the whole, as of a bed that some views take for one thing with the doll on it.
+    From the smallest up, each candidate is compared with the things that lie in it. Where these cover most of it and
+    what they cover, weighed by their support, is worth more than all of it at its own, it is a group of them (nothing
+    where that is one alone), and they stay things. Otherwise it is a thing, and of those in it the better supported stay things of their own, as an apple in a
+    bowl; the others are its parts.
 
     Args:
         candidates: see `find_candidates`.
         size: float32 [G], see `Overlaps`.
-        settings: the bounds.
+        settings: the least weight of a thing.
     """
-    sure = [row for row, candidate in enumerate(candidates) if candidate.consensus >= _MIN_CONSENSUS]
-    consensus = np.array([candidates[row].consensus for row in sure])
-    score = consensus * np.array([candidates[row].quality for row in sure])
-    common = common_weights([candidates[row] for row in sure], size)
+    sure = [
+        number
+        for number, candidate in enumerate(candidates)
+        if candidate.support >= _LEAST_SUPPORT and candidate.weight >= settings.min_weight_px
+    ]
+    common = common_weights([candidates[number] for number in sure], size)
     weight = np.diag(common)
     inside = common / np.maximum(weight[:, None], 1e-12)
-    groups: dict[int, tuple[int, ...]] = {}
-    for place, row in enumerate(sure):
-        children = np.flatnonzero((inside[:, place] > _INSIDE) & (weight < _SMALLER * weight[place]))
-        members = _apart(children[consensus[children] >= consensus[place]], inside, weight)
-        if len(members) >= 2 and common[members, place].sum() > _COVERED * weight[place]:
-            groups[row] = tuple(sure[member] for member in members)
+    support = np.array([candidates[number].support for number in sure])
     things: list[int] = []
-    part_of: dict[int, int] = {}
-    for place in np.argsort(-weight, kind="stable").tolist():
-        if sure[place] in groups or weight[place] < settings.min_weight_px:
+    whole: dict[int, int] = {}
+    groups: dict[int, tuple[int, ...]] = {}
+    for one in np.argsort(weight, kind="stable").tolist():
+        children = [n for n in things if inside[n, one] > _INSIDE and weight[n] < _SMALLER * weight[one]]
+        own = np.zeros(len(size))
+        for child in reversed(children):  # the smaller, which came first, owns
+            own[candidates[sure[child]].rows] = support[child]
+        rows = candidates[sure[one]].rows
+        covered = size[rows][own[rows] > 0].sum() / weight[one]
+        if covered >= _COVERED and own[rows] @ size[rows] > support[one] * weight[one]:
+            if len(children) > 1:
+                groups[sure[one]] = tuple(sure[child] for child in reversed(children))
             continue
-        whole = next((thing for thing in reversed(things) if inside[place, thing] > _PART), None)
-        large = whole is not None and weight[place] > _LARGE * weight[whole]
-        if whole is None or score[place] >= _NESTED_SCORE or (large and score[place] > score[whole]):
-            things.append(place)
-        else:
-            part_of[sure[place]] = sure[whole]
-    return Hierarchy(tuple(sure[thing] for thing in things), part_of, groups)
-
-
-def _apart(children: NDArray[np.intp], inside: F64, weight: F64) -> list[int]:
-    """Children that do not overlap, the largest first."""
-    members: list[int] = []
-    for child in children[np.argsort(-weight[children], kind="stable")].tolist():
-        if all(inside[child, member] < _APART for member in members):
-            members.append(child)
-    return members
+        for child in children:
+            if support[child] <= support[one]:
+                things.remove(child)
+                whole[child] = one
+        things.append(one)
+    part_of = {}
+    for part in whole:
+        thing = part
+        while thing in whole:
+            thing = whole[thing]
+        part_of[sure[part]] = sure[thing]
+    return Hierarchy(tuple(sure[thing] for thing in reversed(things)), part_of, groups)

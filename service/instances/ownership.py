@@ -55,19 +55,6 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
     return result
 
 
-def with_weak_votes(owners: Owners, things: Sequence[Candidate], min_share: float) -> tuple[Owners, F32]:
-    """The same owners, where a Gaussian that nobody owns belongs to the thing that the largest share of views, at least
-    `min_share`, counts it to; and float32 [G], that share where this made an owner, else 0."""
-    shares = np.zeros(len(owners), np.float32)
-    best = np.full(len(owners), NOBODY, np.int32)
-    for number, thing in enumerate(things):
-        larger = thing.weak_shares > shares[thing.weak_rows]
-        rows = thing.weak_rows[larger]
-        shares[rows], best[rows] = thing.weak_shares[larger], number
-    gained = (owners == NOBODY) & (shares >= min_share) & (best != NOBODY)
-    return np.where(gained, best, owners), np.where(gained, shares, np.float32(0))
-
-
 def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
     """The same owners, where a visible Gaussian that nobody owns belongs to the thing that enough of its nearest
     visible Gaussians belong to, if these are near by their own measure: what the views left open inside of a thing, and

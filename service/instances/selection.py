@@ -1,4 +1,4 @@
-"""Candidates to things: hierarchy, owners, what nothing else explains, and surfaces."""
+"""Candidates to things: hierarchy, owners, and surfaces."""
 
 from __future__ import annotations
 
@@ -10,31 +10,19 @@ import numpy as np
 from fastsplat.service.instances.candidates import F32, Candidate
 from fastsplat.service.instances.hierarchy import find_hierarchy
 from fastsplat.service.instances.ownership import (
-    FILLING_NEIGHBORS,
     NOBODY,
     STRAY_SHARE,
     Owners,
     assign_owners,
-    with_neighbors,
-    with_weak_votes,
     without_strays,
 )
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.surfaces import (
     Plane,
     find_surfaces,
-    grow_surfaces,
-    lies_in,
-    merge_pieces,
+    join_surfaces,
 )
 from fastsplat.service.scene.types import Gaussians
-
-_UNEXPLAINED_CONSENSUS = 0.25
-"""A candidate whose Gaussians no thing owns is a thing from this consensus."""
-_UNEXPLAINED_SHARE = 0.7
-"""Share of a candidate's weight that no thing owns, for that."""
-_WEAK_SHARE = 0.2
-"""A Gaussian that nobody owns belongs to the thing that most views count it to, from this share of them."""
 
 _GROWN_SHARE = 0.6
 """Share of votes of a Gaussian that joined a surface by its place alone."""
@@ -66,10 +54,8 @@ def select_things(
 ) -> Selection:
     """The things among candidates, each Gaussian with one of them at most.
 
-    In this order: things by the hierarchy; candidates that few views propose, the largest first, where nothing else
-    explains their Gaussians and they are no part of a surface's plane; surfaces grow over what nobody owns in their
-    planes; pieces of surfaces join them; strays are left out; what nobody owns goes where a minority of views counts
-    it, strays again left out, or else where its neighbors are.
+    In this order: things by the hierarchy; the smaller owns; surfaces have what lies in their planes; strays are left
+    out.
 
     Args:
         candidates: see `find_candidates`.
@@ -83,29 +69,8 @@ def select_things(
     parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
     owners, shares = assign_owners(things, len(gaussians))
     surfaces = find_surfaces(things, gaussians, size)
-    for candidate in sorted(candidates, key=lambda one: -one.weight):
-        free = candidate.rows[owners[candidate.rows] == NOBODY]
-        if (
-            candidate.consensus >= _UNEXPLAINED_CONSENSUS
-            and candidate.weight >= settings.min_weight_px
-            and size[free].sum() > _UNEXPLAINED_SHARE * candidate.weight
-            and not any(lies_in(plane, free, gaussians, size) for plane in surfaces.values())
-        ):
-            owners[free] = len(things)
-            shares[free] = candidate.shares[np.isin(candidate.rows, free)]
-            things.append(candidate)
-    owners = grow_surfaces(owners, surfaces, gaussians, size, STRAY_SHARE)
-    merged = merge_pieces(owners, things, surfaces, gaussians, size)
-    for piece, surface in merged.items():
-        owners[owners == piece] = surface
-        surfaces.pop(piece, None)
+    owners = join_surfaces(owners, things, surfaces, gaussians, size)
     owners = without_strays(owners, gaussians, size, STRAY_SHARE)
-    owners, weak_shares = with_weak_votes(owners, things, _WEAK_SHARE)
-    for piece, surface in merged.items():
-        owners[owners == piece] = surface
-    owners = without_strays(owners, gaussians, size, STRAY_SHARE)
-    owners = with_neighbors(owners, gaussians, size, FILLING_NEIGHBORS)
-    shares = np.maximum(shares, weak_shares)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))
     groups = tuple(candidates[row] for row in hierarchy.groups)
     return replace(_numbered(things, parts, owners, shares, surfaces, size, settings), groups=groups)

@@ -15,11 +15,9 @@ class DiscoveryOptions(Options):
     max_side: int = Field(640, ge=64)
     """Masks are lifted at this many pixels on the image's longer side."""
     min_overlap: float = Field(0.5, gt=0, lt=1)
-    """Proposals of two views that overlap more are the same thing."""
+    """What overlaps at least so much is the same thing: a mask of a view and a thing, or two things."""
     min_views: int = Field(2, ge=1)
     """Views that must propose a thing; never more than there are."""
-    min_view_share: float = Field(0.1, ge=0, le=1)
-    """As `min_views`, as a share of all views."""
     min_weight_px: float = Field(100.0, ge=0)
     """Things that fill fewer pixels of a view on average are none."""
     refinement_rounds: int = Field(2, ge=0)

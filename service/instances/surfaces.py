@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.instances.candidates import F32, Candidate
-from fastsplat.service.instances.ownership import NOBODY, Owners
+from fastsplat.service.instances.ownership import NOBODY, STRAY_SHARE, Owners
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.types import Gaussians, SurfaceKind
 
@@ -17,8 +17,8 @@ _SURFACE_SHARE = 0.015
 """Flat things that fill this share of what is visible are surfaces."""
 _SURFACE_FLATNESS = 0.25
 """The tolerance of a surface's plane is at most this share of its extent."""
-_PIECE_CONSENSUS = 0.8
-"""What lies in the plane of a surface and is proposed by fewer of the views is a piece of the surface."""
+_PIECE_SUPPORT = 0.6
+"""What lies in the plane of a surface and has less support is a piece of the surface."""
 
 F64 = NDArray[np.float64]
 
@@ -124,73 +124,43 @@ def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F
     return bool(weights[inside].sum() > _CORE * reached[-1]) and abs(median) <= _OFFSET * plane.tolerance
 
 
-def merge_pieces(
-    owners: Owners,
-    things: Sequence[Candidate],
-    surfaces: dict[int, Plane],
-    gaussians: Gaussians,
-    size: F32,
-) -> dict[int, int]:
-    """For each thing that is a piece of a surface, the surface: it lies in the plane of a larger one that it touches,
-    and views agree on it less than on things that are there. Prints on a cloth and lit patches of a
-    wall are such pieces; a picture on the wall, which every view proposes, is none.
-
-    Args:
-        owners: of G Gaussians, the surfaces grown already.
-        things, surfaces, gaussians, size: as for `find_surfaces`.
-    """
-    merged: dict[int, int] = {}
-    for number, thing in sorted(enumerate(things), key=lambda item: item[1].weight):
-        own = np.flatnonzero(owners == number)
-        if thing.consensus >= _PIECE_CONSENSUS or not len(own):
-            continue
-        larger = (n for n in surfaces if things[n].weight > thing.weight and n not in merged)
-        for other in sorted(larger, key=lambda n: -things[n].weight):
-            in_plane = lies_in(surfaces[other], own.astype(np.int32), gaussians, size)
-            if in_plane and _touch(gaussians, own, np.flatnonzero(owners == other)):
-                merged[number] = other
-                break
-    return merged
-
-
-def grow_surfaces(
-    owners: Owners, surfaces: dict[int, Plane], gaussians: Gaussians, size: F32, min_share: float
+def join_surfaces(
+    owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:
-    """The same owners, where Gaussians that nobody owns belong to the surface whose plane they lie in, as far as they
-    are connected with it; the surface of the nearest plane where there are several. A surface that lies in the plane of
-    a larger one, as a plate on a table, does not grow.
+    """The same owners, where surfaces also have what lies in their planes and is connected with them: Gaussians that
+    nobody owns, and pieces, which are smaller things that the views' masks support less than things that are there.
+
+    Prints on a cloth and lit patches of a wall are such pieces; a picture on the wall, which every view cuts out, is
+    none. The larger surface comes first. One that lies in the plane of a larger one, as a plate on a table, stays as it
+    is.
 
     Args:
         owners: of G Gaussians.
-        surfaces: planes by the number of the thing.
-        gaussians: G of them.
-        size: float32 [G], see `Overlaps`.
-        min_share: pieces join that touch a piece of the surface with at least this share of its weight.
+        things, surfaces, gaussians, size: as for `find_surfaces`.
     """
     result = owners.copy()
-    distances = np.full(len(owners), np.inf)
-    weight = {number: float(size[owners == number].sum()) for number in surfaces}
-    for number, plane in surfaces.items():
-        larger = [other for other in surfaces if weight[other] > weight[number]]
-        rows = np.flatnonzero(owners == number).astype(np.int32)
-        if any(
-            lies_in(replace(surfaces[other], tolerance=2 * surfaces[other].tolerance), rows, gaussians, size)
-            for other in larger
-        ):
+    order = sorted(surfaces, key=lambda n: (-things[n].weight, n))
+    for place, number in enumerate(order):
+        own, plane = result == number, surfaces[number]
+        if not own.any() or any(_within(surfaces[larger], own, gaussians, size) for larger in order[:place]):
             continue
-        distance = plane.distance(gaussians.means)
-        free = (owners == NOBODY) & (distance <= plane.tolerance) & (size > 0)
-        members = np.flatnonzero(free | (owners == number))
-        piece = components(gaussians, members)
-        own = owners[members] == number
-        weights = np.bincount(
-            piece[own], size[members[own]].astype(np.float64), minlength=int(piece.max(initial=0)) + 1
-        )
-        solid = weights >= min_share * max(weights.sum(), 1e-12)
-        joins = members[solid[piece] & ~own]
-        joins = joins[distance[joins] < distances[joins]]
-        result[joins], distances[joins] = number, distance[joins]
+        joins = (result == NOBODY) & (plane.distance(gaussians.means) <= plane.tolerance) & (size > 0)
+        for piece, thing in enumerate(things):
+            rows = np.flatnonzero(result == piece).astype(np.int32)
+            smaller = thing.support < _PIECE_SUPPORT and thing.weight < things[number].weight
+            if smaller and lies_in(plane, rows, gaussians, size):
+                joins[rows] = True
+        members = np.flatnonzero(own | joins)
+        part = components(gaussians, members)
+        weights = np.bincount(part, size[members] * own[members])
+        solid = weights >= STRAY_SHARE * weights.sum()
+        result[members[solid[part]]] = number
     return result
+
+
+def _within(larger: Plane, own: NDArray[np.bool_], gaussians: Gaussians, size: F32) -> bool:
+    wide = replace(larger, tolerance=2 * larger.tolerance)
+    return lies_in(wide, np.flatnonzero(own).astype(np.int32), gaussians, size)
 
 
 def surface_kinds(
@@ -223,14 +193,3 @@ def surface_kinds(
     if len(lower) > 1:
         kinds[lower[0][1]] = "floor"
     return kinds
-
-
-def _touch(gaussians: Gaussians, some: NDArray[np.int64], others: NDArray[np.int64]) -> bool:
-    """Whether a connected piece has Gaussians of both; those of `others` near `some` are looked at."""
-    low, high = gaussians.means[some].min(axis=0), gaussians.means[some].max(axis=0)
-    margin = (high - low).max()
-    means = gaussians.means[others]
-    near = others[((means >= low - margin) & (means <= high + margin)).all(axis=1)]
-    members = np.concatenate([some, near])
-    piece = components(gaussians, members)
-    return bool(np.isin(piece[: len(some)], piece[len(some) :]).any())

@@ -1,18 +1,19 @@
-"""Groups of regions of several views that cover the same Gaussians, without a matrix of regions × regions or ×
+"""Groups of regions of several views that cover the same Gaussians, without a full matrix of regions × regions or ×
 Gaussians.
 
-In memory are one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), and one number for
-each Gaussian and view and for each region and view (4 bytes). Overlaps are computed for a few regions at a time.
+In memory are one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), one number for
+each Gaussian and view and for each region and view (4 bytes), and one entry for each two regions that overlap
+(12 bytes).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, eye_array
 
 from fastsplat.service.splatting.raster.types import LabelSums
 
@@ -24,6 +25,8 @@ _SEEN_PX = 0.05
 _INSIDE = 0.5
 _ENOUGH = 0.3
 """Share of a region's Gaussians that another view must see before it can agree or disagree."""
+_LEAST = 0.1
+"""Smaller overlaps count as none."""
 _ROWS = 64
 """Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian. As many
 views at a time are asked which Gaussians they see: 4 bytes for each."""
@@ -70,15 +73,22 @@ def lift_regions(sums: LabelSums, members: csr_array) -> LiftedRegions:
 def greedy_groups(overlaps: Overlaps, priority: F64, min_overlap: float) -> list[I64]:
     """Groups of regions as ascending rows, every region in one: the free region of highest priority starts a group, and
     those whose mean overlap with the group's exceeds `min_overlap` join it."""
+    pairs = overlaps.pairs
     free, groups = np.ones(len(priority), np.bool_), []
-    while free.any():
-        first = np.array([np.argmax(np.where(free, priority, -1.0))])
-        members = np.flatnonzero(free & (overlaps.mean_with(first) > min_overlap))
-        joined = np.flatnonzero(free & (overlaps.mean_with(members) > min_overlap))
-        members = joined if first[0] in joined else members
+    for first in np.argsort(-priority, kind="stable").tolist():
+        if not free[first]:
+            continue
+        members = _above(pairs[[first]], free, min_overlap)
+        joined = _above(pairs[members], free, min_overlap)
+        members = joined if first in joined else members
         free[members] = False
         groups.append(members)
     return groups
+
+
+def _above(rows: csr_array, free: NDArray[np.bool_], min_overlap: float) -> I64:
+    mean = np.bincount(rows.indices, rows.data, rows.shape[1]) / rows.shape[0]
+    return np.flatnonzero(free & (mean > min_overlap))
 
 
 @dataclass(frozen=True)
@@ -87,8 +97,9 @@ class Overlaps:
 
     Attributes:
         weights: CSR float32 [P, G]: the pixels that a Gaussian of the region fills.
-        inside: CSR float32 [G, P], 1 where the Gaussian belongs to the region.
-        seen_by: [P, V]: weight of a region's Gaussians that a view sees.
+        pairs: CSR float64 [P, P]: intersection over union of two regions by what both views see, 1 of a region with
+            itself; without those below a tenth, and those of which one view sees too little of the other's region to
+            tell.
         whole: [P]: weight of a region's Gaussians.
         owner: [P]: the region's view.
         visible: bool [V, G]: which Gaussians a view sees.
@@ -96,62 +107,22 @@ class Overlaps:
     """
 
     weights: csr_array
-    inside: csr_array
-    seen_by: F32
+    pairs: csr_array
     whole: F32
     owner: I64
     visible: NDArray[np.bool_]
     size: F32
 
-    def mean_with(self, rows: I64) -> F64:
-        """[P]: mean overlap of each region with those in `rows`."""
-        total = np.zeros(len(self.owner))
-        for piece in self._pieces(rows):
-            total += np.bincount(piece.columns, piece.overlap, len(total))
-            total[piece.rows] += 1.0  # with itself
-        return total / len(rows)
-
     def agreement(self, min_overlap: float) -> F64:
         """[P]: sum over views of the largest overlap above `min_overlap` with one of the view's regions."""
+        rows = np.repeat(np.arange(len(self.owner)), np.diff(self.pairs.indptr))
+        over = self.pairs.data > min_overlap
+        best = np.zeros((len(self.owner), len(self.visible)))
+        np.maximum.at(best, (rows[over], self.owner[self.pairs.indices[over]]), self.pairs.data[over])
         result = np.zeros(len(self.owner))
-        for piece in self._pieces(np.arange(len(self.owner))):
-            best = np.zeros((len(piece.rows), self.seen_by.shape[1]))
-            best[np.arange(len(piece.rows)), self.owner[piece.rows]] = 1.0  # with itself
-            over = piece.overlap > min_overlap
-            np.maximum.at(best, (piece.places[over], self.owner[piece.columns[over]]), piece.overlap[over])
-            for of_view in best.T:  # one after the other: equal sums stay equal
-                result[piece.rows] += of_view
+        for of_view in best.T:  # one after the other: equal sums stay equal
+            result += of_view
         return result
-
-    def _pieces(self, rows: I64) -> Iterator[_Piece]:
-        for start in range(0, len(rows), _ROWS):
-            some = rows[start : start + _ROWS]
-            common = self.weights[some] @ self.inside
-            places = np.repeat(np.arange(len(some)), np.diff(common.indptr))
-            others = some[places] != common.indices
-            places, columns, shared = places[others], common.indices[others], common.data[others]
-            own = some[places]
-            here, there = self.seen_by[own, self.owner[columns]], self.seen_by[columns, self.owner[own]]
-            enough = (here / self.whole[own] > _ENOUGH) & (there / self.whole[columns] > _ENOUGH)
-            overlap = np.where(enough, shared / np.maximum(here + there - shared, 1e-12), 0.0)
-            yield _Piece(some, places, columns, overlap.astype(np.float64))
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Overlaps of a few regions with all others that they share Gaussians with.
-
-    Attributes:
-        rows: the few regions.
-        places: of each overlap, index into `rows`.
-        columns: of each overlap, the other region.
-        overlap: 0 where one view sees too little of the other's region to tell.
-    """
-
-    rows: I64
-    places: I64
-    columns: NDArray[np.int32]
-    overlap: F64
 
 
 def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
@@ -181,7 +152,31 @@ def overlaps_of(lifted: Iterable[LiftedRegions]) -> Overlaps:
         axis=1,
     )
     whole = np.maximum(np.asarray(weights_by_region.sum(axis=1), np.float32), np.float32(1e-12))
-    return Overlaps(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner, seen, size)
+    pairs = _pairs(weights_by_region, inside_by_region.T.tocsr(), seen_by, whole, owner)
+    return Overlaps(weights_by_region, pairs, whole, owner, seen, size)
+
+
+def _pairs(weights: csr_array, inside: csr_array, seen_by: F32, whole: F32, owner: I64) -> csr_array:
+    count = len(owner)
+    columns: list[NDArray[np.int32]] = []
+    values: list[F64] = []
+    sizes = np.zeros(count, np.int64)
+    for start in range(0, count, _ROWS):
+        common = weights[start : start + _ROWS] @ inside
+        own, other = start + np.repeat(np.arange(common.shape[0]), np.diff(common.indptr)), common.indices
+        here, there = seen_by[own, owner[other]], seen_by[other, owner[own]]
+        enough = (here / whole[own] > _ENOUGH) & (there / whole[other] > _ENOUGH)
+        overlap = np.where(enough, common.data / np.maximum(here + there - common.data, 1e-12), 0.0)
+        kept = (overlap >= _LEAST) & (own != other)
+        columns.append(other[kept])
+        values.append(overlap[kept].astype(np.float64))
+        sizes += np.bincount(own[kept], minlength=count)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    shape = (count, count)
+    others = csr_array(
+        (np.concatenate([*values, np.zeros(0)]), np.concatenate([*columns, np.zeros(0, np.int32)]), starts), shape=shape
+    )
+    return (others + eye_array(count, format="csr")).tocsr()
 
 
 def one_piece_each(regions: int, sums: LabelSums) -> csr_array:

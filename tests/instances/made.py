@@ -23,12 +23,13 @@ def gaussians_at(points: np.ndarray, scale: float = 0.02) -> Gaussians:
 
 
 def candidate(
-    rows: np.ndarray | range, *, consensus: float = 1.0, quality: float = 1.0, share: float = 1.0
+    rows: np.ndarray | range, *, support: float = 1.0, proposed: int = 4, missed: int = 0, share: float = 1.0
 ) -> Candidate:
     """Of Gaussians that fill one pixel each."""
     array = np.array(rows, np.int32)
     shares = np.full(len(array), share, np.float32)
-    return Candidate(array, shares, array, shares, float(len(array)), consensus, 3, quality, (0,))
+    views = tuple(range(proposed + missed))
+    return Candidate(array, shares, float(len(array)), support, views[:proposed], views[proposed:])
 
 
 def lifted(gaussians: int, regions: list[np.ndarray | range], visible: np.ndarray | None = None) -> LiftedRegions:

@@ -1,67 +1,132 @@
-"""Groups of proposals: what many views propose is found once, with the Gaussians that most of them agree on."""
+"""Groups of proposals: what the views' masks agree on is found once, and as well supported as the masks fit it."""
 
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from fastsplat.service.instances.candidates import common_weights, find_candidates
+from fastsplat.service.instances.candidates import Candidate, common_weights, find_candidates, view_support
 from fastsplat.service.splatting.region_groups import LiftedRegions, overlaps_of
 from tests.instances.made import candidate, lifted
 
-BOUNDS = {"min_overlap": 0.5, "min_views": 2, "min_view_share": 0.1}
+CUP, HANDLE, PLATE = range(0, 40), range(30, 40), range(40, 100)
 
 
-def _ones(views: list[LiftedRegions]) -> np.ndarray:
-    return np.full(sum(len(view) for view in views), 0.9, np.float32)
+def _found(views: Sequence[LiftedRegions]) -> list[Candidate]:
+    quality = np.full(sum(len(view) for view in views), 0.9, np.float32)
+    return find_candidates(overlaps_of(views), quality, min_overlap=0.5, min_views=2)
 
 
-def test_parts_wholes_and_neighbors_are_different_candidates() -> None:
+def _sets(candidates: Sequence[Candidate]) -> set[frozenset[int]]:
+    return {frozenset(one.rows.tolist()) for one in candidates}
+
+
+def test_what_every_view_proposes_alike_has_all_support() -> None:
     """Three views propose a cup, its handle and a plate; each view has them in another order."""
-    cup, handle, plate = range(0, 40), range(30, 40), range(40, 100)
-    views = [lifted(120, [cup, handle, plate]), lifted(120, [plate, cup, handle]), lifted(120, [handle, plate, cup])]
-    candidates = find_candidates(overlaps_of(views), _ones(views), **BOUNDS)
-    assert {frozenset(one.rows.tolist()) for one in candidates} == {frozenset(cup), frozenset(handle), frozenset(plate)}
-    assert all(one.consensus == 1 and one.views == 3 and (one.shares == 1).all() for one in candidates)
+    views = [lifted(120, [CUP, HANDLE, PLATE]), lifted(120, [PLATE, CUP, HANDLE]), lifted(120, [HANDLE, PLATE, CUP])]
+    candidates = _found(views)
+    assert _sets(candidates) == {frozenset(CUP), frozenset(HANDLE), frozenset(PLATE)}
+    assert all(one.support == pytest.approx(1) and one.consensus == 1 for one in candidates)
+    assert all(one.proposed_in == (0, 1, 2) and (one.shares == 1).all() for one in candidates)
     assert {one.weight for one in candidates} == {40.0, 10.0, 60.0}
 
 
-def test_consensus_counts_the_views_that_could_see_it() -> None:
-    """Five views see the cup and three propose it; a sixth sees the other side of the room."""
+def test_support_is_the_mean_of_the_best_fits_of_the_views_that_see_it() -> None:
+    """Three views cut a cup out exactly, one cuts out half of it, one nothing, and the last sees another place."""
     away = np.zeros(100, np.bool_)
     away[50:] = True
-    views = [lifted(100, [range(40)]) for _ in range(3)] + [lifted(100, []), lifted(100, []), lifted(100, [], away)]
-    (only,) = find_candidates(overlaps_of(views), _ones(views), **BOUNDS)
-    assert only.consensus == pytest.approx(3 / 5)
+    exact = [lifted(100, [CUP, range(5)]) for _ in range(3)]
+    views = [*exact, lifted(100, [range(20)]), lifted(100, []), lifted(100, [range(60, 80)], away)]
+    whole = next(one for one in _found(views) if set(one.rows.tolist()) == set(CUP))
+    assert whole.support == pytest.approx((3 + 0.5 + 0) / 5)
+    assert whole.proposed_in == (0, 1, 2, 3) and whole.missed_in == (4,)
+    assert whole.consensus == pytest.approx(4 / 5)
+
+
+def test_of_what_is_the_same_the_better_supported_remains() -> None:
+    """Two views draw the edge wide, four narrow: at one overlap all are one group, at another they are two."""
+    narrow, wide = range(0, 70), range(0, 100)
+    views = [lifted(200, [narrow]) for _ in range(4)] + [lifted(200, [wide]) for _ in range(2)]
+    (only,) = _found(views)
+    assert set(only.rows.tolist()) == set(narrow) and only.support == pytest.approx((4 + 2 * 0.7) / 6)
 
 
 def test_a_gaussian_belongs_if_most_views_that_propose_and_see_it_say_so() -> None:
     hidden = np.ones(60, np.bool_)
     hidden[30:40] = False
-    views = [lifted(60, [range(40)]), lifted(60, [range(40)], hidden), lifted(60, [range(35)])]
-    (only,) = find_candidates(overlaps_of(views), _ones(views), **BOUNDS)
+    views = [lifted(60, [CUP]), lifted(60, [CUP], hidden), lifted(60, [range(35)])]
+    (only,) = _found(views)
     shares = dict(zip(only.rows.tolist(), only.shares.tolist(), strict=True))
     assert set(shares) == set(range(35))  # 35..39: one of the two views that see them
     assert shares[0] == 1 and shares[32] == 1
 
 
 def test_what_one_view_alone_proposes_is_no_candidate() -> None:
-    views = [lifted(100, [range(40), range(60, 90)]), lifted(100, [range(40)]), lifted(100, [range(40)])]
-    candidates = find_candidates(overlaps_of(views), _ones(views), **BOUNDS)
-    assert [set(one.rows.tolist()) for one in candidates] == [set(range(40))]
+    views = [lifted(100, [CUP, range(60, 90)]), lifted(100, [CUP]), lifted(100, [CUP])]
+    assert _sets(_found(views)) == {frozenset(CUP)}
 
 
 def test_a_single_view_is_enough_where_there_is_one_only() -> None:
-    views = [lifted(100, [range(40)])]
-    assert len(find_candidates(overlaps_of(views), _ones(views), **BOUNDS)) == 1
+    assert _sets(_found([lifted(100, [CUP])])) == {frozenset(CUP)}
 
 
 def test_no_proposals_no_candidates() -> None:
-    views = [lifted(10, []), lifted(10, [])]
-    assert find_candidates(overlaps_of(views), np.zeros(0, np.float32), **BOUNDS) == []
+    assert _found([lifted(10, []), lifted(10, [])]) == []
+
+
+Span = tuple[int, int]
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    st.lists(st.lists(st.tuples(st.integers(0, 50), st.integers(3, 20)), max_size=5), min_size=2, max_size=5),
+    st.randoms(use_true_random=False),
+)
+def test_supports_are_shares_and_no_two_candidates_are_the_same(views: list[list[Span]], random) -> None:
+    """And neither depends on the order in which a set's fits are asked for."""
+    regions = [[range(start, start + length) for start, length in own] for own in views]
+    overlaps = overlaps_of([lifted(80, own) for own in regions])
+    candidates = find_candidates(overlaps, np.ones(len(overlaps.owner), np.float32), min_overlap=0.5, min_views=2)
+    common = common_weights(candidates, overlaps.size)
+    own = np.diag(common)
+    same = common / np.maximum(own[:, None] + own - common, 1e-12)
+    assert (same[~np.eye(len(own), dtype=bool)] < 0.5).all()
+    assert all(0 < one.support <= 1 + 1e-6 for one in candidates)
+    assert [one.support for one in candidates] == sorted((one.support for one in candidates), reverse=True)
+    shuffled = [random.sample(own, len(own)) for own in regions]
+    order = random.sample(range(len(views)), len(views))
+    again = overlaps_of([lifted(80, shuffled[view]) for view in order])
+    fits, sees = view_support(again, [one.rows for one in candidates])
+    assert sees.all()
+    for number, one in enumerate(candidates):
+        assert fits[number].mean() == pytest.approx(one.support)
+        assert {order[view] for view in np.flatnonzero(fits[number] >= 0.5)} == set(one.proposed_in)
+
+
+@settings(max_examples=40, deadline=None, derandomize=True)
+@given(st.integers(2, 6), st.integers(0, 10**6), st.randoms(use_true_random=False))
+def test_the_order_of_views_and_of_masks_does_not_matter(views: int, seed: int, random) -> None:
+    """Things whose masks slip by a little in each view."""
+    rng = np.random.default_rng(seed)
+    regions = []
+    for _ in range(views):
+        things = [set(range(30 * thing, 30 * thing + 30)) for thing in range(4) if rng.random() < 0.8]
+        regions.append([sorted(thing ^ set(rng.integers(0, 120, 3).tolist())) for thing in things])
+    quality = [np.asarray(rng.uniform(0.8, 1.0, len(own)), np.float32) for own in regions]
+    orders = [random.sample(range(len(own)), len(own)) for own in regions]
+    order = random.sample(range(views), views)
+    results = []
+    for numbers, within in ((range(views), [range(len(own)) for own in regions]), (order, orders)):
+        made = [lifted(120, [np.array(regions[view][mask]) for mask in within[view]]) for view in numbers]
+        used = np.concatenate([quality[view][list(within[view])] for view in numbers])
+        candidates = find_candidates(overlaps_of(made), used, min_overlap=0.5, min_views=2)
+        results.append({frozenset(one.rows.tolist()): round(one.support, 6) for one in candidates})
+    assert results[0] == results[1]
 
 
 def _large_capture(views: int, gaussians: int, things: int) -> Iterator[LiftedRegions]:
@@ -86,8 +151,7 @@ def test_memory_grows_with_what_is_inside_and_not_with_pairs_of_proposals() -> N
     count, entries = sum(len(view) for view in made), sum(len(view.rows) for view in made)
     assert count == views * 70
     tracemalloc.start()
-    overlaps = overlaps_of(iter(made))
-    candidates = find_candidates(overlaps, np.full(count, 0.9, np.float32), **BOUNDS)
+    candidates = _found(made)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(candidates) > 119

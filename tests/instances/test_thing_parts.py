@@ -25,8 +25,8 @@ def rows_of(parts: Parts, gaussians: int) -> np.ndarray:
 def test_a_sure_part_of_a_thing_is_kept_with_its_parent() -> None:
     points = np.concatenate([grid(1, 1, 0.1), grid(1, 1, 0.1, height=3.0)])
     half, size = len(points) // 2, np.ones(len(points), np.float32)
-    table, lamp = candidate(range(half), consensus=0.9), candidate(range(half, 2 * half), consensus=0.95)
-    corner = candidate(range(half + 4, half + 24), consensus=0.65, share=0.75)
+    table, lamp = candidate(range(half), support=0.9), candidate(range(half, 2 * half), support=0.95)
+    corner = candidate(range(half + 4, half + 24), support=0.65, proposed=13, missed=7, share=0.75)
     selection = select_things([lamp, table, corner], gaussians_at(points), size, SETTINGS)
     assert len(selection.things) == 2
     parts = find_parts(selection.parts, selection.owners, size, SETTINGS, 3)

@@ -78,7 +78,7 @@ def dense_groups(sums: Sequence[LabelSums], counts: Sequence[int], overlap: floa
 
 
 def dense_similarity(sums: Sequence[LabelSums], pairs: Sequence[Region]) -> np.ndarray:
-    """[P, P] intersection over union; 0 where one view sees too little of the other's region to tell."""
+    """[P, P] intersection over union; 0 below a tenth, and where one view sees too little of the other's region."""
     count = len(sums[0].starts) - 1
     seen = np.zeros((len(sums), count), np.float32)
     inside = np.zeros((len(pairs), count), np.float32)
@@ -101,7 +101,8 @@ def dense_similarity(sums: Sequence[LabelSums], pairs: Sequence[Region]) -> np.n
     union = seen_by_other + seen_by_other.T - common
     whole = np.maximum(weighted.sum(axis=1, keepdims=True), 1e-12)
     enough = (seen_by_other / whole > 0.3) & ((seen_by_other / whole).T > 0.3)
-    return np.where(enough, common / np.maximum(union, 1e-12), 0.0).astype(np.float64)
+    overlap = np.where(enough, common / np.maximum(union, 1e-12), 0.0).astype(np.float64)
+    return np.where(overlap >= 0.1, overlap, 0.0)
 
 
 @settings(deadline=None, max_examples=60, derandomize=True)
