@@ -139,11 +139,10 @@ class LocalScene:
 
         The masks are of `level`: `mask` in the view, `mask3d` of the Gaussians, see `decode_mask3d`.
         """
-        named = isinstance(viewpoint, str)
         request = PickRequest(
             self.id,
-            camera=None if named else viewpoint,
-            view=viewpoint if named else None,
+            camera=None if isinstance(viewpoint, str) else viewpoint,
+            view=viewpoint if isinstance(viewpoint, str) else None,
             pixel=Pixel(*pixel),
             level=level,
             mask3d=True,

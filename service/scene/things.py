@@ -41,7 +41,8 @@ def part_rows(things: Things) -> NDArray[np.int32]:
 
 def next_thing_id(things: Things) -> int:
     """The id of the next thing that is added; see `Things.next_id`."""
-    return max(things.next_id, max((each.id for each in (*things.everything, *things.groups)), default=0) + 1)
+    used = [*(thing.id for thing in things.everything), *(group.id for group in things.groups)]
+    return max(things.next_id, max(used, default=0) + 1)
 
 
 def thing_of(things: Things, thing_id: int) -> Thing:

@@ -57,8 +57,8 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
         scene_id = store_scene(service._store, scene, "made")
         edit = service.versions.edit
         assert not edit(scene_id, [name(1, "grandma's mug")]).asks_kind
-        asked = edit(scene_id, [name(2, "Oskar")], "the request")
-        assert asked.asks_kind and edit(scene_id, [name(2, "Oskar")], "the request") == asked
+        asked = edit(scene_id, [name(2, "Oskar")], "the-request")
+        assert asked.asks_kind and edit(scene_id, [name(2, "Oskar")], "the-request") == asked
         told = edit(scene_id, [name(2, "Oskar", "teddy bear")])
         assert not told.asks_kind and told.edits[0].kinds == ("teddy bear",)
         assert not edit(scene_id, [name(3, "Oskar")]).asks_kind  # its kind is known by now

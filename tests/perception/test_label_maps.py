@@ -94,7 +94,7 @@ def test_a_name_that_was_asked_for_stays_while_a_region_is_called_so() -> None:
     for expected, names in ((False, ["cup", "bed"]), (True, ["cup", "bed", "mug"])):
         classes = ["cup", "bed", "mug", "pan"]
         labelling = build_labelling(classes, [ids], {}, min_pixels=1, regions=regions, expected=expected)
-        assert [entry.label for entry in labelling.dictionary.entries] == names and labelling.expected == expected
+        assert [entry.label for entry in labelling.dictionary.entries] == names
         numbers = {name: labelling.dictionary.id_of(name) for name in names}
         votes = [(numbers["cup"], 0.5)] + ([(numbers["mug"], 0.4)] if expected else [])
         assert labelling.regions[0].votes == (tuple(votes), ((numbers["bed"], 0.5),))
@@ -194,11 +194,11 @@ def test_what_is_saved_is_loaded(
     folder = tmp_path_factory.mktemp("labelling") / "labels"
     entries = tuple(DictionaryEntry(name, (f"{name} 2",), 5 * i, i, 1 / (1 + i)) for i, name in enumerate(names))
     regions = tuple(Regions(m, (((2, 0.25), (1, 0.5)), (), ((3, 1.0),))) for m in maps[: len(maps) * exact])
-    labelling = Labelling(Dictionary(entries), tuple(maps), exact, regions, not exact)
+    labelling = Labelling(Dictionary(entries), tuple(maps), exact, regions)
     save_labelling(Labelling(Dictionary(()), ()), folder)
     save_labelling(labelling, folder)  # replaces the first
     loaded = load_labelling(folder)
-    assert loaded.dictionary == labelling.dictionary and (loaded.exact, loaded.expected) == (exact, not exact)
+    assert loaded.dictionary == labelling.dictionary and loaded.exact is exact
     assert [view.votes for view in loaded.regions] == [view.votes for view in regions]
     for before_ids, after_ids in zip(regions, loaded.regions, strict=True):
         np.testing.assert_array_equal(before_ids.ids, after_ids.ids)
