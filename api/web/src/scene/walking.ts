@@ -42,7 +42,8 @@ export class Walking {
   #enter(): void {
     const { onPlace } = this.state.change;
     const place = this.state.change.middle();
-    if (onPlace.value && place) onPlace.value(place); // a tool takes what the crosshair is on
+    if (onPlace.value && place)
+      onPlace.value(place); // a tool takes what the crosshair is on
     else if (this.#at === null) this.#begin();
     else this.state.select(this.#at);
   }
