@@ -72,8 +72,8 @@ def test_measuring_by_keyboard_alone(place: Place, browser: Browser, own: str) -
     with visiting(browser, place.url, f"#/scenes/{own}?view={_VIEW}", **phone) as visit:
         visit.scene_shown()
         note = _ruler(visit)
-        note.get_by_role("button", name="Take what is in the middle").focus()
-        visit.page.keyboard.press("Enter")
+        visit.page.locator("canvas").focus()
+        visit.page.keyboard.press("Enter")  # takes what the crosshair is on
         expect(note).to_contain_text("Click the second place.")
         note.get_by_label("Or a point: x, y, z").fill("0, 0, 5.0")
         visit.page.keyboard.press("Enter")
@@ -86,3 +86,6 @@ def test_measuring_by_keyboard_alone(place: Place, browser: Browser, own: str) -
         expect(note).to_contain_text("5.000 scene units ± 0.000")
         assert visit.fits()
         visit.check_accessible()
+        visit.page.locator("canvas").focus()
+        visit.page.keyboard.press("Escape")
+        expect(note).to_have_count(0)

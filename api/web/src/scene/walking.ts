@@ -1,3 +1,5 @@
+import { endPrompt } from "../change/prompts";
+import { endRuler } from "../change/ruler";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { centerOf } from "../viewer/boxes";
@@ -27,18 +29,31 @@ export class Walking {
 
   #key(event: KeyboardEvent): void {
     if (event.ctrlKey || event.altKey || event.metaKey || event.shiftKey) return;
-    if (event.key === "Enter") {
-      if (this.#at === null) this.#begin();
-      else this.state.select(this.#at);
-    } else if (event.key === "Escape") {
-      if (this.#at === null) this.state.clearSelection();
-      else this.#stand(null);
-    } else if (this.#at !== null && event.key.startsWith("Arrow")) {
+    if (event.key === "Enter") this.#enter();
+    else if (event.key === "Escape") this.#leave();
+    else if (this.#at !== null && event.key.startsWith("Arrow")) {
       const next = nextIn(event.key as Direction, this.#at, this.#places());
       if (next !== null) this.#stand(next);
     } else return;
     event.preventDefault();
     event.stopImmediatePropagation(); // arrows turn the view while nobody walks
+  }
+
+  #enter(): void {
+    const { onPlace } = this.state.change;
+    const place = this.state.change.middle();
+    if (onPlace.value && place)
+      onPlace.value(place); // a tool takes what the crosshair is on
+    else if (this.#at === null) this.#begin();
+    else this.state.select(this.#at);
+  }
+
+  #leave(): void {
+    const { ruler, prompt } = this.state.change;
+    if (this.#at !== null) this.#stand(null);
+    else if (ruler.value) endRuler(this.state);
+    else if (prompt.value) endPrompt(this.state);
+    else this.state.clearSelection();
   }
 
   #begin(): void {

@@ -19,9 +19,9 @@ export function WhereIs({ text, scenes }: { text: string; scenes: readonly Scene
     .sort((one, other) => Number(one.outcome !== "here") - Number(other.outcome !== "here") || sure(other) - sure(one));
   return (
     <section class="where-is" aria-labelledby="where-title">
-      <h2 id="where-title" role="status">
-        {texts.scenes.foundIn(text, found.length, value.length)}
-      </h2>
+      <div role="status">
+        <h2 id="where-title">{texts.scenes.foundIn(text, found.length, value.length)}</h2>
+      </div>
       <ul class="cards">
         {found.map((answer) => (
           <li key={answer.scene_id}>

@@ -36,8 +36,10 @@ export class CameraBound {
   bounded(gesture: Gesture): LookAt {
     const [from, goal] = [gesture(0), gesture(1)];
     if (this.floor <= 0) return goal;
-    const [before, after] = [this.#of(from), this.#of(goal)];
-    if (after >= before || after >= this.floor + SOFT) return goal;
+    const after = this.#of(goal);
+    if (after >= this.floor + SOFT) return goal;
+    const before = this.#of(from);
+    if (after >= before) return goal;
     const room = Math.max(0, Math.min(1, (after - this.floor) / SOFT));
     for (let [step, share] = [0, Math.max(LEAST, room)]; step < STEPS; step++, share /= 2) {
       const view = gesture(share);
