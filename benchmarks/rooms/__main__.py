@@ -151,7 +151,7 @@ def _write(path: Path, name: str, row: Mapping[str, Any]) -> None:
 
 def mean_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """The mean of each figure over the rooms that have it, and the shares of names over all rooms."""
-    names = [name for name, value in rows[0].items() if isinstance(value, int | float)]
+    names = dict.fromkeys(name for row in rows for name, value in row.items() if isinstance(value, int | float))
     means = {}
     for name in names:
         values = [row[name] for row in rows if isinstance(row.get(name), int | float) and row[name] == row[name]]

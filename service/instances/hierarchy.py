@@ -38,10 +38,10 @@ class Hierarchy:
 def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: DiscoverySettings) -> Hierarchy:
     """Parts, things and groups among candidates.
 
-    From the smallest up, each candidate is compared with the things that lie in it. Where these cover most of it and
-    what they cover, weighed by their support, is worth more than all of it at its own, it is a group of them (nothing
-    where that is one alone), and they stay things. Otherwise it is a thing, and of those in it the better supported stay things of their own, as an apple in a
-    bowl; the others are its parts.
+    From the smallest up, each candidate is compared with the things that lie in it. Where these cover most of it, and
+    what they cover, weighed by their support, is worth more than all of it weighed by its own, it is a group of them
+    (nothing where that is one alone), and they stay things. Otherwise it is a thing; of those in it the better
+    supported stay things of their own, as an apple in a bowl, and the others are its parts.
 
     Args:
         candidates: see `find_candidates`.
