@@ -265,8 +265,8 @@ PLACES: Bodies = {
     "box": ("the thing that fits a box best", PickIn(view="front.png", box=PixelBox(4.0, 3.0, 44.0, 33.0))),
     "viewpoint": ("the thing that a robot's camera has in its middle", PickIn(_VIEWPOINT, pixel=Pixel(32.0, 24.0))),
     "level": (
-        "which Gaussians are of the part at a pixel",
-        PickIn(view="front.png", pixel=Pixel(24.0, 18.0), level="part", mask3d=True),
+        "which Gaussians are of the whole thing at a pixel",
+        PickIn(view="front.png", pixel=Pixel(24.0, 18.0), level="thing", mask3d=True),
     ),
 }
 NAMES: Bodies = {"name": ("only if nobody has renamed it meanwhile", SceneUpdate("my desk", "made"))}
