@@ -23,8 +23,11 @@ def _expect_all(page: Page, text: str, selected: str, view: str) -> None:
     expect(page.locator("canvas")).to_have_attribute("data-shown", re.compile("answer$"))
     Visit(page).at_rest()
     assert f"view={view}" in page.url
+    expect(page.locator(".glow-legend")).to_have_text(f"Answers “{text}”")  # one light at a time
     Visit(page).tab("Things")
     expect(page.get_by_role("heading", name=selected)).to_be_visible()
+    if selected != "Things":
+        expect(page.locator(".glow-legend")).to_have_text(f"Selected: {selected}")
 
 
 def test_question_view_and_selection_come_back_here_and_elsewhere(place: Place, browser: Browser) -> None:

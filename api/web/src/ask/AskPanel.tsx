@@ -72,11 +72,13 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
             picture={({ thing_id: id }) => unnamed.has(id) && <ThingPicture state={state} thing={id} />}
           />
           <FollowUps state={state} answer={answer} onAsk={type} onThing={flyToThing} lookAgain={lookAgain} />
-          <Others
-            title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}
-            matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)}
-            onAsk={type}
-          />
+          {answer.outcome !== "cannot_say" && (
+            <Others
+              title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}
+              matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)}
+              onAsk={type}
+            />
+          )}
         </>
       )}
       {!answer && labels.length > 0 && <KnownLabels labels={labels} onAsk={type} />}

@@ -87,20 +87,25 @@ export function ObjectChips({
   picture?: (object: SceneObject) => ComponentChildren;
 }) {
   if (objects.length === 0) return null;
+  const numbered = objects.map((object, index) => {
+    const alike = objects.filter(({ label }) => label === object.label);
+    const before = objects.slice(0, index).filter(({ label }) => label === object.label);
+    return { object, number: before.length + 1, alone: alike.length === 1 };
+  });
   return (
     <>
       <h3>{texts.ask.objects}</h3>
       <ul class="chips">
-        {objects.map((object, index) => (
+        {numbered.map(({ object, number, alone }) => (
           <li key={object.id}>
             <button
               type="button"
               class="chip"
-              aria-label={texts.ask.flyTo(object.label, index + 1)}
+              aria-label={texts.ask.flyTo(object.label, number)}
               onClick={() => onFly(object)}
             >
               {picture(object)}
-              {object.label} {index + 1}
+              {object.label} {!alone && number}
             </button>
           </li>
         ))}

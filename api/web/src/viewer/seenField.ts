@@ -40,11 +40,6 @@ export class SeenField {
     this.#sightings = Float32Array.from(sightings);
   }
 
-  /** How many of the scene's photos are counted. */
-  get photos(): number {
-    return this.#cameras.length;
-  }
-
   /** How much of a picture shows surfaces that two photos show from about there: 0..1. */
   coverage(view: LookAt, aspect: number): number {
     const camera = gridCameraOfView(view, aspect);
