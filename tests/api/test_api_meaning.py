@@ -62,7 +62,7 @@ def test_a_name_of_which_no_word_is_known_is_asked_for_its_kind_once(lexicon_mod
         told = edit(scene_id, [name(2, "Oskar", "teddy bear")])
         assert not told.asks_kind and told.edits[0].kinds == ("teddy bear",)
         assert not edit(scene_id, [name(3, "Oskar")]).asks_kind  # its kind is known by now
-        (answer,) = service.answers.query(QueryRequest(scene_id, ("toy",)))
+        (answer,) = service.answers.query(QueryRequest(scene_id, ("toy",))).answers
         assert answer.relation == "kind_of" and set(answer.things) == {2, 3}
         assert [version.asks_kind for version in service.versions.all(scene_id)] == [False, False, True, False, False]
 

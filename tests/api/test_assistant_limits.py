@@ -163,7 +163,7 @@ def test_who_goes_away_ends_what_was_begun(faces: Faces, scene_id: str, monkeypa
         finally:
             ended.set()
 
-    monkeypatch.setattr(Answers, "ask", slow)
+    monkeypatch.setattr(Answers, "query", slow)
     body = {
         **{"jsonrpc": "2.0", "id": 1, "method": "tools/call"},
         "params": {"name": "find", "arguments": {"text": "mug", "scene": scene_id}},

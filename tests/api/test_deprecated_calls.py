@@ -119,5 +119,5 @@ def test_the_same_holds_of_a_trained_scene(test_data: Path, models_dir: Path) ->
         assert_views_of_things(objects, things, labels)
         for label in sorted({each.label for each in objects})[:3]:
             request = QueryRequest(scene.id, (label,), outputs=frozenset({"mask3d"}), mask3d_encoding="ply")
-            (answer,) = service.answers.query(request)
+            (answer,) = service.answers.query(request).answers
             assert answer.mask3d == service.answers.mask_ply(scene.id, label)
