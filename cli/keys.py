@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.connection import link_to_share
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import LEAST, SHOWN
@@ -48,13 +49,11 @@ def share(
     page: Annotated[str, typer.Option(help="Where people open the page. Default: the server's URL.")] = "",
 ) -> None:
     """Print a link that shows one scene, read-only, to whoever has it; list and revoke it as any key."""
-    from fastsplat_client import share_link  # loads gRPC
-
     made = session.client.keys.share(session.scene(scene), name, days * _DAY_S)
     settings = load_settings()
     here = f"{'http' if settings.tls_cert is None else 'https'}://localhost:{settings.http_port}"
     typer.echo(f"key {made.key.id} shows scene {made.key.scene_id} alone, for {days:g} days:", err=True)
-    session.tell(made, share_link(page or session.address.url or here, made))
+    session.tell(made, link_to_share(page or session.address.url or here, made))
 
 
 @service_command(keys_app, "list")
