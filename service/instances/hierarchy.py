@@ -40,8 +40,8 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
 
     From the smallest up, each candidate is compared with the things that lie in it. Where these cover most of it, and
     what they cover, weighed by their support, is worth more than all of it weighed by its own, it is a group of them
-    (nothing where that is one alone), and they stay things. Otherwise it is a thing; of those in it the better
-    supported stay things of their own, as an apple in a bowl, and the others are its parts.
+    (nothing where that is one alone), and they stay things. Otherwise it is a thing; of those in it the ones whose
+    edges the masks miss by less than its own stay things, as an apple in a bowl, and the others are its parts.
 
     Args:
         candidates: see `find_candidates`.
@@ -57,6 +57,7 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
     weight = np.diag(common)
     inside = common / np.maximum(weight[:, None], 1e-12)
     support = np.array([candidates[number].support for number in sure])
+    error = (1 - support) * np.sqrt(weight)  # of the edge: a rim of one width costs a small thing more of its overlap
     things: list[int] = []
     whole: dict[int, int] = {}
     groups: dict[int, tuple[int, ...]] = {}
@@ -67,12 +68,12 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
             own[candidates[sure[child]].rows] = support[child]
         rows = candidates[sure[one]].rows
         covered = size[rows][own[rows] > 0].sum() / weight[one]
-        if covered >= _COVERED and own[rows] @ size[rows] > support[one] * weight[one]:
+        if covered >= _COVERED and (own[rows] - support[one]) @ size[rows] > 0:
             if len(children) > 1:
                 groups[sure[one]] = tuple(sure[child] for child in reversed(children))
             continue
         for child in children:
-            if support[child] <= support[one]:
+            if error[child] >= error[one]:
                 things.remove(child)
                 whole[child] = one
         things.append(one)
