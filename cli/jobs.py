@@ -11,7 +11,6 @@ from fastsplat.cli.options import JobId, Watch, service_command
 from fastsplat.cli.session import Session, progress
 from fastsplat.cli.short_ids import SHOWN
 from fastsplat.cli.tables import Column, facts, minute, table
-from fastsplat_contract import calls
 from fastsplat_contract.operating_messages import GetJobLogRequest
 from fastsplat_contract.operations import Operation, OperationList, OperationState
 
@@ -84,6 +83,8 @@ def log(session: Session, job: JobId) -> None:
     """Print the end of what the trainers of a job wrote; on stderr, why the job failed."""
     job_id = session.job(job)
     error = session.client.operation(job_id).error
+    from fastsplat_contract import calls  # every message of the contract
+
     written = session.client.call(calls.GET_JOB_LOG, GetJobLogRequest(job_id)).log
     if error is not None and not session.as_json:
         typer.echo(f"{error.stage}: {error.reason}: {error.message}", err=True)

@@ -9,7 +9,6 @@ import typer
 from fastsplat.cli.options import service_command
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import Column, minute, table
-from fastsplat_contract import calls
 from fastsplat_contract.operating_messages import CreateProjectRequest
 
 projects_app = typer.Typer(
@@ -23,6 +22,8 @@ def create(
     name: Annotated[str, typer.Argument(help="Lower-case letters, digits and hyphens.")],
 ) -> None:
     """Make a project: its keys see its scenes only, and nobody else's keys see them. Then make keys for it."""
+    from fastsplat_contract import calls  # every message of the contract
+
     made = session.client.call(calls.CREATE_PROJECT, CreateProjectRequest(name))
     session.tell(made, f"project {name} is there; make a key with: fastsplat keys create NAME --project {name}")
 
@@ -30,6 +31,8 @@ def create(
 @service_command(projects_app, "list")
 def list_projects(session: Session) -> None:
     """Show every project."""
+    from fastsplat_contract import calls  # every message of the contract
+
     listed = session.client.call(calls.LIST_PROJECTS, None)
     columns = (Column("project", "cut"), Column("made"), Column("scenes", right=True), Column("keys", right=True))
     rows = [(each.name, minute(each.created_at), str(each.scenes), str(each.keys)) for each in listed.projects]
