@@ -12,7 +12,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.application.exporting.rerun_file import rerun_file
-from fastsplat.service.application.exporting.scene_exports import _rows, thing_rows
+from fastsplat.service.application.exporting.scene_exports import _of_things
 from fastsplat.service.application.exporting.scene_recording import SceneRecording
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import SH_C0
@@ -30,7 +30,7 @@ def _read(folder: Path, index: SceneIndex, things: Sequence[int] = (), name: str
     """The components of each entity."""
     recording = SceneRecording("an-id", "v7", name, START, b"", PHOTOS, 1)
     path = folder / "scene.rrd"
-    path.write_bytes(rerun_file(index, _rows(index.scene.gaussians, thing_rows(index, things)), recording, things))
+    path.write_bytes(rerun_file(index, _of_things(index, things), recording, things))
     assert recording_of(path) == ("fastsplat", "an-id-v7")
     return components_of(path)
 
@@ -45,7 +45,7 @@ def test_the_splat_is_that_of_the_scene(tmp_path: Path, things: tuple[int, ...],
         index.scene.gaussians, sh=sh, quats=rng.normal(size=(len(sh), 4)).astype(np.float32)
     )
     index = index.after(dataclasses.replace(index.scene, gaussians=gaussians))
-    kept = _rows(gaussians, thing_rows(index, things))
+    kept = _of_things(index, things)
     assert 0 < len(kept) <= len(gaussians) and (len(kept) == len(gaussians)) == (not things)
     splat = _read(tmp_path, index, things)["/splat"]
     np.testing.assert_array_equal(np.array(splat["GaussianSplats3D:centers"], np.float32), kept.means)
