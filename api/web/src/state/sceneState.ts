@@ -179,6 +179,7 @@ export class SceneState {
       this.actionError.value = null;
       this.#pickedPart.value = rows ? { id: level.id, rows } : null;
       this.selected.value = level.level === "group" ? level.members : [level.id];
+      this.tab.value = "things";
     });
   }
 
