@@ -112,7 +112,7 @@ def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
         visit.scene_shown()
         page, card = visit.page, visit.page.locator(".thing-card")
         page.route("**/*:edit", asks)
-        page.locator(".thing-list").get_by_role("button", name="ball").click()
+        visit.tab("Things").get_by_role("button", name="ball").click()
         card.get_by_label("Name", exact=True).fill("violin")
         card.get_by_label("Other names, separated by commas").fill("moon, fiddle")
         card.get_by_role("button", name="Save the name").click()
