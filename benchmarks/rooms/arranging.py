@@ -127,7 +127,7 @@ class Ground:
         return np.asarray(cv2.dilate(covered, np.ones((2 * reach + 1,) * 2, np.uint8)), np.uint8)
 
 
-def extent(meshes: Sequence) -> tuple[F64, F64]:  # type: ignore[type-arg]
+def extent(meshes: Meshes) -> tuple[F64, F64]:
     """float64 [3], float64 [3]: the lowest and highest corner of what meshes fill."""
     points = np.concatenate([mesh.points for mesh in meshes])
     return points.min(axis=0), points.max(axis=0)

@@ -15,6 +15,7 @@ from benchmarks.rooms.arranging import HARD, Room, extent
 from benchmarks.rooms.drawing import KINDS, ROOMS, Studio, camera_of, room_of, write_room
 from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
 from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
+from benchmarks.rooms.shapes import Meshes
 from benchmarks.rooms.truth import Shown, read_truth
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.evaluation.datasets.reading import read_dataset
@@ -87,7 +88,7 @@ def test_a_part_lies_in_its_thing() -> None:
     assert all(name and mesh.part in ("", name) for thing, name in studio.parts for mesh in _named(thing, name))
 
 
-def _named(thing: int, name: str) -> list:  # type: ignore[type-arg]
+def _named(thing: int, name: str) -> Meshes:
     meshes = [mesh for mesh in _room("tools-1").things[thing - 1].meshes if mesh.part == name]
     assert meshes
     return meshes

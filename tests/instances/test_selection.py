@@ -16,7 +16,7 @@ from fastsplat.service.instances.ownership import (
 )
 from fastsplat.service.instances.selection import select_things
 from fastsplat.service.instances.settings import DiscoverySettings
-from fastsplat.service.instances.surfaces import Plane, fit_plane, join_surfaces, surface_kinds
+from fastsplat.service.instances.surfaces import Plane, fit_plane, join_surfaces, lies_in, surface_kinds
 from tests.instances.made import candidate, gaussians_at, grid
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
@@ -229,3 +229,11 @@ def test_surfaces_are_named_by_gravity() -> None:
     assert kinds == {0: "floor", 1: "horizontal surface", 2: "ceiling", 3: "wall", 4: "surface"}
     assert surface_kinds({1: level}, centers, cameras, UP) == {1: "horizontal surface"}
     assert set(surface_kinds(surfaces, centers, cameras, None).values()) == {"surface"}
+
+
+@pytest.mark.parametrize(("height", "lies"), [(0.0, True), (0.2, True), (0.4, False), (0.7, False)])
+def test_a_print_lies_in_the_plane_of_a_table_and_what_lies_on_it_does_not(height: float, lies: bool) -> None:
+    """Heights in tolerances of the plane: a knife's middle is within half of one, and yet too high."""
+    points = grid(0.2, 0.2, 0.02, height=0.05 * height)
+    rows = np.arange(len(points), dtype=np.int32)
+    assert lies_in(Plane(UP, 0.0, 0.05), rows, gaussians_at(points), np.ones(len(points), np.float32)) == lies

@@ -97,19 +97,6 @@ def test_a_scene_of_the_tenth_schema_has_things_and_no_groups(scene: Scene, tmp_
     assert scene.things is not None and read is not None and (read.table, read.groups) == (scene.things.table, ())
 
 
-@pytest.mark.parametrize(
-    "change", [{"id": 9}, {"id": 12}, {"members": [2]}, {"members": [9, 2]}, {"members": [2, 4]}, {"consensus": 2.0}]
-)
-def test_a_damaged_group_says_so(scene: Scene, tmp_path: Path, change: dict[str, object]) -> None:
-    write_scene(scene, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = json.loads(path.read_text())
-    body["things"]["groups"][0] |= change
-    path.write_text(_sealed(body))
-    with pytest.raises(SceneFileError, match="malformed"):
-        read_scene(tmp_path / "v1")
-
-
 def test_groups_follow_their_things(scene: Scene) -> None:
     def groups(after: Scene) -> list[tuple[int, tuple[int, ...]]]:
         assert after.things is not None
@@ -142,13 +129,25 @@ def test_a_table_that_lacks_a_thing_is_refused_on_both_ways(scene: Scene, tmp_pa
 
 
 @pytest.mark.parametrize(
-    "change", [{"id": 0}, {"id": 5}, {"probability": 2.0}, {"source": None}, {"surface": "roof"}, {"name": 7}]
+    ("rows", "change"),
+    [
+        *(
+            ("groups", one)
+            for one in ({"id": 9}, {"id": 12}, {"members": [2]}, {"members": [9, 2]}, {"members": [2, 4]})
+        ),
+        ("groups", {"consensus": 2.0}),
+        *(
+            ("table", one)
+            for one in ({"id": 0}, {"id": 5}, {"probability": 2.0}, {"source": None}, {"surface": "roof"})
+        ),
+        ("table", {"name": 7}),
+    ],
 )
-def test_a_damaged_row_says_so(scene: Scene, tmp_path: Path, change: dict[str, object]) -> None:
+def test_a_damaged_row_says_so(scene: Scene, tmp_path: Path, rows: str, change: dict[str, object]) -> None:
     write_scene(scene, tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text())
-    body["things"]["table"][0] |= change
+    body["things"][rows][0] |= change
     path.write_text(_sealed(body))
     with pytest.raises(SceneFileError, match="malformed"):
         read_scene(tmp_path / "v1")
