@@ -61,6 +61,11 @@ class MaskProposals:
     def __len__(self) -> int:
         return len(self.quality)
 
+    @property
+    def inside(self) -> NDArray[np.bool_]:
+        """bool [P, h, w]: where the logits are above 0."""
+        return np.asarray(self.logits.view(np.int16) > 0)  # the same; numpy compares 16-bit floats far more slowly
+
     def take(self, rows: Sequence[int] | NDArray[np.integer]) -> MaskProposals:
         """Those of these rows, in this order."""
         index = np.asarray(rows, np.intp)
@@ -101,7 +106,7 @@ def propose_masks(
         parts.append(sure_proposals(answer, size, settings))
         prompts += len(fresh)
         points = np.concatenate([points, fresh])
-        cover.add(parts[-1].logits > 0)
+        cover.add(parts[-1].inside)
     proposals = distinct_proposals(joined_proposals(parts), _PROPOSAL_OVERLAP, first=len(parts[0]))
     factor = min(1.0, _PROPOSAL_SIDE / max(size))
     height, width = (max(1, round(side * factor)) for side in size)
@@ -167,7 +172,7 @@ def distinct_proposals(proposals: MaskProposals, max_overlap: float, *, first: i
         return proposals
     later = np.arange(len(proposals)) >= first
     order = np.lexsort([-proposals.quality, later])
-    flat = (proposals.logits[order] > 0).reshape(len(order), -1).astype(np.float32)
+    flat = proposals.inside[order].reshape(len(order), -1).astype(np.float32)
     common = flat @ flat.T
     areas = flat.sum(axis=1)
     double = common > max_overlap * (areas[:, None] + areas - common)

@@ -60,6 +60,27 @@ class SceneSize:
     labels: int
 
 
+@dataclass(frozen=True)
+class PerceptionCost:
+    """Seconds that perception takes on a machine.
+
+    Attributes:
+        overhead_s: that do not depend on the number of views: models loaded.
+        search_s: for each view that objects are detected in.
+        segment_s: for each view that is segmented as well.
+        segmented: views that are segmented at most; 0: all.
+    """
+
+    overhead_s: float
+    search_s: float
+    segment_s: float
+    segmented: int = 0
+
+    def seconds(self, views: int) -> float:
+        """Of so many views."""
+        return self.overhead_s + self.search_s * views + self.segment_s * min(views, self.segmented or views)
+
+
 _REFERENCE = Speed()
 
 
@@ -95,7 +116,7 @@ def scene_size(capture: Capture, labels: int) -> SceneSize:
 
 
 def views_within_budget(
-    requested: int, views: int, time_budget_s: float, *, overhead_s: float, view_s: float
+    requested: int, views: int, time_budget_s: float, *, overhead_s: float, cost: PerceptionCost
 ) -> tuple[int, tuple[str, ...]]:
     """The number of views that perception may look at within its share of the budget, 40 %, and the tradeoffs.
 
@@ -103,14 +124,15 @@ def views_within_budget(
         requested: views it would look at; 0 means all.
         views: that the capture has.
         time_budget_s: for everything from the start of perception on, seconds.
-        overhead_s: seconds of perception that do not depend on the views, those already spent included.
-        view_s: seconds a view.
+        overhead_s: seconds that are spent already.
+        cost: of perception on this machine.
 
     Returns:
         The number of views, 3 at least where there are so many; and what is reduced, in words.
     """
     requested = min(requested or views, views)
-    fit = math.floor((_PERCEPTION_SHARE * time_budget_s - overhead_s) / max(view_s, 1e-9))
+    bound = _PERCEPTION_SHARE * time_budget_s - overhead_s
+    fit = next((count for count in range(requested, 0, -1) if cost.seconds(count) <= bound), 0)
     count = min(requested, max(fit, _FEWEST_VIEWS))
     return count, (f"perception on {count} of {requested} views",) if count < requested else ()
 

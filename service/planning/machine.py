@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from io import BytesIO
 
 import cv2
@@ -15,7 +15,7 @@ from PIL import Image
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.labelling import label_capture
-from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.planning.cost_model import PerceptionCost, Speed
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses.functional import image_loss
 from fastsplat.service.splatting.raster.rendering import rasterize
@@ -27,20 +27,7 @@ _STEP_S, _IMAGE_S = 0.0077, 0.0030
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
-_SEARCH_FACTOR = 1.2  # a view's detection and segmentation, in times its segmentation alone
-
-
-@dataclass(frozen=True)
-class PerceptionCost:
-    """Seconds that perception takes on this machine.
-
-    Attributes:
-        overhead_s: that do not depend on the number of views: models loaded.
-        view_s: for each view.
-    """
-
-    overhead_s: float
-    view_s: float
+_SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
 
 
 def machine_speed(backend: Backend = "cpu") -> Speed:
@@ -83,8 +70,11 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     label_capture(one_view, settings.perception, settings.models, tuple(labels), listen, masks=masks)
     total = time.monotonic() - begun
     # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
-    view = _SEARCH_FACTOR * (times[-1] - times[-2])
-    return PerceptionCost(max(0.0, total - view), view)
+    segment = times[-1] - times[-2]
+    search = _SEARCH_SHARE * segment
+    return PerceptionCost(
+        max(0.0, total - segment - search), search, segment, settings.perception.proposal_views if masks else 0
+    )
 
 
 def _mean(work: Callable[[], None]) -> float:

@@ -77,8 +77,8 @@ def plan_perception(
         perception.max_views,
         len(capture.views),
         time_budget_s,
-        overhead_s=time.monotonic() - started + cost.overhead_s,
-        view_s=cost.view_s,
+        overhead_s=time.monotonic() - started,
+        cost=cost,
     )
     return StagePlan(perception.model_copy(update={"max_views": views}), tradeoffs)
 

@@ -16,8 +16,9 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.capture_detection import detect_views
 from fastsplat.service.perception.class_names import TAGS
-from fastsplat.service.perception.labelling import label_capture
+from fastsplat.service.perception.labelling import label_capture, views_to_segment
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.types import Detections
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 
 _SETTINGS = PerceptionSettings(threads=2)
@@ -60,8 +61,9 @@ def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, m
     labelling = label_capture(capture, settings, models_dir, ["banana", "orange"], silent, masks=True)
     assert plain.masks == () and len(labelling.masks) == 2
     assert [entry.label for entry in labelling.dictionary.entries] == [e.label for e in plain.dictionary.entries]
-    for before, after in zip(plain.label_maps, labelling.label_maps, strict=True):
-        assert (before == after).mean() > 0.998  # edges are interpolated between other steps
+    (before, _), (after, other) = plain.label_maps, labelling.label_maps
+    assert (before == after).mean() > 0.998  # edges are interpolated between other steps
+    assert not other.any()  # the first view shows both
     own, none = labelling.masks
     assert own is not None and none is None and len(own) > len(labelling.regions[0].votes)
     height, width = labelling.label_maps[0].shape
@@ -70,6 +72,23 @@ def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, m
         region = ids == number
         overlaps = (masks & region).sum(axis=(1, 2)) / (masks | region).sum(axis=(1, 2))
         assert overlaps.max() > 0.9
+
+
+def test_a_class_that_no_view_with_masks_shows_is_cut_out_of_the_view_that_shows_it_best() -> None:
+    def detected(*found: tuple[str, float]) -> Detections:
+        boxes = np.zeros((len(found), 4), np.float32)
+        return Detections(boxes, np.array([score for _, score in found], np.float32), tuple(name for name, _ in found))
+
+    views = [
+        detected(("cup", 0.9)),
+        detected(("cup", 0.8), ("fork", 0.4), ("spoon", 0.9)),
+        detected(),
+        detected(("fork", 0.6), ("cup", 0.7)),
+        detected(("spoon", 0.5)),
+    ]
+    assert views_to_segment(views, {0, 2}) == {0, 1, 2, 3}
+    assert views_to_segment(views, {0, 3}) == {0, 1, 3}
+    assert views_to_segment(views, set(range(5))) == set(range(5))
 
 
 def test_nothing_found_is_an_empty_dictionary(models_dir: Path, tmp_path: Path, helpers: Any) -> None:

@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.planning.cost_model import (
+    PerceptionCost,
     SceneSize,
     Speed,
     fit_training,
@@ -121,16 +122,24 @@ def test_one_gaussian_and_one_view_can_be_planned() -> None:
     assert planned.settings.max_gaussians == 1 and planned.seconds <= 10.001
 
 
+costs = st.builds(PerceptionCost, st.floats(0, 100), st.floats(0, 1), st.floats(0, 10), st.integers(0, 20))
+
+
 @settings(deadline=None, max_examples=60)
-@given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), st.floats(0, 10))
-def test_perception_keeps_to_its_share_of_the_budget_or_to_three_views(
-    requested, views, budget, overhead, view
-) -> None:
-    chosen, tradeoffs = views_within_budget(requested, views, budget, overhead_s=overhead, view_s=view)
+@given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), costs)
+def test_perception_keeps_to_its_share_of_the_budget_or_to_three_views(requested, views, budget, spent, cost) -> None:
+    chosen, tradeoffs = views_within_budget(requested, views, budget, overhead_s=spent, cost=cost)
     asked = min(requested or views, views)
     assert 1 <= chosen <= asked and (chosen < asked) == bool(tradeoffs)
-    assert chosen <= 3 or overhead + chosen * view <= 0.4 * budget * 1.0001 + 1e-6
-    assert chosen == asked or overhead + (chosen + 1) * view > 0.4 * budget * 0.9999
+    assert chosen <= 3 or spent + cost.seconds(chosen) <= 0.4 * budget * 1.0001 + 1e-6
+    assert chosen == asked or spent + cost.seconds(chosen + 1) > 0.4 * budget * 0.9999
+
+
+def test_views_beyond_those_that_are_segmented_cost_their_search_alone() -> None:
+    cost = PerceptionCost(overhead_s=1.0, search_s=0.1, segment_s=2.0, segmented=16)
+    assert cost.seconds(10) == pytest.approx(1 + 1 + 20)
+    assert cost.seconds(40) - cost.seconds(16) == pytest.approx(24 * 0.1)
+    assert PerceptionCost(0.0, 0.1, 2.0).seconds(40) == pytest.approx(40 * 2.1)
 
 
 @pytest.mark.parametrize("budget", [0.0, -1.0, float("nan"), float("inf")])
