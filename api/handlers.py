@@ -119,6 +119,13 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=scene_examples.EDITS,
         ),
         Handler(
+            calls.PREVIEW_EDIT,
+            lambda service, asked: service.versions.preview(asked.scene_id, asked.edits, asked.version),
+            computes=True,
+            example=change_examples.EDIT_PREVIEW,
+            bodies=change_examples.PREVIEWED,
+        ),
+        Handler(
             calls.ALIGN_SCENE,
             lambda service, asked: service.versions.edit(
                 asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
+    clean_command,
     create_commands,
     edit_commands,
     export,

@@ -10,14 +10,16 @@ import numpy as np
 
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
+from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
+from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import AlignIn, Box, Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -33,6 +35,23 @@ SCALE = (
     "make the scene metric by a length between two points",
     EditIn((Edit("scale", known_lengths=(_KNOWN_LENGTH,)),)),
 )
+EDIT_PREVIEW = EditPreview("1", 180, 2, (2,), bytes([0b00100001]) + bytes(22))
+_MUG_BOX = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(9.0, 9.0, 9.0))
+PREVIEWED: Bodies = {
+    "crop": (
+        "keep what lies in a box",
+        PreviewEditIn((Edit("remove", filter=GaussianFilter(box=_MUG_BOX, outside=True)),)),
+    ),
+    "floaters": (
+        "hardly opaque Gaussians, then those far from all others",
+        PreviewEditIn(
+            (
+                Edit("remove", filter=GaussianFilter(opacity_below=0.05)),
+                Edit("remove", filter=GaussianFilter(isolation_above=4.0)),
+            )
+        ),
+    ),
+}
 MEASUREMENT = Measurement(
     places=(LocatedPlace(Vector3(0.1, 0.2, 0.3), 0.004, 1), LocatedPlace(Vector3(0.6, 0.2, 0.3), 0.003)),
     distance=Length(0.46, 0.451, 0.469),

@@ -22,6 +22,7 @@ from fastsplat_client.transport import Retry
 from fastsplat_contract.assessments import Assessment, Finding
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
+from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import (
     CancelledError,
     ConflictError,
@@ -37,6 +38,7 @@ from fastsplat_contract.errors import (
     RateLimitedError,
     UnauthenticatedError,
 )
+from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.keys import AccessKey, NewKey
 from fastsplat_contract.localize_messages import Localization, LocalizedPhoto
@@ -46,10 +48,9 @@ from fastsplat_contract.measure_messages import Length, LocatedPlace, Measuremen
 from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match, PictureRequest, QueryRequest
 from fastsplat_contract.scenes import (
-    Box,
     Color,
     DictionaryEntry,
     Edit,
@@ -80,9 +81,11 @@ __all__ = [
     "DetectionList",
     "DictionaryEntry",
     "Edit",
+    "EditPreview",
     "FastSplatError",
     "Finding",
     "FoundName",
+    "GaussianFilter",
     "Goal",
     "InsertSource",
     "InvalidInputError",

@@ -12,6 +12,7 @@ from fastsplat_client.table_calls import TableCalls
 from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
+from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.operations import Operation
@@ -198,6 +199,11 @@ class ThingCalls(TableCalls):
         """
         request = requests.EditSceneRequest(scene_id, tuple(edits), request_id or uuid.uuid4().hex, looked_at)
         return self.call(calls.EDIT_SCENE, request, timeout_s=timeout_s)
+
+    def preview_edit(self, scene_id: str, edits: Sequence[Edit], *, version: str = "") -> EditPreview:
+        """Which Gaussians edits, whose action is remove, would remove from a version, "" the current one; nothing is
+        changed."""
+        return self.call(calls.PREVIEW_EDIT, PreviewEditRequest(scene_id, tuple(edits), version))
 
     def look_again(self, scene_id: str, texts: str | Sequence[str], *, request_id: str = "") -> Operation:
         """Search a scene for more names with the server's open-set detector; the job is queued, durably, on return.

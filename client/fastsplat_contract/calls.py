@@ -13,6 +13,7 @@ from typing import Any
 
 from fastsplat_contract.call import Call, Rule
 from fastsplat_contract.detection_messages import DetectionList
+from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.job_watching import PlacedCameras, Preview
@@ -125,6 +126,9 @@ MEASURE_SCENE = Call(
 EDIT_SCENE = Call(
     "EditScene", "scenes", EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
     "Make a new version of a scene: the edits in order, all or none; it is current on return.")
+PREVIEW_EDIT = Call(
+    "PreviewEdit", "scenes", PreviewEditRequest, EditPreview, READ, f"POST {_SCENE}:previewEdit",
+    "Which Gaussians edits would remove from a scene; nothing is changed.")
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from fastsplat_contract.poses import Vector3
-from fastsplat_contract.scenes import Box, NextPageToken
+from fastsplat_contract.poses import Box, Vector3
+from fastsplat_contract.scenes import NextPageToken
 from fastsplat_contract.thing_messages import NameSource, NameSuggestion, ThingKind
 from fastsplat_contract.wire import Many, Response, travels
 

@@ -8,9 +8,8 @@ from typing import Annotated, ClassVar, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.places import Place
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.poses import Box, Vector3
 from fastsplat_contract.queries import OfScene, Version
-from fastsplat_contract.scenes import Box
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 

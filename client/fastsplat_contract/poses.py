@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.wire import Request, checked, travels
+from fastsplat_contract.wire import Request, Response, checked, travels
 
 F64 = NDArray[np.float64]
 
@@ -71,6 +71,14 @@ class Pose(Request):
     def matrix(self) -> F64:
         """float64 [4, 4]: the rigid transform x' = R x + t."""
         return rigid(self.orientation, self.position)
+
+
+@dataclass(frozen=True)
+class Box(Response):
+    """An oriented box, as in vision_msgs/BoundingBox3D."""
+
+    center: Annotated[Pose, Field(description="of the box's middle; orientation rotates box axes into world axes")]
+    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
 
 
 def rigid(orientation: Quaternion, position: Vector3) -> F64:

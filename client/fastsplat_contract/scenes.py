@@ -11,8 +11,9 @@ from pydantic import Field
 
 from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
-from fastsplat_contract.poses import Pose, Vector3
+from fastsplat_contract.poses import Box, Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
 from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
 
@@ -187,14 +188,6 @@ class SceneUpdate(Request):
 
 
 @dataclass(frozen=True)
-class Box(Response):
-    """An oriented box, as in vision_msgs/BoundingBox3D."""
-
-    center: Annotated[Pose, Field(description="of the box's middle; orientation rotates box axes into world axes")]
-    size: Annotated[Vector3, Field(description="whole edge lengths along the box's axes, scene units")]
-
-
-@dataclass(frozen=True)
 class SceneObject(Response):
     """A named thing or part as earlier releases say it: a view of its SceneThing, for one release more."""
 
@@ -299,6 +292,13 @@ class Edit(Request):
         Many[KnownSize], Field(description="for scale: things whose size somebody has measured in the world")
     ] = ()
     alignment: Annotated[Alignment | None, Field(description="for align: how the scene lies in a map")] = None
+    filter: Annotated[
+        GaussianFilter | None,
+        Field(
+            description="for remove: only the Gaussians that it takes, of the label, object or things if there is one "
+            "and otherwise of the whole scene; what things enclose stays then"
+        ),
+    ] = None
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.masks import MaskEncoding, ViewMask
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.poses import Box, Vector3
 from fastsplat_contract.queries import OfScene, Version
-from fastsplat_contract.scenes import Box, NextPageToken
+from fastsplat_contract.scenes import NextPageToken
 from fastsplat_contract.thing_prompts import Pixel as Pixel
 from fastsplat_contract.thing_prompts import PixelBox as PixelBox
 from fastsplat_contract.wire import Base64, Int64, Many, OneOf, Request, Response, travels

@@ -119,6 +119,13 @@ class SceneIndex:
         return self._labels.classes
 
     @cached_property
+    def isolation(self) -> NDArray[np.float32]:
+        """float32 [G]: how far each Gaussian is from others, see `service.scene.isolation`."""
+        from fastsplat.service.scene.isolation import isolation  # scipy loads with the first filter
+
+        return isolation(self.scene.gaussians)
+
+    @cached_property
     def label_counts(self) -> list[int]:
         """The number of Gaussians of each dictionary id, those of parts of that name included; [0] those of none."""
         counts: list[int] = np.bincount(self._labels.classes, minlength=len(self.scene.dictionary) + 1).tolist()

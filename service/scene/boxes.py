@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import Box, Pose, Vector3, quaternion_of, vector3
 
 F64 = NDArray[np.float64]
 

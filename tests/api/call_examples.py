@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.edit_previews import PreviewEditIn
 from fastsplat_contract.exports import ExportRequest
+from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.places import Place
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import PictureRequest, Tint
 from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
@@ -26,6 +28,9 @@ _PIXEL = Pixel(24.0, 18.0)
 RED = Color(1.0, 0.0, 0.0)
 _FAR = Vector3(90.0, 0.0, 0.0)
 _SPLIT = Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=(_PIXEL,)))
+_NEAR = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(1.5, 9.0, 9.0))
+_CROP = Edit("remove", filter=GaussianFilter(box=_NEAR, outside=True))
+_LOOSE = Edit("remove", filter=GaussianFilter(isolation_above=1.2))
 UP = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 
 
@@ -88,6 +93,9 @@ EXAMPLES = (
     Example("EditScene", EditIn((Edit("name", things=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
     Example("EditScene", EditIn((Edit("move", label="ball", transform=UP), Edit("remove", "mug")), "both"), "own"),
     Example("EditScene", EditIn((Edit("merge", things=(1, 2)), _SPLIT), "split"), "own"),
+    Example("EditScene", EditIn((_CROP, _LOOSE), "cropped"), "own"),
+    *(Example("PreviewEdit", PreviewEditIn(edits)) for edits in ((_CROP,), (_CROP, _LOOSE, Edit("remove", "mug")))),
+    Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
     Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
     Example("UndoEdit", {}, "edited"),
@@ -178,6 +186,22 @@ EXAMPLES = (
             ((replace(_SPLIT, prompt=None),), "edits[0].prompt", "INVALID_INPUT"),
         )
     ),
+    *(
+        _bad(call, kind((Edit("remove", filter=chosen),)), f"edits[0].{field}")
+        for call, kind in (("EditScene", EditIn), ("PreviewEdit", PreviewEditIn))
+        for chosen, field in (
+            (GaussianFilter(), "filter"),
+            (GaussianFilter(outside=True, opacity_below=0.5), "filter.outside"),
+            (GaussianFilter(box=replace(_NEAR, size=Vector3(1.0, 0.0, 1.0))), "filter.box.size"),
+            (GaussianFilter(opacity_below=1.5), "filter.opacity_below"),
+            (GaussianFilter(isolation_above=0.0), "filter.isolation_above"),
+        )
+    ),
+    _bad("EditScene", EditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),)), "edits[0].filter"),
+    _bad("EditScene", EditIn((Edit("remove", filter=GaussianFilter(opacity_below=1.0)),)), "edits[0].filter"),
+    _bad("PreviewEdit", PreviewEditIn(()), "edits"),
+    _bad("PreviewEdit", PreviewEditIn((_LOOSE,), "e0"), "version", "NOT_FOUND"),
+    _bad("PreviewEdit", PreviewEditIn((Edit("recolor", label="mug", color=RED),)), "edits[0].action"),
     *(
         _bad("LookAgain", LookAgainIn(texts), field, reason)
         for texts, field, reason in (

@@ -37,10 +37,13 @@ _FOR_ONE_UPLOAD = {
     *(f"{method} /v1/uploads/{{upload_id}}" for method in ("HEAD", "PATCH", "DELETE")),
 }
 _ASKING = {
-    *(f"POST /v1/scenes/{{scene_id}}:{verb}" for verb in ("query", "pick", "render", "measure", "localize")),
+    *(
+        f"POST /v1/scenes/{{scene_id}}:{verb}"
+        for verb in ("query", "pick", "render", "measure", "localize", "previewEdit")
+    ),
     "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
 }
-_LOOKING = re.compile(r"(Get|List|Localize|Pick|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)")
+_LOOKING = re.compile(r"(Get|List|Localize|Pick|Preview|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)")
 
 
 def _least_role(name: str) -> str | None:

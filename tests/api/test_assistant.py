@@ -33,7 +33,7 @@ from tests.api.upright_scene import add_upright_scene
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
     *("relations", "goal", "pick_thing"),
-    *("name_thing", "photograph_next", "scene_status"),
+    *("name_thing", "clean_up", "photograph_next", "scene_status"),
 }
 
 Talk = Callable[[McpClient], Coroutine[Any, Any, Any]]
@@ -86,7 +86,7 @@ def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces
         assert tool.description and len(tool.description) > 40
         assert tool.output_schema is not None or tool.name == "look_from"
         assert all("description" in schema for schema in tool.input_schema["properties"].values()), tool.name
-        assert tool.annotations.read_only_hint is (tool.name != "name_thing")
+        assert tool.annotations.read_only_hint is (tool.name not in ("name_thing", "clean_up"))
         assert "context" not in tool.input_schema["properties"]
 
 
@@ -252,6 +252,21 @@ def test_a_name_is_given_and_found(guarded: Guarded) -> None:
     assert guarded.service.get_scene(scene_id).version == named["version"]
     found = _said(_call(guarded.faces, "find", editor, text="beaker", scene=scene_id))
     assert found["outcome"] == "here" and [each["id"] for each in found["things"]] == [thing]
+
+
+def test_what_is_counted_is_what_is_removed_and_can_be_undone(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "to be cleaned")
+    before = guarded.service.get_scene(scene_id)
+    said = {"corners": ((-9.0, -9.0, -9.0), (0.0, 9.0, 9.0)), "outside": True, "scene": scene_id}
+    counted = _said(_call(guarded.faces, "clean_up", guarded.header("reader"), **said))
+    assert 0 < counted["count"] < counted["gaussians"] == before.gaussians and not counted["version"]
+    assert guarded.service.get_scene(scene_id).version == before.version
+    editor = {"X-Api-Key": guarded.keys["editor"]}
+    removed = _said(_call(guarded.faces, "clean_up", editor, remove=True, **said))
+    after = guarded.service.get_scene(scene_id)
+    assert (after.version, after.gaussians) == (removed["version"], before.gaussians - counted["count"])
+    assert "edits[0].filter" in _refusal(_call(guarded.faces, "clean_up", editor, scene=scene_id))
+    assert guarded.service.versions.undo(scene_id).version == before.version
 
 
 def test_a_key_can_do_by_tool_what_it_can_by_rest_and_no_more(guarded: Guarded) -> None:

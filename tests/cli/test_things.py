@@ -149,3 +149,14 @@ def test_a_question_is_asked_from_where_one_stands(fastsplat: Callable[..., Resu
     assert behind["things"] == [3] and behind["phrase"]["witnesses"]
     assert "depends on where you stand" in ask("the thing left of the ball").stdout
     assert isinstance(ask("mug", "--pose", "1,2").exception, InvalidInputError)
+
+
+def test_a_scene_is_cropped_as_its_preview_says(fastsplat: Callable[..., Result], scene_id: str) -> None:
+    box = ("--center", "0", "0", "4", "--size", "1.5", "9", "9", "--outside")
+    told = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--preview", "--json").stdout)
+    assert 0 < told["count"] < told["gaussians"]
+    made = json.loads(fastsplat("scenes", "clean", scene_id, *box, "--json").stdout)
+    assert made["gaussians"] == told["gaussians"] - told["count"] and made["parent"] == told["version"]
+    assert fastsplat("things", "undo", scene_id).exit_code == 0
+    refused = fastsplat("scenes", "clean", scene_id, "--center", "0", "0", "4").exception
+    assert isinstance(refused, InvalidInputError) and refused.field == "edits[0].filter.box.size"

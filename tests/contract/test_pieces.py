@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from fastsplat_contract.masks import Segmentation, ViewMask
 from fastsplat_contract.pieces import CHUNK_BYTES, answers_of, messages_of
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match
-from fastsplat_contract.scenes import Box, SceneObject
+from fastsplat_contract.scenes import SceneObject
 from tests.contract.values import EXAMPLES
 
 _GRPC_BYTES = 4 * 2**20

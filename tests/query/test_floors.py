@@ -17,8 +17,8 @@ from fastsplat.service.query.things.floors import floor_ids, names_a_floor, name
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import NameSource, Scene, SurfaceKind, Thing, Things
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Box, Edit, Scale
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Edit, Scale
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, orbit, scene_of
 from tests.query.conftest import DrawnEncoder

@@ -13,8 +13,7 @@ from fastsplat.service.query.surfaces.goals import FARTHEST, MARGIN, goal_near
 from fastsplat.service.query.surfaces.occupancy import FREE, OccupancyMap, occupancy_map
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.goal_messages import Goal
-from fastsplat_contract.poses import Pose, Vector3, quaternion_of, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import Box, Pose, Vector3, quaternion_of, vector3
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.room import Solid, floor, turned, views_of
 

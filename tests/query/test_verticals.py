@@ -25,8 +25,8 @@ from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
-from fastsplat_contract.poses import Vector3, pose_of, rigid, vector3
-from fastsplat_contract.scenes import Box, Edit, SceneVertical
+from fastsplat_contract.poses import Box, Vector3, pose_of, rigid, vector3
+from fastsplat_contract.scenes import Edit, SceneVertical
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
 from tests.query.box_scenes import rigid as any_motion
 from tests.query.conftest import DrawnEncoder

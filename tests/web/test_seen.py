@@ -17,8 +17,8 @@ from playwright.sync_api import Browser, expect
 from fastsplat.service.library.sample import unpack_sample
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import Box
 from fastsplat_contract.queries import PictureRequest
-from fastsplat_contract.scenes import Box
 from tests.web.browser import visiting
 from tests.web.glow import scene_up, view_camera
 from tests.web.places import Place, running

@@ -14,6 +14,7 @@ from mcp_types import CallToolResult, InputRequiredResult, ToolAnnotations
 from pydantic import Field, ValidationError
 
 from fastsplat_client.assistant import tool_results, tools
+from fastsplat_client.assistant.clean_up import clean_up as remove_from
 from fastsplat_client.assistant.look_from import look_from as picture_from
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import FastSplatError, InvalidInputError
@@ -46,6 +47,7 @@ _Scene = Annotated[
 _Text = Annotated[str, Field(description="what is looked for, in plain words: a name, a kind, a use")]
 _Thing = Annotated[int, Field(ge=0, le=65535, description="id of a thing, as other tools return it")]
 _Coordinate = Annotated[float, Field(allow_inf_nan=False)]
+_Corner = tuple[_Coordinate, _Coordinate, _Coordinate]
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _CHANGES = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
 
@@ -199,6 +201,34 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         return await answered(
             context,
             lambda client: tools.name_thing(client, thing, name, aliases or [], kinds or [], replaces, scene),
+        )
+
+    @server.tool(annotations=_CHANGES)
+    async def clean_up(
+        context: Context[Any, Any],
+        corners: Annotated[
+            tuple[_Corner, _Corner] | None,
+            Field(description="of a box, as x, y, z: the lowest, then the highest; only what lies in it"),
+        ] = None,
+        outside: Annotated[bool, Field(description="only what lies outside of the box instead: to crop to it")] = False,
+        opacity_below: Annotated[float | None, Field(description="only what is less opaque than this, 0 to 1")] = None,
+        isolation_above: Annotated[
+            float | None,
+            Field(description="only what hangs in the air: so many times farther from others than usual; try 4"),
+        ] = None,
+        things: Annotated[list[int] | None, Field(description="only of these things, by their ids")] = None,
+        remove: Annotated[
+            bool, Field(description="whether to remove it, when the user says so; otherwise it is only counted")
+        ] = False,
+        scene: _Scene = "",
+    ) -> tool_results.CleanedUp:
+        """How many Gaussians of a scene fulfil all that is said; removes them, as a version that can be undone, if told
+        to. At least one of corners, opacity_below and isolation_above."""
+        return await answered(
+            context,
+            lambda client: remove_from(
+                client, corners, outside, opacity_below, isolation_above, things or [], remove, scene
+            ),
         )
 
     @server.tool(annotations=_READS)

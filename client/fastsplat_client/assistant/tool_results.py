@@ -291,6 +291,17 @@ class Named:
 
 
 @dataclass(frozen=True)
+class CleanedUp:
+    """How many of a scene's Gaussians fulfil what was said. `version`, where they were removed, is the scene's new
+    version, which can be undone; empty where they were only counted."""
+
+    scene: str
+    gaussians: int
+    count: int
+    version: str
+
+
+@dataclass(frozen=True)
 class NextPhotoPlace:
     """Where to stand for the next photo: `advice` is for the person with the camera."""
 

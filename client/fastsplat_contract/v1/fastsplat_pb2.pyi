@@ -3344,6 +3344,7 @@ class Edit(_message.Message):
     KNOWN_SIZES_FIELD_NUMBER: _builtins.int
     ALIGNMENT_FIELD_NUMBER: _builtins.int
     KINDS_FIELD_NUMBER: _builtins.int
+    FILTER_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
@@ -3406,6 +3407,12 @@ class Edit(_message.Message):
         words and what they are kinds of; each becomes an alias of the name and the kind
         """
 
+    @_builtins.property
+    def filter(self) -> Global___GaussianFilter:
+        """for remove: only the Gaussians that it takes, of the label, object or things if there is one and otherwise of the
+        whole scene; what things enclose stays then
+        """
+
     def __init__(
         self,
         *,
@@ -3424,10 +3431,11 @@ class Edit(_message.Message):
         known_sizes: _abc.Iterable[Global___KnownSize] | None = ...,
         alignment: Global___Alignment | None = ...,
         kinds: _abc.Iterable[_builtins.str] | None = ...,
+        filter: Global___GaussianFilter | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "alignment", b"alignment", "color", b"color", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "alignment", b"alignment", "color", b"color", "filter", b"filter", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "kinds", b"kinds", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "filter", b"filter", "kinds", b"kinds", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -3680,6 +3688,51 @@ class PointPair(_message.Message):
 Global___PointPair: _TypeAlias = PointPair  # noqa: Y015
 
 @_typing.final
+class GaussianFilter(_message.Message):
+    """Gaussians that fulfil all that is said here: at least one of box, opacity_below and isolation_above."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    BOX_FIELD_NUMBER: _builtins.int
+    OUTSIDE_FIELD_NUMBER: _builtins.int
+    OPACITY_BELOW_FIELD_NUMBER: _builtins.int
+    ISOLATION_ABOVE_FIELD_NUMBER: _builtins.int
+    outside: _builtins.bool
+    """with a box: whose centers lie outside of it instead"""
+    opacity_below: _builtins.float
+    """that are less opaque than this, above 0, up to 1"""
+    isolation_above: _builtins.float
+    """floaters: whose eighth nearest neighbor is more than so many times farther away than the scene's median has it,
+    center to center; above 0, and from 4 on few belong to a surface
+    """
+    @_builtins.property
+    def box(self) -> Global___Box:
+        """whose centers lie in it"""
+
+    def __init__(
+        self,
+        *,
+        box: Global___Box | None = ...,
+        outside: _builtins.bool = ...,
+        opacity_below: _builtins.float | None = ...,
+        isolation_above: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_isolation_above", b"_isolation_above", "_opacity_below", b"_opacity_below", "box", b"box", "isolation_above", b"isolation_above", "opacity_below", b"opacity_below"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_isolation_above", b"_isolation_above", "_opacity_below", b"_opacity_below", "box", b"box", "isolation_above", b"isolation_above", "opacity_below", b"opacity_below", "outside", b"outside"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__isolation_above: _TypeAlias = _typing.Literal["isolation_above"]  # noqa: Y015
+    _WhichOneofArgType__isolation_above: _TypeAlias = _typing.Literal["_isolation_above", b"_isolation_above"]  # noqa: Y015
+    _WhichOneofReturnType__opacity_below: _TypeAlias = _typing.Literal["opacity_below"]  # noqa: Y015
+    _WhichOneofArgType__opacity_below: _TypeAlias = _typing.Literal["_opacity_below", b"_opacity_below"]  # noqa: Y015
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__isolation_above) -> _WhichOneofReturnType__isolation_above | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__opacity_below) -> _WhichOneofReturnType__opacity_below | None: ...
+
+Global___GaussianFilter: _TypeAlias = GaussianFilter  # noqa: Y015
+
+@_typing.final
 class SceneVersion(_message.Message):
     """One state of a scene; never changes."""
 
@@ -3775,6 +3828,78 @@ class PromptedThing(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___PromptedThing: _TypeAlias = PromptedThing  # noqa: Y015
+
+@_typing.final
+class PreviewEditRequest(_message.Message):
+    """Edits of one scene whose action is remove; nothing is changed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    EDITS_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    @_builtins.property
+    def edits(self) -> _containers.RepeatedCompositeFieldContainer[Global___Edit]:
+        """at least one, in order; their action is remove"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        edits: _abc.Iterable[Global___Edit] | None = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["edits", b"edits", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___PreviewEditRequest: _TypeAlias = PreviewEditRequest  # noqa: Y015
+
+@_typing.final
+class EditPreview(_message.Message):
+    """What edits would remove from a version. Made, those that remove everything are refused, as are idle filters."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    GAUSSIANS_FIELD_NUMBER: _builtins.int
+    COUNT_FIELD_NUMBER: _builtins.int
+    COUNTS_FIELD_NUMBER: _builtins.int
+    MASK3D_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """which version was read"""
+    gaussians: _builtins.int
+    """that it has"""
+    count: _builtins.int
+    """of Gaussians that all edits together would remove"""
+    mask3d: _builtins.bytes
+    """what would go: one bit per Gaussian in row order, most significant bit first"""
+    @_builtins.property
+    def counts(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """that each edit would remove of what those before it left"""
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        gaussians: _builtins.int = ...,
+        count: _builtins.int = ...,
+        counts: _abc.Iterable[_builtins.int] | None = ...,
+        mask3d: _builtins.bytes = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["count", b"count", "counts", b"counts", "gaussians", b"gaussians", "mask3d", b"mask3d", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___EditPreview: _TypeAlias = EditPreview  # noqa: Y015
 
 @_typing.final
 class AlignSceneRequest(_message.Message):

@@ -95,6 +95,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.PreviewEdit = channel.unary_unary(
+                '/fastsplat.v1.SceneService/PreviewEdit',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.FromString,
+                _registered_method=True)
         self.AlignScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/AlignScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
@@ -396,6 +401,13 @@ class SceneServiceServicer:
 
     def EditScene(self, request, context):
         """Make a new version of a scene: the edits in order, all or none; it is current on return.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def PreviewEdit(self, request, context):
+        """Which Gaussians edits would remove from a scene; nothing is changed.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -770,6 +782,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.EditScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'PreviewEdit': grpc.unary_unary_rpc_method_handler(
+                    servicer.PreviewEdit,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.SerializeToString,
             ),
             'AlignScene': grpc.unary_unary_rpc_method_handler(
                     servicer.AlignScene,
@@ -1311,6 +1328,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/EditScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def PreviewEdit(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/PreviewEdit',
+            fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.FromString,
             options,
             channel_credentials,
             insecure,

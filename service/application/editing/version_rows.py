@@ -6,18 +6,46 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.damaged_rows import decodes
 from fastsplat.service.store.version_repository import VersionRecord
-from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Color, Edit, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
+
+_MAX_EDITS = 100
+"""Edits in one request."""
 
 PROMPTED = "prompted"
 """In the row of an edit: what was made of its prompt."""
 ASKS_KIND = "asks_kind"
 """In the row of an edit: there, and true, where it gave a name of which no word is known."""
+
+
+def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
+    """The edits of a request as JSON; what no caller could be shown again becomes no version.
+
+    Raises:
+        InvalidInputError: none, or one with a value that it cannot have.
+        LimitExceededError: too many.
+    """
+    check_texts(tuple(edits), "edits")
+    if not edits:
+        raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
+    if len(edits) > _MAX_EDITS:
+        raise LimitExceededError(
+            f"{len(edits)} edits",
+            field="edits",
+            limit=f"{_MAX_EDITS} edits",
+            hint="Send them in several requests.",
+        )
+    rows = [to_plain(edit) for edit in edits]
+    for number, row in enumerate(rows):
+        from_plain(Edit, row, f"edits[{number}]")
+    return rows
 
 
 def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:

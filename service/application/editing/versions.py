@@ -16,8 +16,15 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
-from fastsplat.service.application.editing.version_rows import ASKS_KIND, PROMPTED, dictionary_rows, version_of
+from fastsplat.service.application.editing.version_rows import (
+    ASKS_KIND,
+    PROMPTED,
+    check_edits,
+    dictionary_rows,
+    version_of,
+)
 from fastsplat.service.capture.photos.scene_photos import share_photos
+from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.alignment import alignment_to_json
@@ -31,6 +38,7 @@ from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.name_repository import NewName, VersionNames
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
+from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import (
     ConflictError,
     DatabaseError,
@@ -40,12 +48,9 @@ from fastsplat_contract.errors import (
     NotReadyError,
     ObjectStoreError,
 )
-from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.scenes import Edit, InsertSource, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
-
-_MAX_EDITS = 100
-"""Edits in one request."""
 
 _TRIES = 5
 
@@ -100,12 +105,10 @@ class Versions:
             ConflictError: the request id was used before for other edits, or a person has given a thing another name.
             ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
         """
-        self._check(edits, request_id)
+        check_request_id(request_id)
+        rows = check_edits(edits)
         check_texts(looked_at, "version")
         self._prompted.check(edits)
-        rows = [to_plain(edit) for edit in edits]
-        for row in rows:  # what no caller could be shown again, as of a length that is not 1, becomes no version
-            from_plain(Edit, row)
         digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
         with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
@@ -120,6 +123,26 @@ class Versions:
                     if not remaining:
                         raise
         raise AssertionError
+
+    def preview(self, scene_id: str, edits: Sequence[Edit], version: str = "") -> EditPreview:
+        """Which Gaussians of a version, "" the current one, edits would remove, by the same code that removes them.
+
+        Raises:
+            NotFoundError, NotReadyError: as `edit`.
+            InvalidInputError: an edit that makes no sense, or does not remove.
+            LimitExceededError: too many edits, or more memory than a request may hold.
+        """
+        check_edits(edits)
+        check_texts(version, "version")
+
+        def read(index: SceneIndex, read_version: str) -> EditPreview:
+            from fastsplat.service.query.edits.previews import preview_cost, preview_of  # scipy loads with the first
+
+            charge(preview_cost(index, edits))
+            with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
+                return preview_of(index, read_version, edits)
+
+        return self._scenes.reading(scene_id, version, read)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; returns it.
@@ -343,19 +366,6 @@ class Versions:
             self._store.blobs.publish(scratch, scene_id, version)
         finally:
             remove(scratch)
-
-    def _check(self, edits: Sequence[Edit], request_id: str) -> None:
-        check_request_id(request_id)
-        check_texts(tuple(edits), "edits")
-        if not edits:
-            raise InvalidInputError("no edits", field="edits", hint="Send at least one.")
-        if len(edits) > _MAX_EDITS:
-            raise LimitExceededError(
-                f"{len(edits)} edits",
-                field="edits",
-                limit=f"{_MAX_EDITS} edits",
-                hint="Send them in several requests.",
-            )
 
 
 def _names_of(before: Things | None, after: Things | None, limit: int) -> VersionNames:

@@ -33,8 +33,7 @@ from fastsplat.service.scene.frames import frame_id
 from fastsplat.service.scene.point_ply import point_rows
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera
-from fastsplat_contract.poses import F64, Quaternion, Vector3, quaternion_of, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import F64, Box, Quaternion, Vector3, quaternion_of, vector3
 from fastsplat_contract.thing_messages import SceneThing
 
 STEP_NS = 100_000_000

@@ -46,12 +46,14 @@ class _Kind:
 
     Attributes:
         make: the scene afterwards.
-        needs: the fields of an edit without which it makes no sense, and which no other kind takes.
+        needs: the fields of an edit without which it makes no sense.
+        takes: those that it may have. No other kind takes either.
         named: whether it may give a name.
     """
 
     make: Callable[[_Order], Scene]
     needs: tuple[str, ...] = ()
+    takes: tuple[str, ...] = ()
     named: bool = False
 
 
@@ -107,8 +109,9 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
         ("prompt", edit.prompt),
         ("known_lengths", edit.known_lengths or edit.known_sizes or None),
         ("alignment", edit.alignment),
+        ("filter", edit.filter),
     ):
-        if (value is not None) != (name in kind.needs):
+        if (value is not None) != (name in kind.needs) and name not in kind.takes:
             raise InvalidInputError(
                 f"{edit.action} {'needs' if name in kind.needs else 'takes no'} {name}",
                 field=name,
@@ -142,6 +145,20 @@ def _of_rows(change: Callable[[Scene, Rows, Edit], Scene], *, grows: bool = Fals
     return make
 
 
+def _remove(order: _Order) -> Scene:
+    """Refused where nothing would be left, and where a filter takes nothing."""
+    edit, count = order.edit, len(order.index.scene.gaussians)
+    rows = edited_rows(order.index, edit)
+    if len(rows) == count or (edit.filter is not None and not len(rows)):
+        said = {"filter": edit.filter, "label": edit.label, "object_id": edit.object_id, "things": edit.things or None}
+        raise InvalidInputError(
+            f"this removes {'all' if len(rows) else 'none'} of {count} Gaussians",
+            field=next(name for name, value in said.items() if value is not None),
+            hint="PreviewEdit tells what an edit would remove.",
+        )
+    return with_change(remove(order.index.things.scene, rows), edit.action)
+
+
 def _of_things(order: _Order) -> Scene:
     return edit_things(order.index, order.edit, order.seen, order.before)
 
@@ -170,7 +187,7 @@ def _align(order: _Order) -> Scene:
 
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),
-    "remove": _Kind(_of_rows(remove)),
+    "remove": _Kind(_remove, takes=("filter",)),
     "move": _Kind(_of_rows(move), ("transform",)),
     "duplicate": _Kind(_of_rows(duplicate, grows=True), ("transform",)),
     "name": _Kind(_of_things, named=True),

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.special import expit
 
+from fastsplat.service.query.edits.gaussian_filters import filtered
 from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.types import F32
@@ -27,12 +28,19 @@ _MARGIN = 0.25
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
     """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or object, and those they enclose:
-    of whose twelve nearest visible neighbors they have half the opacity or more.
+    of whose twelve nearest visible neighbors they have half the opacity or more. With a filter those that it takes: of
+    the label or object, where there is one, otherwise of the scene.
 
     Raises:
         NotFoundError: no such label, object or thing here.
-        InvalidInputError: not exactly one of label, object_id and things.
+        InvalidInputError: not exactly one of label, object_id and things; a filter that makes no sense.
     """
+    if edit.filter is not None:
+        taken = filtered(index, edit.filter)
+        if edit.label is None and edit.object_id is None and not edit.things:
+            return np.flatnonzero(taken)
+        rows = _named_rows(index, edit)
+        return rows[taken[rows]]
     rows = _named_rows(index, edit)
     gaussians = index.scene.gaussians
     if not len(rows):

@@ -33,7 +33,7 @@ _DARK = 0.1
 _DIRECTIONS = 64
 
 
-def remove(scene: Scene, rows: Rows, edit: Edit) -> Scene:
+def remove(scene: Scene, rows: Rows) -> Scene:
     """The scene without the Gaussians `rows`, int64 [K]."""
     stays = np.ones(len(scene.gaussians), dtype=np.bool_)
     stays[rows] = False

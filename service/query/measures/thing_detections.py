@@ -20,8 +20,7 @@ from fastsplat.service.scene.frames import frame_id
 from fastsplat.service.scene.scaling import capture_scaling
 from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing
 from fastsplat_contract.detection_messages import CovarianceTerm, Detection, DetectionList, Support
-from fastsplat_contract.poses import rigid, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import Box, rigid, vector3
 from fastsplat_contract.thing_messages import SceneThing
 
 F64 = NDArray[np.float64]

@@ -13,8 +13,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import solid_rows
 from fastsplat.service.scene.boxes import BOX_TRIM, oriented_box
 from fastsplat.service.scene.types import Gaussians
-from fastsplat_contract.poses import Pose, quaternion_of, rigid, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import Box, Pose, quaternion_of, rigid, vector3
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]

@@ -16,8 +16,7 @@ from fastsplat.service.query.things.color_names import color_distance, color_sha
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.types import SH_C0, Scene
-from fastsplat_contract.poses import Vector3, vector3
-from fastsplat_contract.scenes import Box
+from fastsplat_contract.poses import Box, Vector3, vector3
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.int64]

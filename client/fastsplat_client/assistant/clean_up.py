@@ -1,0 +1,37 @@
+"""Gaussians that an assistant counts or removes for a user."""
+
+from __future__ import annotations
+
+from fastsplat_client.assistant.tool_results import CleanedUp
+from fastsplat_client.assistant.tools import resolve_scene
+from fastsplat_client.client import Client
+from fastsplat_contract.gaussian_filters import GaussianFilter
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.scenes import Edit
+
+_Three = tuple[float, float, float]
+
+
+def clean_up(
+    client: Client,
+    corners: tuple[_Three, _Three] | None,
+    outside: bool,
+    opacity_below: float | None,
+    isolation_above: float | None,
+    things: list[int],
+    remove: bool,
+    scene: str,
+) -> CleanedUp:
+    """How many Gaussians fulfil all that is said; with `remove` a version without them."""
+    shown = resolve_scene(client, scene)
+    box = None
+    if corners is not None:
+        low, high = corners
+        middle = Vector3(*((a + b) / 2 for a, b in zip(low, high, strict=True)))
+        size = Vector3(*(b - a for a, b in zip(low, high, strict=True)))
+        box = Box(Pose(middle, Quaternion(0.0, 0.0, 0.0, 1.0)), size)
+    chosen = GaussianFilter(box, outside, opacity_below, isolation_above)
+    edits = [Edit("remove", things=tuple(things), filter=chosen)]
+    told = client.preview_edit(shown.id, edits, version=shown.version)
+    version = client.edit_scene(shown.id, edits, looked_at=told.version).version if remove else ""
+    return CleanedUp(shown.id, told.gaussians, told.count, version)

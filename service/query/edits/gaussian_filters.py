@@ -1,0 +1,67 @@
+"""The Gaussians that a filter takes: in a box or outside of it, hardly opaque, far from all others."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from fastsplat.service.scene.types import F32
+from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.gaussian_filters import GaussianFilter
+from fastsplat_contract.poses import Box
+
+if TYPE_CHECKING:
+    from fastsplat.service.query.scene_index import SceneIndex
+
+
+def filtered(index: SceneIndex, chosen: GaussianFilter) -> NDArray[np.bool_]:
+    """bool [G]: the Gaussians of a scene that fulfil all that the filter says.
+
+    Raises:
+        InvalidInputError: it says nothing, a number is out of range, or `outside` has no box.
+    """
+    _check(chosen)
+    gaussians = index.scene.gaussians
+    taken = np.ones(len(gaussians), np.bool_)
+    if chosen.box is not None:
+        taken &= inside(chosen.box, gaussians.means) != chosen.outside
+    if chosen.opacity_below is not None:
+        taken &= expit(gaussians.logit_opacities.astype(np.float64)) < chosen.opacity_below
+    if chosen.isolation_above is not None:
+        taken &= index.isolation > chosen.isolation_above
+    return taken
+
+
+def inside(box: Box, points: F32) -> NDArray[np.bool_]:
+    """bool [K]: which of the points [K, 3] lie in a box or on its surface; none that is not finite."""
+    pose = box.center.matrix()
+    finite = np.asarray(np.isfinite(points).all(axis=1))
+    points = np.where(finite[:, None], points, np.float32(0))
+    along = (points.astype(np.float64) - pose[:3, 3]) @ pose[:3, :3]
+    return np.asarray((np.abs(along) <= np.array(box.size) / 2).all(axis=1) & finite)
+
+
+def _check(chosen: GaussianFilter) -> None:
+    if chosen.box is None and chosen.opacity_below is None and chosen.isolation_above is None:
+        raise InvalidInputError(
+            "a filter that takes everything",
+            field="filter",
+            hint="Send at least one of box, opacity_below and isolation_above.",
+        )
+    if chosen.outside and chosen.box is None:
+        raise InvalidInputError("outside of no box", field="filter.outside", hint="Send a box with it.")
+    if chosen.opacity_below is not None and not 0 < chosen.opacity_below <= 1:
+        raise InvalidInputError(
+            f"an opacity of {chosen.opacity_below}", field="filter.opacity_below", limit="above 0, up to 1"
+        )
+    if chosen.isolation_above is not None and not chosen.isolation_above > 0:
+        raise InvalidInputError(
+            f"an isolation of {chosen.isolation_above}", field="filter.isolation_above", limit="above 0"
+        )
+    if chosen.box is not None and not min(chosen.box.size) > 0:
+        raise InvalidInputError(
+            f"a box of {tuple(chosen.box.size)}", field="filter.box.size", limit="above 0 along each axis"
+        )

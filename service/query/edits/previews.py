@@ -1,0 +1,60 @@
+"""What edits would remove from a scene, before they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.edits.edited_rows import edited_rows
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat_contract.edit_previews import EditPreview
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.masks import pack_bits
+from fastsplat_contract.scenes import Edit
+
+_ISOLATION_COST = 32
+"""To look for the neighbors of a Gaussian takes about as long as rendering so many pixels."""
+
+
+def preview_cost(index: SceneIndex, edits: Sequence[Edit]) -> int:
+    """What a preview costs, in rendered pixels."""
+    filters = [edit.filter for edit in edits if edit.filter is not None]
+    isolating = sum(each.isolation_above is not None for each in filters)
+    return (1 + isolating * _ISOLATION_COST) * len(index.scene.gaussians)
+
+
+def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:
+    """Which Gaussians of a version the edits would remove, each applied to what those before it leave.
+
+    Args:
+        index: of the version.
+        version: its name.
+        edits: that remove.
+
+    Raises:
+        NotFoundError, InvalidInputError: as `edited_rows`, or an edit that does something else; with the field inside
+            `edits`.
+    """
+    left = np.arange(len(index.scene.gaussians))
+    gone = np.zeros(len(left), np.bool_)
+    counts = []
+    for number, edit in enumerate(edits):
+        try:
+            if edit.action != "remove":
+                raise InvalidInputError(
+                    f"{edit.action} has no preview", field="action", hint="Send edits whose action is remove."
+                )
+            rows = edited_rows(index, edit)
+            gone[left[rows]] = True
+            counts.append(len(rows))
+            if len(rows) == len(left):
+                counts += [0] * (len(edits) - number - 1)
+                break
+            if len(rows) and number + 1 < len(edits):
+                index = index.after(apply_edit(index, edit))
+                left = np.delete(left, rows)
+        except (InvalidInputError, NotFoundError) as error:
+            raise error.within(f"edits[{number}]") from error
+    return EditPreview(version, len(gone), int(gone.sum()), tuple(counts), pack_bits(gone))
