@@ -211,12 +211,11 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const owners = state.owners.value?.length === count ? state.owners.value : null;
     const part = state.partRows.value?.length === count ? state.partRows.value : null;
     view.setStates(
-      // Where a picture takes long, not every thing that the pointer passes is worth one.
       statesOf(
         count,
         mask,
         owners,
-        view.isSlow ? 0 : state.hovered.value,
+        view.sparesPictures ? 0 : state.hovered.value,
         selected,
         (thing) => state.change.shows(thing),
         lit === "selection" ? part : null,

@@ -2,11 +2,12 @@ import { renderPicture } from "../api/calls";
 import { ApiError, isAbort } from "../api/http";
 import type { Tint } from "../api/types";
 import { DIMMED, TINTS } from "../viewer/glow";
+import { nextScale, pictureSize } from "../viewer/pictureScale";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
-import { nextScale, pictureSize } from "./pace";
 
 const MOST_PIXELS = 1_000_000; // more is costly work to a server
+const SLOW_MS = 110; // nine pictures a second
 const RETRY_MS = 1_000;
 const SERVER_ERRORS = 500;
 const TOO_MANY = 429;
@@ -91,7 +92,7 @@ export class ServerView {
       try {
         const begin = performance.now();
         await this.#picture(view, shown, scale, width, height);
-        this.#scale = nextScale(scale, performance.now() - begin);
+        this.#scale = nextScale(scale, performance.now() - begin, SLOW_MS);
         this.drawn(shown, null);
       } catch (error) {
         if (this.#over() || isAbort(error)) break;

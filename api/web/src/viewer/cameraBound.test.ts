@@ -4,6 +4,7 @@ import type { Gesture } from "./cameraBound";
 import { CameraBound } from "./cameraBound";
 import type { LookAt } from "./poses";
 import { axesOf, cameraOf, firstView, fly, focalLength, orbit, turn, zoom } from "./poses";
+import { random } from "./random.fixture";
 import { SeenField } from "./seenField";
 import type { SplatColumns } from "./spz";
 import type { Vec } from "./vectors";
@@ -122,17 +123,6 @@ function isIn(photo: (typeof photos)[number], { point, wall, front }: NonNullabl
   if (Math.abs((dot(offset, down) / depth) * fx) > height / 2) return false;
   const met = hit(eye, unit(offset));
   return met !== null && met.wall === wall && met.front === front && Math.abs(met.distance - length(offset)) < 0.01;
-}
-
-/** Numbers of 0..1, the same each time (mulberry32). */
-function random(seed: number): () => number {
-  let state = seed;
-  return () => {
-    state = (state + 0x6d2b79f5) | 0;
-    let mixed = Math.imul(state ^ (state >>> 15), 1 | state);
-    mixed = (mixed + Math.imul(mixed ^ (mixed >>> 7), 61 | mixed)) ^ mixed;
-    return ((mixed ^ (mixed >>> 14)) >>> 0) / 4294967296;
-  };
 }
 
 function someGesture(view: LookAt, next: () => number): Gesture {

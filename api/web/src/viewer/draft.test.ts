@@ -1,8 +1,9 @@
-import { expect, test } from "vitest";
+import { describe, expect, test } from "vitest";
 
 import { DepthRange } from "./depthRange";
 import { draftOf, ofRows } from "./draft";
 import { fewerBands } from "./harmonics";
+import { random } from "./random.fixture";
 import type { SplatColumns } from "./spz";
 
 function splat(count: number, rest = 45): SplatColumns {
@@ -23,14 +24,56 @@ function splat(count: number, rest = 45): SplatColumns {
   };
 }
 
-test("a draft is every so many-th Gaussian, as much larger, without harmonics", () => {
-  const draft = draftOf(splat(1_000), 100);
-  expect(draft?.splat.count).toBe(100);
-  expect([...(draft?.rows ?? [])]).toEqual(Array.from({ length: 100 }, (_, index) => index * 10));
-  expect([...(draft?.splat.columns.keys() ?? [])]).toEqual(["x", "y", "z", "opacity", "f_dc_0", "scale_0"]);
-  expect(draft?.splat.columns.get("y")?.[7]).toBeCloseTo(70.01, 4);
-  expect(Math.exp(2 * ((draft?.splat.columns.get("scale_0")?.[0] ?? 0) - 0.05))).toBeCloseTo(10, 3);
-  expect(draftOf(splat(150), 100)).toBeNull();
+describe("a draft", () => {
+  const count = 4_000;
+  const next = random(3);
+  const opacities = Array.from({ length: count }, () => 0.02 + 0.9 * next() ** 3);
+  const sizes = Array.from({ length: count }, (_, row) => Math.exp(3 * next() - (row % 40 ? 6 : 0)));
+  const made = splat(count, 3);
+  const given = new Map([
+    ...made.columns,
+    ["opacity", Float32Array.from(opacities, (value) => Math.log(value / (1 - value)))],
+    ...["scale_0", "scale_1", "scale_2"].map((name) => [name, Float32Array.from(sizes, Math.log)] as const),
+  ]);
+  const draft = draftOf({ count, columns: given }, 500);
+  const rows = [...(draft?.rows ?? [])];
+  const alpha = (columns: ReadonlyMap<string, Float32Array>, at: number) =>
+    1 / (1 + Math.exp(-(columns.get("opacity")?.[at] ?? 0)));
+  const cover = (columns: ReadonlyMap<string, Float32Array>, at: number) =>
+    alpha(columns, at) * Math.exp(2 * (columns.get("scale_1")?.[at] ?? 0));
+  const own: ReadonlyMap<string, Float32Array> = draft?.splat.columns ?? new Map();
+
+  test("has about so many Gaussians, each once, without harmonics", () => {
+    expect(rows.length).toBeGreaterThan(450);
+    expect(rows.length).toBeLessThan(550);
+    expect(rows).toEqual([...new Set(rows)].sort((one, other) => one - other));
+    expect([...own.keys()].filter((name) => name.startsWith("f_rest"))).toEqual([]);
+    expect([...(own.get("f_dc_0") ?? [])]).toEqual(rows.map((row) => given.get("f_dc_0")?.[row]));
+    expect(draft?.splat.count).toBe(rows.length);
+  });
+
+  test("covers what the splat does, and no Gaussian less than its own", () => {
+    const sum = (columns: ReadonlyMap<string, Float32Array>, all: readonly number[]) =>
+      all.reduce((total, at) => total + cover(columns, at), 0);
+    const every = Array.from({ length: count }, (_, row) => row);
+    const ratio = sum(own, [...rows.keys()]) / sum(given, every);
+    expect(ratio).toBeGreaterThan(0.95);
+    expect(ratio).toBeLessThan(1.05);
+    rows.forEach((row, at) => expect(cover(own, at)).toBeGreaterThan(0.999 * cover(given, row)));
+    rows.forEach((_, at) => expect(alpha(own, at)).toBeLessThan(0.995));
+  });
+
+  test("keeps those that cover most as they are", () => {
+    const covers = Array.from({ length: count }, (_, row) => cover(given, row));
+    const most = covers.map((_, row) => row).sort((one, other) => (covers[other] ?? 0) - (covers[one] ?? 0));
+    for (const row of most.slice(0, 50)) {
+      const at = rows.indexOf(row);
+      expect(at).toBeGreaterThanOrEqual(0);
+      for (const [name, data] of own) expect(data[at]).toBe(given.get(name)?.[row]);
+    }
+  });
+
+  test("is not made of a small splat", () => expect(draftOf(splat(140), 100)).toBeNull());
 });
 
 test("what belongs to a draft's rows is picked", () => {

@@ -38,7 +38,7 @@ export class Layer {
 
   set(name: string, value: number | number[]): void {
     this.#entity.gsplat?.setParameter(name, value);
-    this.#update();
+    this.recolor();
   }
 
   fill(stream: "splatState" | "splatTint", values: Uint8Array): void {
@@ -46,7 +46,7 @@ export class Layer {
     if (!texture) return;
     (texture.lock() as Uint8Array).set(values);
     texture.unlock();
-    this.#update();
+    this.recolor();
   }
 
   destroy(): void {
@@ -54,7 +54,8 @@ export class Layer {
     this.#resource.destroy();
   }
 
-  #update(): void {
+  /** Has colors computed anew, from where the camera is then. */
+  recolor(): void {
     if (this.#entity.gsplat) this.#entity.gsplat.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
   }
 }

@@ -1,27 +1,37 @@
-const SLOW_MS = 120;
-const POLL_MS = 8;
+import { nextScale } from "./pictureScale";
+
+const MOST_MS = 60; // more than fifteen pictures a second
+const POLL_MS = 4;
+const FIRST_SCALE = 0.5;
 
 /** How long the graphics take for a picture, by fences in WebGL's queue: frames alone do not tell, they only wait in it. */
 export class Pace {
   #fence: WebGLSync | null = null;
   #timer = 0;
   #begun = 0;
+  #coarse = false;
   #slow = false;
+  #scale = FIRST_SCALE;
 
   constructor(private readonly gl: WebGL2RenderingContext) {}
 
-  /** Whether the last picture, or one that is still being made, takes so long that no camera can be moved by it. */
+  /** Whether the last full picture, or one that is still being made, takes too long for a camera that moves. */
   get isSlow(): boolean {
-    return this.#slow || (this.#fence !== null && performance.now() - this.#begun > SLOW_MS);
+    return this.#slow || (this.#fence !== null && !this.#coarse && performance.now() - this.#begun > MOST_MS);
+  }
+
+  /** The share of the full sides in which a coarse picture comes quickly. */
+  get scale(): number {
+    return this.#scale;
   }
 
   /** Measures the picture that was just handed to the graphics, unless one is being measured. */
-  drawn(): void {
+  drawn(coarse: boolean): void {
     if (this.#fence) return;
     const { gl } = this;
     this.#fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    this.#begun = performance.now();
+    [this.#begun, this.#coarse] = [performance.now(), coarse];
     const look = () => {
       if (!this.#fence) return;
       const state = gl.clientWaitSync(this.#fence, 0, 0);
@@ -31,7 +41,9 @@ export class Pace {
       }
       gl.deleteSync(this.#fence);
       this.#fence = null;
-      this.#slow = performance.now() - this.#begun > SLOW_MS;
+      const milliseconds = performance.now() - this.#begun;
+      if (coarse) this.#scale = nextScale(this.#scale, milliseconds, MOST_MS);
+      else this.#slow = milliseconds > MOST_MS;
     };
     this.#timer = window.setTimeout(look, POLL_MS);
   }

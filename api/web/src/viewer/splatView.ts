@@ -74,6 +74,12 @@ void modifySplatColor(vec3 center, inout vec4 color) {
 /** WebGL is not there, so that the browser can draw nothing. */
 export class NoWebGLError extends Error {}
 
+/** More Gaussians than this are many to a slow machine. */
+const MANY = 120_000;
+
+/** What a Gaussian adds less of is not drawn while the camera moves: most of the work, and hardly anything to see. */
+const FAINT = { moving: 0.04, resting: 1 / 255 };
+
 /**
  * A Gaussian as it was trained and as the server draws it, exp(-d²/2): the engine's own fall-off is lower towards the rim,
  * so that things would have a fainter outline and let more of what is behind them through.
@@ -92,6 +98,8 @@ export class SplatView {
   #full: Layer | null = null;
   #draft: Layer | null = null;
   #coarse = false;
+  #scale = 1;
+  #count = 0;
   #draftRows = new Uint32Array();
   #view: LookAt | null = null;
   #depthRange: DepthRange | null = null;
@@ -132,8 +140,8 @@ export class SplatView {
     this.#app.systems.gsplat?.on("frame:request", () => this.redraw());
     const { gl } = this.#app.graphicsDevice as unknown as { gl: WebGL2RenderingContext };
     this.#pace = new Pace(gl);
-    this.#app.on("frameend", () => {
-      if (this.#full?.shown) this.#pace.drawn();
+    this.#app.on("postrender", () => {
+      if (this.#full) this.#pace.drawn(this.#coarse);
     });
     this.#app.start();
   }
@@ -143,6 +151,7 @@ export class SplatView {
     this.#removeSplat();
     this.#depthRange = new DepthRange(splat.columns);
     this.#columns = splat.columns;
+    this.#count = splat.count;
     this.#full = new Layer(this.#app, splat, MODIFIER);
     const draft = draftOf(splat);
     if (draft) {
@@ -188,9 +197,9 @@ export class SplatView {
     return this.#columns;
   }
 
-  /** Whether this machine needs so long for a picture that a draft is drawn while the camera moves. */
-  get isSlow(): boolean {
-    return this.#draft !== null && this.#pace.isSlow;
+  /** Whether a picture takes so long that not every thing that the pointer passes is worth one. */
+  get sparesPictures(): boolean {
+    return this.#pace.isSlow && this.#count > MANY;
   }
 
   #recolor(coloring: number, told: ((range: readonly [number, number]) => void) | null): void {
@@ -233,20 +242,24 @@ export class SplatView {
     if (this.#draft) this.#draft.fill(stream, ofRows(values, this.#draftRows, width));
   }
 
-  /** Draws all Gaussians in full resolution, or the draft (of a small scene all of them) in half of it. */
-  #showDraft(shown: boolean): void {
-    if (!this.#full || this.#coarse === shown) return;
-    this.#coarse = shown;
+  /** Draws all Gaussians in full resolution, or the draft (of a small scene all of them) in less of it. */
+  #showCoarse(coarse: boolean): void {
+    const scale = coarse ? this.#pace.scale : 1;
+    if (!this.#full || (this.#coarse === coarse && this.#scale === scale)) return;
+    [this.#coarse, this.#scale] = [coarse, scale];
     if (this.#draft) {
-      this.#draft.shown = shown;
-      this.#full.shown = !shown;
+      this.#draft.shown = coarse;
+      this.#full.shown = !coarse;
     }
+    this.#app.scene.gsplat.alphaClipForward = coarse ? FAINT.moving : FAINT.resting;
     this.#resize();
   }
 
   /** Looks from somewhere else; the camera moves on unless it is `resting`. */
   setView(view: LookAt, resting = false): void {
-    this.#showDraft(!resting && this.#pace.isSlow);
+    this.#showCoarse(!resting && this.#pace.isSlow);
+    // While the camera moves, the engine keeps the colors of some viewpoint nearby: at rest they are those of this one.
+    if (resting) this.#full?.recolor();
     if (this.#view === view) {
       this.redraw();
       return;
@@ -279,8 +292,8 @@ export class SplatView {
 
   #resize(): void {
     const [width, height] = this.#size;
-    const part = this.#coarse ? 0.5 : 1;
-    this.#app.graphicsDevice.setResolution(Math.ceil(width * part), Math.ceil(height * part));
+    const scale = this.#scale;
+    this.#app.graphicsDevice.setResolution(Math.ceil(width * scale), Math.ceil(height * scale));
     if (this.#camera.camera) this.#camera.camera.horizontalFov = width >= height;
     this.redraw();
   }
@@ -299,6 +312,6 @@ export class SplatView {
     this.#full?.destroy();
     this.#draft?.destroy();
     this.#full = this.#draft = null;
-    this.#coarse = false;
+    [this.#coarse, this.#scale] = [false, 1];
   }
 }

@@ -1,21 +1,23 @@
 import { expect, test } from "vitest";
 
-import { nextScale, pictureSize } from "./pace";
+import { nextScale, pictureSize } from "./pictureScale";
+
+const MOST = 110;
 
 test("pictures get smaller until they come quickly, and no smaller than a quarter", () => {
-  expect(nextScale(1, 300)).toBe(0.5);
-  expect(nextScale(0.5, 300)).toBe(0.25);
-  expect(nextScale(0.25, 300)).toBe(0.25);
+  expect(nextScale(1, 300, MOST)).toBeCloseTo(Math.SQRT1_2);
+  expect(nextScale(0.5, 300, MOST)).toBeCloseTo(Math.SQRT1_2 / 2);
+  expect(nextScale(0.25, 300, MOST)).toBe(0.25);
 });
 
 test("pictures get larger only where the larger ones come quickly too", () => {
   for (let milliseconds = 1; milliseconds < 400; milliseconds++)
-    for (const scale of [0.25, 0.5]) {
-      const larger = nextScale(scale, milliseconds);
-      if (larger > scale) expect(nextScale(larger, 4 * milliseconds)).toBeGreaterThanOrEqual(larger);
+    for (const scale of [0.25, 0.5, 0.7]) {
+      const larger = nextScale(scale, milliseconds, MOST);
+      if (larger > scale) expect(nextScale(larger, 2 * milliseconds, MOST)).toBeGreaterThanOrEqual(larger);
     }
-  expect(nextScale(0.5, 20)).toBe(1);
-  expect(nextScale(1, 20)).toBe(1);
+  expect(nextScale(0.9, 20, MOST)).toBe(1);
+  expect(nextScale(1, 20, MOST)).toBe(1);
 });
 
 test("a picture has the shape of its place, and not more pixels than allowed", () => {

@@ -1,0 +1,20 @@
+const SMALLEST = 0.25;
+
+/**
+ * The sides of the next picture while the camera moves, as a share of the full ones: a picture of half the pixels where
+ * the last one took too long, of twice as many where that is sure to be quick enough.
+ *
+ * @param scale of the last picture, 0..1.
+ * @param milliseconds that it took.
+ * @param most milliseconds that a picture may take.
+ */
+export function nextScale(scale: number, milliseconds: number, most: number): number {
+  if (milliseconds > most) return Math.max(SMALLEST, scale * Math.SQRT1_2);
+  return milliseconds < most / 2 ? Math.min(1, scale * Math.SQRT2) : scale;
+}
+
+/** Width and height of a picture of at most `pixels` pixels for a place of the given size, each at least 1. */
+export function pictureSize(width: number, height: number, scale: number, pixels: number): [number, number] {
+  const ratio = scale * Math.min(1, Math.sqrt(pixels / Math.max(1, width * height)));
+  return [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
+}
