@@ -75,7 +75,7 @@ lint-api:  ## check the API's description by redocly and spectral (npm fetches t
 	npx --yes @redocly/cli@2 lint --extends recommended --skip-rule operation-4xx-response api/rest/openapi.json
 	npx --yes @stoplight/spectral-cli@6 lint --fail-severity warn --ruleset api/rest/spectral.yaml api/rest/openapi.json
 
-sample-scene: setup  ## train the sample scene that the package brings anew (a few minutes): service/library/sample_scene.zip
+sample-scene: setup  ## train the sample scene that the package brings anew (a few minutes): service/store/sample_scene.zip
 	$(BIN)/python -m demo.train_sample_scene
 
 docs: setup  ## the documentation as a site, with the reference of Python, REST and gRPC, in site/

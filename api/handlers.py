@@ -56,6 +56,7 @@ class Handler(Generic[Q, A]):
 HANDLERS: Mapping[str, Handler[Any, Any]] = {
     handler.call.rpc: handler
     for handler in (
+        Handler(calls.OPEN_SAMPLE, lambda service, asked: service.open_sample()),
         Handler(
             calls.GET_SCENE, lambda service, asked: service.get_scene(asked.scene_id), example=scene_examples.SCENE
         ),

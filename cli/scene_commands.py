@@ -62,6 +62,13 @@ def show(session: Session, scene: SceneId) -> None:
 
 
 @service_command(scenes_app)
+def sample(session: Session) -> None:
+    """Copy the sample scene that the server brings into the project, where it is not there yet."""
+    opened = session.client.open_sample()
+    session.tell(opened, _facts(opened))
+
+
+@service_command(scenes_app)
 def rename(
     session: Session,
     scene: SceneId,

@@ -58,7 +58,9 @@ def folder_to_look_at() -> Path:
     if (TRAINED / SQLITE_NAME).is_file():
         return TRAINED
     if not (SAMPLE / SQLITE_NAME).is_file():
-        from fastsplat.service.library.sample import unpack_sample  # loads most of the service, and is seldom needed
+        from fastsplat.service.store.sample_scene import (
+            unpack_sample,
+        )  # loads most of the service, and is seldom needed
 
         unfinished = Path(tempfile.mkdtemp(prefix=f"{SAMPLE}-", dir="."))
         try:

@@ -212,6 +212,10 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """All scenes, newest first, page by page, without dictionary, cameras and quality."""
         return (scene for page in self._pages(calls.LIST_SCENES, requests.ListScenesRequest()) for scene in page.scenes)
 
+    def open_sample(self) -> Scene:
+        """The project's copy of the sample scene that the server brings; it is made where there is none."""
+        return self.call(calls.OPEN_SAMPLE, requests.OpenSampleRequest())
+
     def rename_scene(self, scene_id: str, name: str, *, expected_name: str | None = None) -> Scene:
         """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name."""
         return self.call(calls.UPDATE_SCENE, requests.UpdateSceneRequest(scene_id, name, expected_name))

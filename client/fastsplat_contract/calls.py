@@ -61,6 +61,7 @@ from fastsplat_contract.requests import (
     ListThingsRequest,
     ListVersionsRequest,
     LookAgainRequest,
+    OpenSampleRequest,
     RedoEditRequest,
     RestoreVersionRequest,
     RetryOperationRequest,
@@ -93,6 +94,9 @@ CREATE_SCENE = Call(
     "Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. "
     "The answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.",
     pieces_in="CreateSceneRequest")
+OPEN_SAMPLE = Call(
+    "OpenSample", "scenes", OpenSampleRequest, Scene, EDIT, "POST /v1/scenes:openSample",
+    "The project's copy of the sample scene that the server brings; it is made where there is none.")
 GET_SCENE = Call(
     "GetScene", "scenes", GetSceneRequest, Scene, SHOW, f"GET {_SCENE}",
     "One scene with its dictionary, cameras and quality.")

@@ -70,6 +70,11 @@ class CreateSceneHeader(SceneOptions):
 
 
 @dataclass(frozen=True)
+class OpenSampleRequest(Request):
+    """The sample scene."""
+
+
+@dataclass(frozen=True)
 class GetSceneRequest(Request, OfScene):
     """Which scene to show."""
 

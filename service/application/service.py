@@ -43,6 +43,7 @@ from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.application.jobs.stored import labels_of, left_out_to_json, scene_of, summaries_of
 from fastsplat.service.application.uploading.resumable import ResumableUploads
+from fastsplat.service.application.uploading.sample_copies import copy_sample
 from fastsplat.service.application.uploading.uploads import UploadSession
 from fastsplat.service.application.uploading.validation_slots import ValidationSlots
 from fastsplat.service.capture.settings import CaptureSettings
@@ -216,6 +217,10 @@ class SceneService:
             if not new:
                 self._store.blobs.drop_upload(upload.id)
             return self.jobs.operation(record)
+
+    def open_sample(self) -> Scene:
+        """The project's copy of the sample scene, made where there is none. Errors as `copy_sample`."""
+        return self.get_scene(copy_sample(self._store, self._quotas, self.project))
 
     @property
     def max_entries(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, get_args
 
@@ -13,7 +13,7 @@ from sqlalchemy.exc import IntegrityError
 from fastsplat.service.store.damaged_rows import first_readable, is_name, require
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import forget_names
-from fastsplat.service.store.photo_repository import forget_photos
+from fastsplat.service.store.photo_repository import forget_photos, record_photos
 from fastsplat.service.store.records import DEFAULT_PROJECT, NewJob, OperationRecord, SceneRecord
 from fastsplat.service.store.schema import operations, scene_versions, scenes
 from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundError, NotReadyError
@@ -70,6 +70,33 @@ class SceneRepository:
             if earlier is None:
                 raise
             return earlier, False
+
+    def add_ready(
+        self,
+        scene: SceneRecord,
+        operation: OperationRecord,
+        request_id: str,
+        photos: Sequence[Mapping[str, Any]],
+        within: Callable[[Connection], None],
+    ) -> OperationRecord:
+        """Write a scene whose version is in place, with the operation that made it and the verdicts of its photos; or
+        return the operation that this request id made before. `within` as in `create`.
+
+        Raises:
+            ConflictError: the request id was used for a request with another digest.
+        """
+        try:
+            with self._writing() as connection:
+                connection.execute(insert(operations).values(request_id=request_id, enqueued=True, **vars(operation)))
+                connection.execute(insert(scenes).values(**vars(scene)))
+                record_photos(connection, scene.id, photos)
+                within(connection)
+                return operation
+        except IntegrityError:
+            earlier = self.find_request(request_id, operation.request_digest, operation.project)
+            if earlier is None:
+                raise
+            return earlier
 
     def add_job(self, job: NewJob) -> OperationRecord:
         """Make a queued operation on a scene that exists, or return the one that this request id made before.

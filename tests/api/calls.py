@@ -31,6 +31,7 @@ ELSEWHERE = {
     *("Query", "StreamQuery", "WatchOperation"),  # answered in pieces
     *("CreateScene", "Localize"),  # sent as forms and in pieces: see test_api_uploads and test_api_localize
     "AlignScene",  # an edit by another name: see test_api_improving
+    "OpenSample",  # the same scene for all who ask: see test_api_sample
     "DeleteKnownNames",  # asks and answers nothing: see test_api_known_names
     *("CreateKey", "CreateUploadKey", "ListKeys", "RevokeKey", "ExpireKey"),  # see test_api_keys
 }

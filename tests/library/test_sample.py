@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 import fastsplat
-from fastsplat.service.library import sample
-from fastsplat.service.library.sample import SAMPLE_ARCHIVE, sample_folder, unpack_sample
+from fastsplat.service.library.sample import sample_folder
 from fastsplat.service.settings import load_settings
+from fastsplat.service.store import sample_scene
+from fastsplat.service.store.sample_scene import SAMPLE_ARCHIVE, unpack_sample
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, ResourceError
 
@@ -93,13 +94,13 @@ def test_a_folder_in_use_is_left_alone(tmp_path: Path) -> None:
 def test_a_missing_archive_and_a_damaged_one_are_said(
     temporary: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sample, "SAMPLE_ARCHIVE", tmp_path / "none.zip")
+    monkeypatch.setattr(sample_scene, "SAMPLE_ARCHIVE", tmp_path / "none.zip")
     with pytest.raises(ResourceError, match="not installed"):
         unpack_sample(tmp_path / "data")
     content = bytearray(SAMPLE_ARCHIVE.read_bytes())
     content[len(content) // 2] ^= 0xFF
     (tmp_path / "damaged.zip").write_bytes(content)
-    monkeypatch.setattr(sample, "SAMPLE_ARCHIVE", tmp_path / "damaged.zip")
+    monkeypatch.setattr(sample_scene, "SAMPLE_ARCHIVE", tmp_path / "damaged.zip")
     with pytest.raises(InvalidInputError, match="damaged"):
         unpack_sample(tmp_path / "data")
     assert not (tmp_path / "data").exists()

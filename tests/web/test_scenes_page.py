@@ -12,14 +12,6 @@ from tests.web.places import Place
 _MARKUP = '<img src=x onerror="document.title=1"><b>bold</b>'
 
 
-def test_a_list_without_scenes_says_what_to_do(small: Place, browser: Browser) -> None:
-    with visiting(browser, small.url) as visit:
-        expect(visit.page.get_by_text("No scenes yet.")).to_be_visible()
-        visit.check_accessible()
-        visit.page.get_by_role("main").get_by_role("link", name="New scene").click()
-        expect(visit.page.get_by_role("heading", name="New scene")).to_be_visible()
-
-
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_scenes_have_pictures_and_states(place: Place, browser: Browser, scheme: str) -> None:
     job = queued_job("in the queue")
@@ -53,6 +45,23 @@ def test_scenes_are_found_by_name_and_by_the_things_in_them(place: Place, browse
         found.get_by_role("link", name="workshop").click()
         expect(page.locator(".verdict.here")).to_be_visible()
         assert f"#/scenes/{other}?q=ball" in page.url
+
+
+def test_several_scenes_are_deleted_at_once(place: Place, browser: Browser) -> None:
+    for name in ("one", "two", "three"):
+        place.new_scene(name)
+    with visiting(browser, place.url) as visit:
+        page = visit.page
+        page.get_by_role("button", name="Select", exact=True).click()
+        for name in ("one", "two", "three"):
+            page.get_by_role("checkbox", name=f"Select {name}").check()
+        page.get_by_role("checkbox", name="Select two").uncheck()
+        page.get_by_role("button", name="Delete 2 scenes").click()
+        expect(page.get_by_text("Delete “three”, “one”?")).to_be_visible()
+        visit.check_accessible()
+        page.get_by_role("button", name="Delete for good").click()
+        expect(page.get_by_role("list", name="Scenes").get_by_role("link")).to_have_count(2)
+        assert {scene.name for scene in place.service.list_scenes().scenes} == {"a table", "two"}
 
 
 def test_a_name_full_of_markup_stays_text(place: Place, browser: Browser) -> None:

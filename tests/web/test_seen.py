@@ -14,8 +14,8 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
-from fastsplat.service.library.sample import unpack_sample
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.sample_scene import unpack_sample
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.poses import Box
 from fastsplat_contract.queries import PictureRequest

@@ -1574,26 +1574,21 @@ class PlacedInfo(_message.Message):
 Global___PlacedInfo: _TypeAlias = PlacedInfo  # noqa: Y015
 
 @_typing.final
-class GetSceneRequest(_message.Message):
-    """Which scene to show."""
+class OpenSampleRequest(_message.Message):
+    """The sample scene."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
-    SCENE_ID_FIELD_NUMBER: _builtins.int
-    scene_id: _builtins.str
-    """which scene"""
     def __init__(
         self,
-        *,
-        scene_id: _builtins.str = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
-Global___GetSceneRequest: _TypeAlias = GetSceneRequest  # noqa: Y015
+Global___OpenSampleRequest: _TypeAlias = OpenSampleRequest  # noqa: Y015
 
 @_typing.final
 class Scene(_message.Message):
@@ -2095,6 +2090,28 @@ class Pose(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Pose: _TypeAlias = Pose  # noqa: Y015
+
+@_typing.final
+class GetSceneRequest(_message.Message):
+    """Which scene to show."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetSceneRequest: _TypeAlias = GetSceneRequest  # noqa: Y015
 
 @_typing.final
 class ListScenesRequest(_message.Message):

@@ -40,6 +40,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateSceneRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.OpenSample = channel.unary_unary(
+                '/fastsplat.v1.SceneService/OpenSample',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.OpenSampleRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
+                _registered_method=True)
         self.GetScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetSceneRequest.SerializeToString,
@@ -323,6 +328,13 @@ class SceneServiceServicer:
     def CreateScene(self, request_iterator, context):
         """Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. The
         answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def OpenSample(self, request, context):
+        """The project's copy of the sample scene that the server brings; it is made where there is none.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -728,6 +740,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateSceneRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
+            'OpenSample': grpc.unary_unary_rpc_method_handler(
+                    servicer.OpenSample,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.OpenSampleRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Scene.SerializeToString,
+            ),
             'GetScene': grpc.unary_unary_rpc_method_handler(
                     servicer.GetScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetSceneRequest.FromString,
@@ -1031,6 +1048,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/CreateScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.CreateSceneRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def OpenSample(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/OpenSample',
+            fastsplat_dot_v1_dot_fastsplat__pb2.OpenSampleRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Scene.FromString,
             options,
             channel_credentials,
             insecure,

@@ -59,6 +59,8 @@ class SceneServiceStub:
     """Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. The
     answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
     """
+    OpenSample: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.OpenSampleRequest, _fastsplat_pb2.Scene]
+    """The project's copy of the sample scene that the server brings; it is made where there is none."""
     GetScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]
     """One scene with its dictionary, cameras and quality."""
     ListScenes: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]
@@ -197,6 +199,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. The
     answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
     """
+    OpenSample: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.OpenSampleRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
+    """The project's copy of the sample scene that the server brings; it is made where there is none."""
     GetScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetSceneRequest, _fastsplat_pb2.Scene]  # type: ignore[assignment]
     """One scene with its dictionary, cameras and quality."""
     ListScenes: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListScenesRequest, _fastsplat_pb2.ListScenesResponse]  # type: ignore[assignment]
@@ -338,6 +342,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Upload a capture and queue its training. One header, then for each file its FileHeader followed by its chunks. The
         answer is durable: once it is sent, the job survives a crash. Cancelling the call leaves nothing behind.
         """
+
+    @_abc_1.abstractmethod
+    def OpenSample(
+        self,
+        request: _fastsplat_pb2.OpenSampleRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Scene, _abc.Awaitable[_fastsplat_pb2.Scene]]:
+        """The project's copy of the sample scene that the server brings; it is made where there is none."""
 
     @_abc_1.abstractmethod
     def GetScene(

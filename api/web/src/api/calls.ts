@@ -40,6 +40,11 @@ export function getScene(sceneId: string, signal?: AbortSignal): Promise<Scene> 
   return getJson<Scene>(`v1/scenes/${encodeURIComponent(sceneId)}`, signal);
 }
 
+/** The project's copy of the sample scene, made where there is none. */
+export function openSample(): Promise<Scene> {
+  return postJson<Scene>("v1/scenes:openSample", {});
+}
+
 export async function deleteScene(sceneId: string): Promise<void> {
   await send(`v1/scenes/${encodeURIComponent(sceneId)}`, { method: "DELETE" });
 }
@@ -89,6 +94,13 @@ export async function ask(
   const [answer] = answers;
   if (!answer) throw new Error("an answer to no text");
   return answer;
+}
+
+/** The Gaussians that answer a text, as a PLY file. */
+export async function maskPly(sceneId: string, version: string, text: string): Promise<Uint8Array<ArrayBuffer>> {
+  const body = { texts: [text], version, outputs: ["mask3d"], mask3d_encoding: "ply" };
+  const { answers } = await postJson<QueryOut>(`v1/scenes/${encodeURIComponent(sceneId)}:query`, body);
+  return Uint8Array.from(atob(answers[0]?.mask3d ?? ""), (letter) => letter.charCodeAt(0));
 }
 
 /** The answer of each ready scene to one text, with the objects that answer. */

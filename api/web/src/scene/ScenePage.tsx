@@ -10,10 +10,10 @@ import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
 import { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { DeleteButton } from "../ui/DeleteButton";
 import { ErrorNote, Loading } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { firstView, lookFrom, parseView, viewText } from "../viewer/poses";
-import { DeleteScene } from "./DeleteScene";
 import { SceneName } from "./SceneName";
 import { ScenePanel } from "./ScenePanel";
 import { Toolbar } from "./Toolbar";
@@ -119,8 +119,9 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     );
   const name = scene.name || texts.scenes.untitled;
   const remove = (
-    <DeleteScene
-      name={name}
+    <DeleteButton
+      label={texts.scene.remove}
+      question={texts.scene.removeQuestion(name)}
       onDelete={async () => {
         await deleteScene(sceneId);
         go("#/");

@@ -1,10 +1,11 @@
 import { useState } from "preact/hooks";
 
-import { sceneAddress } from "../address/router";
-import { listScenes } from "../api/calls";
+import { go, sceneAddress } from "../address/router";
+import { deleteScene, listScenes, openSample } from "../api/calls";
 import type { Assessment, SceneSummary } from "../api/types";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
+import { DeleteButton } from "../ui/DeleteButton";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import type { Order } from "./arranged";
@@ -23,7 +24,10 @@ export function ScenesPage() {
   const [text, setText] = useState("");
   const [asked, setAsked] = useState("");
   const [order, setOrder] = useState<Order>("newest");
+  /** Ids of the scenes that are selected; null: none are to be. */
+  const [picked, setPicked] = useState<readonly string[] | null>(null);
   const some = value !== null && value.length > 0;
+  const chosen = value?.filter(({ id }) => picked?.includes(id)) ?? [];
   const listed = arranged(value ?? [], asked ? "" : text, order);
   return (
     <section class="scenes" aria-labelledby="scenes-title">
@@ -39,6 +43,7 @@ export function ScenesPage() {
         <div class="empty">
           <p>{texts.scenes.empty}</p>
           <p class="hint">{texts.scenes.emptyHint}</p>
+          <OpenSample />
         </div>
       )}
       {some && (
@@ -76,15 +81,44 @@ export function ScenesPage() {
               ))}
             </select>
           </label>
+          <button
+            type="button"
+            aria-pressed={picked !== null}
+            onClick={() => setPicked((before) => (before === null ? [] : null))}
+          >
+            {picked === null ? texts.scenes.select : texts.scenes.selectDone}
+          </button>
         </form>
+      )}
+      {picked !== null && chosen.length > 0 && (
+        <DeleteButton
+          key={picked.join()}
+          label={texts.scenes.removeSelected(chosen.length)}
+          question={texts.scenes.removeQuestion(chosen.map(nameOf))}
+          onDelete={async () => {
+            for (const { id } of chosen) await deleteScene(id).finally(reload);
+            setPicked(null);
+          }}
+        />
       )}
       {asked && value && <WhereIs key={asked} text={asked} scenes={value} />}
       {some && listed.length === 0 && <p class="hint">{texts.scenes.noneNamed(text.trim())}</p>}
       {listed.length > 0 && (
         <ul class="cards" aria-label={texts.scenes.title}>
           {listed.map((scene) => (
-            <li key={scene.id}>
+            <li key={scene.id} class="card-place">
               <Card scene={scene} />
+              {picked !== null && (
+                <input
+                  type="checkbox"
+                  aria-label={texts.scenes.selectOne(nameOf(scene))}
+                  checked={picked.includes(scene.id)}
+                  onChange={(event) => {
+                    const others = picked.filter((id) => id !== scene.id);
+                    setPicked(event.currentTarget.checked ? [...others, scene.id] : others);
+                  }}
+                />
+              )}
             </li>
           ))}
         </ul>
@@ -93,9 +127,31 @@ export function ScenesPage() {
   );
 }
 
+const nameOf = (scene: SceneSummary): string => scene.name || texts.scenes.untitled;
+
+function OpenSample() {
+  const [busy, setBusy] = useState(false);
+  const [error, setError] = useState<unknown>(null);
+  const open = () => {
+    setBusy(true);
+    setError(null);
+    openSample()
+      .then(({ id }) => go(sceneAddress(id)), setError)
+      .finally(() => setBusy(false));
+  };
+  return (
+    <>
+      <button type="button" class="primary" disabled={busy} onClick={open}>
+        {texts.scenes.openSample}
+      </button>
+      {error !== null && <ErrorNote error={error} />}
+    </>
+  );
+}
+
 function Card({ scene }: { scene: SceneSummary }) {
   const [grade, setGrade] = useState<Assessment["grade"] | null>(null);
-  const name = scene.name || texts.scenes.untitled;
+  const name = nameOf(scene);
   const ready = scene.state === "READY";
   const made = new Date(scene.created_at).toLocaleDateString("en", { dateStyle: "medium" });
   return (

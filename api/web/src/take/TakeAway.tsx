@@ -1,15 +1,17 @@
 import { useState } from "preact/hooks";
 
-import { exportPath } from "../api/calls";
+import { exportPath, maskPly } from "../api/calls";
 import type { Scene } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { bytesText } from "../ui/bytes";
 import { ErrorNote } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
+import { exportBytes } from "./exportSizes";
 import { fileName } from "./fileName";
 import type { FileNaming } from "./save";
-import { save } from "./save";
+import { keep, save } from "./save";
 
 const SIZES = [
   [1280, 720],
@@ -56,11 +58,18 @@ export function TakeAway({ state, scene, view }: Properties) {
       .catch(setError)
       .finally(() => setRunning(null));
   };
-  const item = (label: string, name: FileNaming, address: string, body?: () => unknown) => (
+  const item = (
+    label: string,
+    name: FileNaming,
+    address: string,
+    body?: () => unknown,
+    bytes: number | null = null,
+  ) => (
     <li key={label}>
       <button type="button" disabled={running !== null} onClick={() => take(label, name, address, body?.())}>
         {label}
       </button>
+      {bytes !== null && <span class="hint"> {texts.take.about(bytesText(bytes))}</span>}
     </li>
   );
   const [width, height] = SIZES[size] ?? SIZES[0];
@@ -77,7 +86,9 @@ export function TakeAway({ state, scene, view }: Properties) {
       {error !== null && <ErrorNote error={error} />}
       <h3>{texts.take.whole}</h3>
       <ul class="chips">
-        {names(FORMATS).map((format) => item(FORMATS[format], named, exportPath(scene.id, format, version)))}
+        {names(FORMATS).map((format) =>
+          item(FORMATS[format], named, exportPath(scene.id, format, version), undefined, exportBytes(scene, format)),
+        )}
       </ul>
       {state.selectedThings.value.map((thing) => (
         <div key={thing.id}>
@@ -97,11 +108,21 @@ export function TakeAway({ state, scene, view }: Properties) {
         <>
           <h3>{texts.take.masks(answer.text)}</h3>
           <ul class="chips">
-            {item(
-              texts.take.maskPly,
-              named("ply", answer.text, "mask"),
-              `${path}/mask.ply?${new URLSearchParams({ text: answer.text, version })}`,
-            )}
+            <li>
+              <button
+                type="button"
+                disabled={running !== null}
+                onClick={() => {
+                  setError(null);
+                  maskPly(scene.id, version, answer.text).then(
+                    (bytes) => keep(new Blob([bytes]), named("ply", answer.text, "mask")),
+                    setError,
+                  );
+                }}
+              >
+                {texts.take.maskPly}
+              </button>
+            </li>
             {item(
               texts.take.mask3d,
               named("bin", answer.text, "mask"),

@@ -5,7 +5,14 @@ export const sceneTexts = {
   scenes: {
     title: "Scenes",
     empty: "No scenes yet.",
-    emptyHint: "Upload photos, a video or a splat, and a scene is made of them.",
+    emptyHint: "Upload photos, a video or a splat, and a scene is made of them. Or look at one that is ready:",
+    openSample: "Open the sample scene",
+    select: "Select",
+    selectDone: "Done",
+    selectOne: (name: string) => `Select ${name}`,
+    removeSelected: (count: number) => `Delete ${plural(count, "scene", "scenes")}`,
+    removeQuestion: (names: readonly string[]) =>
+      `Delete ${names.map((name) => `“${name}”`).join(", ")}? Their versions and files are removed for good.`,
     untitled: "Untitled scene",
     gaussians: (count: number) => plural(count, "Gaussian", "Gaussians"),
     names: (count: number) => plural(count, "name", "names"),
@@ -65,6 +72,7 @@ export const sceneTexts = {
     fine: "Nothing is wrong with any of them.",
     troubled: (count: number) => `${plural(count, "photo needs", "photos need")} a look.`,
     showAll: "Show all photos",
+    beside: (name: string) => `Nearest: ${name}`,
     notAssessed: "What became of its photos was not recorded.",
     isPlaced: "Placed",
     notPlaced: {

@@ -5,6 +5,7 @@ export const takeTexts = {
   take: {
     title: "Take away",
     whole: "The whole scene",
+    about: (size: string) => `about ${size}`,
     formats: {
       ply: "PLY, exact",
       spz: "SPZ, compressed",

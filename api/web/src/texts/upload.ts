@@ -14,7 +14,18 @@ export const uploadTexts = {
     clear: "Clear",
     few: (count: number, enough: number) =>
       `${plural(count, "photo", "photos")} may be too few: take ${enough} or more, each overlapping the next by two thirds.`,
-    showFiles: "Show the files",
+    looking: (looked: number, all: number) => `Looking at them: ${looked} of ${all}.`,
+    chosen: "Chosen files",
+    unreadable: "This browser cannot read it",
+    doubtful: (count: number) =>
+      count === 1 ? "1 photo would add little or nothing." : `${count} photos would add little or nothing.`,
+    removeDoubtful: "Remove them",
+    guidePicture: "Twenty cameras on two rings around a thing, all looking at it",
+    guide: [
+      "Walk around it, a photo every step: each shows two thirds of what the one before shows.",
+      "One round at eye height, one higher or lower. Do not turn on one spot.",
+      "Hold still, keep it bright, and let nothing move. Twenty are enough for a table.",
+    ],
     file: (name: string, size: string) => `${name}, ${size}`,
     remove: "Remove",
     removeFile: (name: string) => `Remove ${name}`,

@@ -13,8 +13,11 @@ import { chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
 import { ChosenFiles } from "./ChosenFiles";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
+import { PhotoGuide } from "./PhotoGuide";
 import { discard, forget, sendFile, wasBegun } from "./tus";
+import { usePhotoChecks } from "./usePhotoChecks";
 import { WithholdPeople } from "./WithholdPeople";
+import "./upload.css";
 
 type Preset = keyof typeof texts.upload.presets;
 
@@ -30,6 +33,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
   const running = useRef<AbortController | null>(null);
   const requestId = useRef(newRequestId());
   const form = useRef<HTMLFormElement>(null);
+  const checks = usePhotoChecks(files);
 
   useEffect(() => {
     serverStatus().then(setStatus, () => undefined); // the server says so itself when the file is announced
@@ -120,7 +124,8 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
             </ul>
           </div>
         )}
-        <ChosenFiles files={files} busy={busy} onRemove={remove} />
+        {files.length === 0 && <PhotoGuide />}
+        <ChosenFiles files={files} checks={checks} busy={busy} onRemove={remove} />
         {problem && (
           <p class="note error" role="alert">
             {problem}

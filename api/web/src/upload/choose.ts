@@ -14,6 +14,11 @@ const WHOLE = /\.(zip|r3d|tar|tgz|tar\.gz|mp4|mov|m4v|avi|mkv|webm|ply|spz)$/i;
 // Poses, depth maps, label maps and models in a capture's folder; Record3D's metadata has no suffix.
 const BESIDE = /(\.(json|txt|bin|ply|spz|npy|depth|conf)|(^|\/)metadata)$/i;
 
+/** Whether a file is a photo, by its name. */
+export function isPhoto(path: string): boolean {
+  return PHOTOS.test(path);
+}
+
 /** What can be sent of these files, and why the rest cannot. Hidden files of a folder are left out without a word. */
 export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; refused: string[] } {
   const taken: ChosenFile[] = [];
@@ -21,7 +26,7 @@ export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; ref
   const visible = files.filter(({ path }) => !path.split("/").some((part) => part.startsWith(".")));
   const folder = visible.some(({ path }) => path.includes("/"));
   for (const each of visible) {
-    if (!PHOTOS.test(each.path) && !WHOLE.test(each.path) && !(folder && BESIDE.test(each.path)))
+    if (!isPhoto(each.path) && !WHOLE.test(each.path) && !(folder && BESIDE.test(each.path)))
       refused.push(texts.upload.kind(each.path));
     else if (each.file.size === 0) refused.push(texts.upload.empty(each.path));
     else taken.push(each);
@@ -32,7 +37,7 @@ export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; ref
 /** Why these files cannot become one scene; empty if they can. What the limits are may not be known yet. */
 export function problemOf(files: readonly ChosenFile[], limits: Limits | null): string {
   const total = totalBytes(files);
-  const images = files.filter(({ path }) => PHOTOS.test(path)).length;
+  const images = files.filter(({ path }) => isPhoto(path)).length;
   if (limits) {
     const { maxBytes, bytesLeft, maxImages } = limits;
     if (total > maxBytes) return texts.upload.tooLarge(bytesText(total), bytesText(maxBytes));
@@ -45,7 +50,7 @@ export function problemOf(files: readonly ChosenFile[], limits: Limits | null): 
 
 /** What to say of files that can be sent; empty for nothing. Poses beside photos make fewer of them enough. */
 export function remarkOn(files: readonly ChosenFile[]): string {
-  const few = files.length < FEW_PHOTOS && files.every(({ path }) => PHOTOS.test(path));
+  const few = files.length < FEW_PHOTOS && files.every(({ path }) => isPhoto(path));
   return few ? texts.upload.few(files.length, FEW_PHOTOS) : "";
 }
 

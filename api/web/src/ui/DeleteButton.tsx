@@ -1,21 +1,28 @@
 import { useState } from "preact/hooks";
 
 import { texts } from "../texts";
-import { ErrorNote } from "../ui/parts";
+import { ErrorNote } from "./parts";
 
-/** Deletes the scene after a second question. */
-export function DeleteScene({ name, onDelete }: { name: string; onDelete: () => Promise<void> }) {
+interface Properties {
+  label: string;
+  /** What is asked before anything is deleted. */
+  question: string;
+  onDelete: () => Promise<void>;
+}
+
+/** Deletes after a second question. */
+export function DeleteButton({ label, question, onDelete }: Properties) {
   const [asked, setAsked] = useState(false);
   const [error, setError] = useState<unknown>(null);
   if (!asked)
     return (
       <button type="button" class="danger" onClick={() => setAsked(true)}>
-        {texts.scene.remove}
+        {label}
       </button>
     );
   return (
-    <div class="note" role="group" aria-label={texts.scene.remove}>
-      <p>{texts.scene.removeQuestion(name)}</p>
+    <div class="note" role="group" aria-label={label}>
+      <p>{question}</p>
       {error !== null && <ErrorNote error={error} />}
       <div class="buttons">
         <button

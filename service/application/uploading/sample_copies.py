@@ -1,0 +1,75 @@
+"""The sample scene of the package, copied into a project: what there is to look at before anybody has photos."""
+
+from __future__ import annotations
+
+import time
+import uuid
+from contextlib import closing
+from dataclasses import replace
+
+from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.application.uploading.uploads import disk_error
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.sample_scene import unpack_sample
+from fastsplat.service.store.store import Store, open_store
+
+_NAME = "A table (sample)"
+_REQUEST = "fastsplat.sample"
+"""Request id and digest of the operation: a project has one sample at a time, and another one once it is deleted."""
+
+
+def copy_sample(store: Store, quotas: Quotas, project: str) -> str:
+    """Copy the sample scene into a project where it is not there. Durable once this returns.
+
+    Returns:
+        The id of the project's sample scene, which may have been renamed and edited since it was copied.
+
+    Raises:
+        QuotaError: the project holds all that it may.
+        ResourceError: the disk is full, or the sample is not installed.
+        InvalidInputError: the installed sample is damaged.
+        ConflictError: somebody has used the request id of the sample for a scene.
+    """
+    earlier = store.scenes.find_request(_REQUEST, _REQUEST, project)
+    if earlier is not None:
+        return earlier.scene_id
+    quotas.check_room(project, 0)
+    scene_id = uuid.uuid4().hex
+    scratch = store.blobs.upload(scene_id)  # on the disk of the scenes; what a crash leaves is removed as an upload
+    try:
+        unpack_sample(scratch)
+        return _add(store, quotas, project, scene_id)
+    finally:
+        remove(scratch)
+
+
+def _add(store: Store, quotas: Quotas, project: str, scene_id: str) -> str:
+    """The same of what is unpacked as the upload of that id."""
+    now = time.time()
+    with closing(open_store(store.blobs.upload(scene_id))) as unpacked:
+        (sample_id,) = unpacked.scenes.ready_scene_ids()
+        sample = unpacked.scenes.scene(sample_id)
+        job = unpacked.scenes.operation(sample.operation_id)
+        photos = unpacked.photos.of_scene(sample_id)
+        folder = unpacked.blobs.version(sample_id, sample.version)
+        size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    made_by = uuid.uuid4().hex
+    scene = replace(sample, id=scene_id, name=_NAME, operation_id=made_by, project=project, created_at=now)
+    operation = replace(
+        job, id=made_by, scene_id=scene_id, project=project, created_at=now, updated_at=now,
+        request_digest=_REQUEST, progress_files=None,
+    )  # fmt: skip
+    try:
+        store.blobs.publish(folder, scene_id, scene.version)
+    except OSError as error:
+        raise disk_error(error, "sample") from error
+    try:
+        made = store.scenes.add_ready(
+            scene, operation, _REQUEST, photos, lambda connection: quotas.reserve(connection, project, scene_id, size)
+        )
+    except BaseException:
+        store.blobs.drop_scene(scene_id)
+        raise
+    if made.scene_id != scene_id:  # another caller was faster
+        store.blobs.drop_scene(scene_id)
+    return made.scene_id

@@ -1,0 +1,55 @@
+"""The trained sample scene that comes with the product: questions can be asked without photos, training and network.
+
+`sample_scene.zip` is a backup of a data folder (`service.store.backup`) with the one scene, trained of the capture in
+`demo/sample` (`make sample-scene` makes it anew). The PLY file of the scene, half of all bytes, is left out: it is
+written again of the same Gaussians, to the bit, as restoring the backup checks.
+"""
+
+from __future__ import annotations
+
+import lzma
+import tempfile
+import zipfile
+from pathlib import Path
+
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import read_scene
+from fastsplat.service.store.backup import restore
+from fastsplat_contract.errors import InvalidInputError, ResourceError, SceneFileError
+
+SAMPLE_ARCHIVE = Path(__file__).with_name("sample_scene.zip")
+PLY_NAME = "scene.ply"
+"""What the archive leaves out, in the folder of each version beside `artefact`."""
+
+
+def unpack_sample(folder: Path) -> None:
+    """Make `folder`, which is empty or not there, the data folder of a service with the sample scene.
+
+    Raises:
+        ConflictError: the folder is not empty.
+        ResourceError: the disk is full, or the archive is not installed.
+        InvalidInputError: the archive is damaged.
+    """
+    if not SAMPLE_ARCHIVE.is_file():
+        raise ResourceError(
+            "the sample scene is not installed",
+            field="sample",
+            hint="Install fastsplat again; in a checkout: make sample-scene.",
+        )
+    with tempfile.TemporaryDirectory(prefix="fastsplat-sample-") as work:
+        try:
+            with zipfile.ZipFile(SAMPLE_ARCHIVE) as archive:
+                archive.extractall(work)
+            for artefact in Path(work).glob("files/scenes/*/*/artefact"):
+                write_ply(read_scene(artefact).gaussians, artefact.with_name(PLY_NAME))
+        except (zipfile.BadZipFile, lzma.LZMAError, EOFError, SceneFileError) as error:
+            raise InvalidInputError(
+                "the sample scene is damaged", field="sample", hint="Install fastsplat again."
+            ) from error
+        except OSError as error:
+            raise ResourceError(
+                f"the sample scene cannot be unpacked: {error.strerror}",
+                field="sample",
+                hint="Free space in the folder for temporary files, or name another one by TMPDIR.",
+            ) from error
+        restore(Path(work), folder, "")

@@ -1,0 +1,78 @@
+"""The sample scene that the server brings, copied into a project over every face."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.settings import QuotaSettings, Settings
+from fastsplat.service.store.store import open_store
+from fastsplat_contract.errors import QuotaError
+from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from tests.api.clients import client_of
+from tests.api.served import Faces
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[SceneService]:
+    """A service without scenes."""
+    settings = Settings(data_dir=tmp_path)
+    with SceneService(open_store(tmp_path), settings) as service:
+        yield service
+
+
+def _folders(root: Path) -> list[str]:
+    return sorted(path.name for kind in ("scenes", "uploads") for path in (root / kind).glob("*"))
+
+
+def test_each_face_opens_the_one_sample_of_the_project(faces: Faces, service: SceneService) -> None:
+    with client_of(faces) as client:
+        opened = client.open_sample()
+        try:
+            assert opened.state == "READY" and opened.name == "A table (sample)" and opened.scale == "METRIC"
+            assert faces.rpc.OpenSample(pb.OpenSampleRequest()).id == service.open_sample().id == opened.id
+            assert [scene.id for scene in client.scenes()].count(opened.id) == 1
+            assert {"banana", "cup"} <= {entry.label for entry in opened.dictionary}
+            assert client.operation(opened.operation_id).scene_id == opened.id
+            assert len(service.photos.all(opened.id).photos) == 26
+        finally:
+            service.delete_scene(opened.id)
+
+
+def test_it_is_whole_is_kept_as_it_was_changed_and_comes_anew_after_it_was_deleted(
+    own: SceneService, tmp_path: Path
+) -> None:
+    first = own.open_sample()
+    blobs = own._store.blobs
+    blobs.check_version(blobs.version(first.id, first.version))
+    own._store.scenes.rename(first.id, "mine")
+    assert own.open_sample().name == "mine"
+    assert _folders(tmp_path) == [first.id]  # nothing of the unpacking is left
+    own.delete_scene(first.id)
+    second = own.open_sample()
+    assert second.id != first.id and second.name == "A table (sample)"
+    assert own.in_project("other").open_sample().id != second.id
+
+
+def test_two_who_ask_at_once_get_one_scene(own: SceneService, tmp_path: Path) -> None:
+    got: list[str] = []
+    threads = [threading.Thread(target=lambda: got.append(own.open_sample().id)) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(got) == 3 and len(set(got)) == 1
+    assert _folders(tmp_path) == [got[0]]
+
+
+def test_it_counts_as_a_scene_of_the_project(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path, quotas=QuotaSettings(scenes=1))
+    with SceneService(open_store(tmp_path), settings) as service:
+        first = service.open_sample()
+        assert service.open_sample().id == first.id  # it is there already
+        with pytest.raises(QuotaError):
+            service.new_upload()
