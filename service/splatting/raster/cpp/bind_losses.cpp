@@ -184,7 +184,8 @@ double surface_loss(const Array<const float, -1, -1>& alpha, const Array<const f
   job.target = target.data();
   job.valid = valid ? valid->data() : nullptr;
   job.alpha_min = (float)alpha_min;
-  const double inner_x = (double)job.height * (job.width - 2 * step), inner_y = (double)job.width * (job.height - 2 * step);
+  const double inner_x = (double)job.height * (job.width - 2 * step),
+               inner_y = (double)job.width * (job.height - 2 * step);
   job.spread_scale = pixels ? (float)(spread_weight / (double)pixels) : 0.0f;
   job.scale_x = inner_x > 0 ? (float)(smoothness_weight / (2 * inner_x)) : 0.0f;
   job.scale_y = inner_y > 0 ? (float)(smoothness_weight / (2 * inner_y)) : 0.0f;
@@ -209,12 +210,10 @@ double surface_loss(const Array<const float, -1, -1>& alpha, const Array<const f
     parallel_for(threads, bands, [&](int64_t band) { rows_of(band, kernel); }, nullptr);
   };
   for_rows([&](int32_t row, float*) { kernels.surface_inverse(job, row); });
-  for_rows([&](int32_t row, float* scratch) {
-    losses[row / SURFACE_ROWS] += kernels.surface_bends(job, row, scratch);
-  });
-  for_rows([&](int32_t row, float* scratch) {
-    losses[row / SURFACE_ROWS] += kernels.surface_gradient(job, row, scratch);
-  });
+  for_rows(
+      [&](int32_t row, float* scratch) { losses[row / SURFACE_ROWS] += kernels.surface_bends(job, row, scratch); });
+  for_rows(
+      [&](int32_t row, float* scratch) { losses[row / SURFACE_ROWS] += kernels.surface_gradient(job, row, scratch); });
   double total = 0;
   for (double loss : losses) total += loss;
   return total;

@@ -129,12 +129,12 @@ struct SurfaceJob {
   int32_t height, width, step;  // step: pixels between the three of a bend
   const float *alpha, *depth;
   const float* squared;
-  int64_t squared_stride;         // floats from pixel to pixel
-  const float* target;            // [height, width, 3]
-  const uint8_t* valid;           // [height, width] or null
-  float alpha_min;                // pixels less covered have no depth
-  float spread_scale;             // weight / pixels
-  float scale_x, scale_y;         // weight / (2 · pixels with both neighbors along the axis)
+  int64_t squared_stride;            // floats from pixel to pixel
+  const float* target;               // [height, width, 3]
+  const uint8_t* valid;              // [height, width] or null
+  float alpha_min;                   // pixels less covered have no depth
+  float spread_scale;                // weight / pixels
+  float scale_x, scale_y;            // weight / (2 · pixels with both neighbors along the axis)
   float *inverse, *bend_x, *bend_y;  // maps of one channel
   float *d_alpha, *d_depth, *d_squared;
 };
