@@ -276,6 +276,12 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=admin_examples.LIFETIMES,
         ),
         Handler(
+            calls.ESTIMATE_JOB,
+            lambda service, asked: service.estimates.estimate(asked),
+            computes=True,
+            example=job_watching_examples.ESTIMATE,
+        ),
+        Handler(
             calls.GET_SERVER_STATUS,
             lambda service, asked: service.status(caller_role(), caller_id()),
             example=admin_examples.STATUS,

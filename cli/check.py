@@ -8,15 +8,20 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.tables import duration
 from fastsplat.service.settings import load_settings
 
 
 def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it stays as it is.")]) -> None:
-    """Say which photos are blurred, dark, alike or without overlap, and whether they are too few; status 1 if so."""
+    """Say which photos are blurred, dark, alike or without overlap, whether they are too few (status 1 if so), and how
+    long a scene of them takes."""
     from fastsplat.service.capture.uploads.photo_check import check_photos  # loads OpenCV
+    from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds
+    from fastsplat.service.planning.machine import machine_speed
 
+    settings = load_settings()
     with tempfile.TemporaryDirectory() as scratch:
-        checked = check_photos(photos, Path(scratch), load_settings().capture)
+        checked = check_photos(photos, Path(scratch), settings.capture)
     for photo in checked.photos:
         if photo.advice:
             typer.echo(f"{photo.name}: {photo.advice}")
@@ -24,5 +29,8 @@ def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it st
         typer.echo(sentence)
     good = sum(not photo.advice for photo in checked.photos)
     typer.echo(f"{good} of {len(checked.photos)} photos are good", err=True)
+    set_of_photos = PhotoSet(len(checked.photos), *checked.size)
+    seconds = sum(job_seconds(set_of_photos, settings, machine_speed(settings.training.backend)).values())
+    typer.echo(f"making a scene of them takes about {duration(seconds)} on this machine", err=True)
     if not checked.is_good:
         raise typer.Exit(1)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.capture.formats.capture_files import load_capture
+from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.capture.types import Capture
@@ -16,6 +17,7 @@ from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.cost_model import finish_seconds, run_seconds, scene_size
+from fastsplat.service.planning.job_estimate import USUAL_LABELS, PhotoSet, capture_seconds, later_seconds
 from fastsplat.service.planning.time_budget import clock_tradeoff, whole_export_seconds, with_tradeoffs
 from fastsplat.service.planning.time_left import Forecast, with_time_left
 from fastsplat.service.scene.ply import write_ply
@@ -32,13 +34,11 @@ from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_s
 from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.json_codec import to_plain
 
-_USUAL_LABELS = 30
-"""In a dictionary that a detector has yet to fill."""
 _TRADEOFFS = "tradeoffs.json"
 
 
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
-    files = ProgressFiles(job, "capture", progress)
+    files = ProgressFiles(job, "capture", with_time_left(progress, capture_forecast(job)))
     options = job.options
     capture = build_views(
         job.upload,
@@ -121,11 +121,24 @@ def _summary(scene: Scene) -> dict[str, Any]:
     }
 
 
+def capture_forecast(job: Job) -> Forecast:
+    """Of a job that begins: what photos without poses usually take; of everything else nothing is known yet."""
+    manifest, _ = read_manifest(job.upload)
+    if manifest.source != "images" or manifest.label_maps:
+        return Forecast(None)
+    middle = sorted(photo.upright_size for photo in manifest.photos)[len(manifest.photos) // 2]
+    photos, speed = PhotoSet(len(manifest.photos), *middle), job_speed(job)
+    later = sum(later_seconds(photos, job.settings, speed).values())
+    if job.options.time_budget_s is not None:
+        later = min(later, job.options.time_budget_s)
+    return Forecast(later, capture_seconds(photos, job.settings, speed))
+
+
 def perception_forecast(job: Job, capture: Capture) -> Forecast:
     """Of a job whose poses are known: its rate will tell how long perception takes; the rest the cost model says."""
     if capture.splat is not None:  # its labels are lifted, which nothing predicts
         return Forecast(None, bound_s=job.options.time_budget_s)
-    settings, labels, speed = job.settings, len(job.options.labels) or _USUAL_LABELS, job_speed(job)
+    settings, labels, speed = job.settings, len(job.options.labels) or USUAL_LABELS, job_speed(job)
     later = run_seconds(settings.training, scene_size(capture, labels), speed)
     later += whole_export_seconds(capture, settings, labels, speed)
     return Forecast(later, bound_s=job.options.time_budget_s)

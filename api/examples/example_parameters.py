@@ -28,6 +28,7 @@ PARAMETERS: Mapping[str, Any] = {
     "encoding": "runs",
     "export_scene format": "spz",
     "format": "transforms",
+    "height": 3024,
     "label": "mug",
     "mask3d_encoding": "runs",
     "list_best_views text": "",
@@ -38,6 +39,8 @@ PARAMETERS: Mapping[str, Any] = {
     "page_size": 50,
     "page_token": PAGE_TOKEN,
     "parts": True,
+    "photos": 49,
+    "preset": "balanced",
     "query text": ["mug", "ball"],
     "robot_radius": 0.2,
     "scene": IDS["scene_id"],
@@ -51,5 +54,6 @@ PARAMETERS: Mapping[str, Any] = {
     "view": "front.png",
     "view_array kind": "depth",
     "view_picture kind": "overlay",
+    "width": 4032,
 }
 """By the parameter's name, or by "operation name" where one operation needs another value."""

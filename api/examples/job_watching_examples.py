@@ -8,11 +8,12 @@ import numpy as np
 
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.job_watching import PlacedCameras, PlacedInfo, Preview, PreviewInfo
-from fastsplat_contract.operations import Operation, StageProgress
+from fastsplat_contract.operations import JobEstimate, Operation, StageProgress
 
 _PLACED = PlacedInfo(1, 60, 60, complete=True)
 
 PREVIEW = Preview(PreviewInfo(4, 1_250, 16.5, 24_000, 24.8, "front.png", 320, 240), b"\xff\xd8\xff")
+ESTIMATE = JobEstimate(185.4, {"capture": 23.1, "perception": 33.9, "training": 121.5, "export": 6.9})
 PLACED = PlacedCameras(
     _PLACED,
     (PosedCamera(Camera(width=64, height=48, fx=60.0, fy=60.0, cx=32.0, cy=24.0), np.eye(4), "front.png"),),

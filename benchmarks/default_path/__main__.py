@@ -1,12 +1,14 @@
 """What the product makes of photos and poses alone: default models, no names given, everything measured.
 
     python -m benchmarks.default_path [NAME ...] [--split test] [--iterations 4000] [--gaussians 40000] [--max-side 640]
+                                      [--profile]
 
 NAME is `sample` (the demo's), `tabletop` or `skull` of FASTSPLAT_TEST_DATA; all by default. Each is trained on its
 training views as a job trains it that says nothing but "here are photos" (preset balanced), except that the run is
 bounded by steps, so that a busy machine changes seconds only. The detector names what it knows, in its own words: a
 true label counts where the scene has that very name or alias, so what is named otherwise, or not at all, counts as
-missing. `names_right` says how many true labels the scene has; things are counted without their names. Every row
+missing. `names_right` says how many true labels the scene has; things are counted without their names. With --profile
+the row says which functions the seconds went to, and goes to profile.json. Every row
 replaces itself in benchmarks/results/default_path.json, of validation views (the default) in
 default_path_validation.json.
 """
@@ -17,9 +19,11 @@ import json
 import os
 import tempfile
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from benchmarks.default_path.own_seconds import OwnSeconds
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, provenance, put_row
 from benchmarks.splits import add_split, results_file
 from fastsplat.service.common.progress import silent
@@ -46,6 +50,7 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=4_000)
     parser.add_argument("--gaussians", type=int, default=40_000)
     parser.add_argument("--max-side", type=int, default=640)
+    parser.add_argument("--profile", action="store_true")
     add_split(parser)
     options = parser.parse_args()
     settings = override_training(
@@ -57,20 +62,22 @@ def main() -> None:
     # Of two bounds the earlier one counts, and a preset has one in seconds.
     unbounded = settings.training.model_copy(update={"time_budget_s": None, "evaluations": 0})
     settings = settings.model_copy(update={"training": unbounded})
-    out = results_file("default_path", options.split)
+    out = results_file("profile" if options.profile else "default_path", options.split)
     for name in options.names or NAMES:
         folder = ROOT / "demo" / "sample" if name == "sample" else Path(os.environ["FASTSPLAT_TEST_DATA"]) / name
         mask_label = _MASK_LABELS.get(name, "")
         dataset = read_dataset(folder, settings.capture, mask_label=mask_label, split=options.split)
-        row = measure(dataset, settings, name)
+        row = measure(dataset, settings, name, profiled=options.profile)
         put_row(out, name, row)
         print(f"{name}: {json.dumps(row, ensure_ascii=False)}", flush=True)
 
 
-def measure(dataset: Dataset, settings: Settings, name: str) -> dict[str, Any]:
+def measure(dataset: Dataset, settings: Settings, name: str, *, profiled: bool = False) -> dict[str, Any]:
     """Every metric of the data set's measured views, the seconds of each stage, and where all of it comes from."""
     start, cpu = begin(), time.process_time()
-    with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
+    watch = OwnSeconds()
+    watched = watch if profiled else nullcontext()
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, watched:
         trained = train_on_split(dataset, settings, Path(work), silent, labels="default", preset="balanced")
     cpu = time.process_time() - cpu
     index = SceneIndex(
@@ -90,6 +97,7 @@ def measure(dataset: Dataset, settings: Settings, name: str) -> dict[str, Any]:
         "stage_seconds": {stage: round(seconds, 1) for stage, seconds in trained.seconds.items()},
         "cpu_seconds": round(cpu, 1),
         "peak_mb": round(trained.peak_mb, 1),
+        **({"own_seconds": watch.rows()} if profiled else {}),
         "split": dataset.split,
         **provenance(
             start,

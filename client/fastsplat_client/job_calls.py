@@ -12,7 +12,7 @@ from fastsplat_client.table_calls import TableCalls
 from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.job_watching import PlacedInfo, Preview
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.operations import JobEstimate, Operation, PresetName
 
 
 class Placed(NamedTuple):
@@ -33,6 +33,12 @@ class Placed(NamedTuple):
 
 class JobCalls(TableCalls):
     """The part of `Client` that speaks of one job."""
+
+    def estimate_job(
+        self, photos: int, width: int = 0, height: int = 0, *, preset: PresetName | None = None
+    ) -> JobEstimate:
+        """How long so many photos, of `width` x `height` pixels if that is known, would take to become a scene."""
+        return self.call(calls.ESTIMATE_JOB, requests.EstimateJobRequest(photos, width, height, preset))
 
     def operation(self, operation_id: str) -> Operation:
         """Where a job stands."""

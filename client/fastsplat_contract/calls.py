@@ -23,7 +23,7 @@ from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
-from fastsplat_contract.operations import Operation, OperationList
+from fastsplat_contract.operations import JobEstimate, Operation, OperationList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
@@ -40,6 +40,7 @@ from fastsplat_contract.requests import (
     DownloadScenePlyRequest,
     DownloadThingIdsRequest,
     EditSceneRequest,
+    EstimateJobRequest,
     ExpireKeyRequest,
     FinishOperationRequest,
     GetGoalRequest,
@@ -266,6 +267,10 @@ EXPIRE_KEY = Call(
     "ExpireKey", "keys", ExpireKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:expire",
     "Let a valid key expire at another time, sooner or later.")
 
+ESTIMATE_JOB = Call(
+    "EstimateJob", "operations", EstimateJobRequest, JobEstimate, FOLLOW, "GET /v1/estimate",
+    "How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in "
+    "it.")
 GET_SERVER_STATUS = Call(
     "GetServerStatus", "server", NoneType, ServerStatus, FOLLOW, "GET /v1/server/status",
     "What the server can do, and how much room the project has left, as the caller may know it.")

@@ -213,6 +213,16 @@ class Operation(Response):
 
 
 @dataclass(frozen=True)
+class JobEstimate(Response):
+    """How long a job would take on the server's machine, from the moment a worker takes it."""
+
+    seconds: Annotated[float, Field(description="the whole job")]
+    stages: Annotated[
+        Mapping[str, float], Field(description="seconds of each stage: capture, perception, training, export")
+    ]
+
+
+@dataclass(frozen=True)
 class RetryIn(Request):
     """How a failed or cancelled job is tried again."""
 

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.operations import OperationState, RetryIn, SceneOptions
+from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import AlignIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -163,6 +163,16 @@ class TrainMoreRequest(TrainMoreIn, OfScene):
 @dataclass(frozen=True)
 class GetOperationRequest(Request, OfOperation):
     """Which job to show."""
+
+
+@dataclass(frozen=True)
+class EstimateJobRequest(Request):
+    """Photos without poses that somebody thinks of sending."""
+
+    photos: Annotated[int, Field(ge=1, description="how many")]
+    width: Annotated[int, Field(description="of most, pixels; 0: 4000", json_schema_extra=_FROM_0)] = 0
+    height: Annotated[int, Field(description="of most, pixels; 0: 3000", json_schema_extra=_FROM_0)] = 0
+    preset: Annotated[PresetName | None, Field(description="as in SceneOptions")] = None
 
 
 @dataclass(frozen=True)

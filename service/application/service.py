@@ -36,6 +36,7 @@ from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
+from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.further_training import FurtherTraining
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.jobs.retries import retry
@@ -100,6 +101,8 @@ class SceneService:
         self.keys = ProjectKeys(self._store, settings, self.project)
         self.jobs = RunningJobs(self._store, settings)
         """What jobs show of their scenes while they run."""
+        self.estimates = JobEstimates(settings)
+        """How long jobs would take."""
         self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.training = FurtherTraining(self._store, settings, self._scenes, self._quotas, self.project)
         """Finished scenes trained further."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.application.uploading.resumable import Resumable, ResumableUploads
 from fastsplat.service.application.uploading.uploads import UploadSession
@@ -53,6 +54,11 @@ class OneUpload:
         """
         self._service.keys.check_made(self._key_id, operation_id)
         return self._service.get_operation(operation_id)
+
+    @property
+    def estimates(self) -> JobEstimates:
+        """As `SceneService.estimates`."""
+        return self._service.estimates
 
     def status(self, *caller: Any) -> Any:
         """As `SceneService.status`."""

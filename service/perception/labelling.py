@@ -32,8 +32,9 @@ one class and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave 
 _SYNONYM_IOU = 0.5
 """Mean overlap of two classes over the views that show both, before rivals are resolved."""
 
-_DETECTION_SHARE = 0.3
-"""Of the stage's progress; segmentation takes the rest."""
+_SEGMENTED_VIEW = {"closed": 20, "open": 3}
+"""What a view takes to be segmented, in times its detection by either kind of detector: so the stage's progress goes on
+with the clock."""
 
 
 @dataclass(frozen=True)
@@ -98,20 +99,21 @@ def label_capture(
     def load(position: int) -> Image:
         return load_image(capture.views[positions[position]])
 
+    proposing = set(spread(len(positions), settings.proposal_views)) if masks else set()
+    segmenting = _SEGMENTED_VIEW["open" if settings.open_set_detector else "closed"] * len(proposing or positions)
+    work = len(positions) + segmenting
+
     def on_view(done: int, message: str) -> None:
-        progress(ProgressEvent("perception", _DETECTION_SHARE * done / len(positions), message))
+        progress(ProgressEvent("perception", done / work, message))
 
     detections, searched = detect_views(load, len(positions), labels, settings, models, on_view)
     resolved = _resolve(detections, bool(labels), settings, models)
     maps = [_blank(view) for view in capture.views]
     regions = [Regions(blank, ()) for blank in maps]
     proposed: list[ViewMasks | None] = [None] * (len(maps) if masks else 0)
-    proposing = set(spread(len(positions), settings.proposal_views)) if masks else set()
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
-    for position, view_index in enumerate(positions):
-        objects = resolved.objects[position]
-        if position not in segmented:
-            objects = objects.take([])
+    for done, position in enumerate(sorted(segmented), start=1):
+        objects, view_index = resolved.objects[position], positions[position]
         if len(objects) or position in proposing:
             view, image = capture.views[view_index], load(position)
             content = load_content(view)
@@ -135,9 +137,9 @@ def label_capture(
             regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
             region_labels = np.array([0, *(resolved.ids[objects.labels[row]] for row in rows)], np.uint16)
             maps[view_index] = region_labels[region_ids]
-        fraction = _DETECTION_SHARE + (1 - _DETECTION_SHARE) * (position + 1) / len(positions)
+        fraction = (len(positions) + segmenting * done / len(segmented)) / work
         count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
-        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {position + 1}/{len(positions)}"))
+        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(segmented)}"))
     labelling = build_labelling(
         list(resolved.ids),
         maps,

@@ -1,7 +1,7 @@
 """How long a job still takes: what its stage says of itself, and what the cost model says of the stages after it.
 
-How long poses take to find cannot be predicted, nor what perception costs before it has looked at some views; then
-nothing is said.
+What cannot be predicted, as the capture of a video, or perception before it has looked at some views, is left open;
+then nothing is said.
 """
 
 from __future__ import annotations

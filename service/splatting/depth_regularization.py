@@ -70,7 +70,8 @@ def depth_terms(
     valid: Tensor | None,
     settings: TrainingSettings,
 ) -> dict[str, Tensor]:
-    """The weighted terms of this module, by name; those of weight 0 are left out.
+    """The weighted terms of this module, by name; those of weight 0 are left out. `depth_spread` and `depth_roughness`
+    are one term, "depth_surface": one pass computes both with their gradients where all is float32 on the CPU.
 
     Args:
         rendering: alpha and depth of a frame.
@@ -82,14 +83,36 @@ def depth_terms(
     """
     alpha, depth, every = rendering.alpha, rendering.depth, settings.depth_every
     terms = {}
-    if settings.depth_spread_weight:
-        terms["depth_spread"] = settings.depth_spread_weight * every * depth_spread(alpha, depth, squared)
-    if settings.depth_smoothness_weight:
-        roughness = depth_roughness(alpha, depth, target, valid)
-        terms["depth_smoothness"] = settings.depth_smoothness_weight * every * roughness
+    weights = every * settings.depth_spread_weight, every * settings.depth_smoothness_weight
+    if any(weights):
+        terms["depth_surface"] = surface_loss(alpha, depth, squared, target, valid, *weights)
     if settings.depth_anchor_weight:
         terms["depth_anchors"] = settings.depth_anchor_weight * every * anchor_error(alpha, depth, anchors)
     return terms
+
+
+def surface_loss(
+    alpha: Tensor,
+    depth: Tensor,
+    squared: Tensor,
+    target: Tensor,
+    valid: Tensor | None,
+    spread_weight: float,
+    smoothness_weight: float,
+) -> Tensor:
+    """The weighted sum of `depth_spread` and `depth_roughness`, see there."""
+    parts = (alpha, depth, squared, target)
+    if any(part.dtype != torch.float32 or part.device.type != "cpu" for part in parts):
+        spread, roughness = depth_spread(alpha, depth, squared), depth_roughness(alpha, depth, target, valid)
+        return spread_weight * spread + smoothness_weight * roughness
+    from fastsplat.service.splatting.losses import fused
+
+    alpha, depth, target = alpha.contiguous(), depth.contiguous(), target.contiguous()
+    valid = None if valid is None else valid.to(torch.bool).contiguous()
+    loss: Tensor = fused.SurfaceLoss.apply(  # type: ignore[no-untyped-call]
+        alpha, depth, squared, target, valid, _ALPHA_MIN, _bend_step(alpha), spread_weight, smoothness_weight
+    )
+    return loss
 
 
 def depth_spread(alpha: Tensor, depth: Tensor, squared: Tensor) -> Tensor:
@@ -122,7 +145,7 @@ def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor 
     if valid is not None:
         covered = covered & valid
     inverse = torch.where(covered, alpha / torch.where(covered, depth, 1.0), 0.0)
-    step = max(1, round(_STEP_SHARE * max(alpha.shape)))
+    step = _bend_step(alpha)
     total = depth.new_zeros(())
     for axis in (0, 1):
         size = alpha.shape[axis] - 2 * step
@@ -137,6 +160,11 @@ def depth_roughness(alpha: Tensor, depth: Tensor, target: Tensor, valid: Tensor 
         bend = (before - 2 * here + after).abs() / torch.where(known, here.detach(), 1.0)
         total = total + torch.where(known, torch.exp(-_EDGE_SCALE * edge) * bend.clamp(max=1.0), 0.0).mean()
     return total / 2
+
+
+def _bend_step(image: Tensor) -> int:
+    """Pixels between the three points of a bend."""
+    return max(1, round(_STEP_SHARE * max(image.shape)))
 
 
 def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:

@@ -139,6 +139,8 @@ EXAMPLES = (
     Example("RetryOperation", {"exclude": ("bad.jpg",)}, "cancelled"),
     *(Example(name, of="training") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
     *(Example(name) for name in ("GetServerStatus", "ListProjects")),
+    Example("EstimateJob", {"photos": 26, "width": 480, "height": 360, "preset": "draft"}),
+    _bad("EstimateJob", {"photos": 1_000_000}, "photos", "LIMIT_EXCEEDED"),
     _bad("CreateProject", {"name": "Kitchen!"}, "project"),
     Example("ListKnownNames", {"page_size": 1}, "named"),
     # What is refused: by each call something that is not there, and every way to say what makes no sense.

@@ -199,7 +199,7 @@ def _message(name: str, kind: Any, ids: dict[str, str]) -> Any:
         "texts": ("mug",),
         "view": "front.png",
         "kind": "rgb",
-        "photos": (PLAIN_PNG,),
+        "photos": 3 if name == "EstimateJob" else (PLAIN_PNG,),
         **body,
         **ids,
         "request_id": "",  # that of an example would stand for the same call about another scene

@@ -31,9 +31,10 @@ _OPEN = {
     *(f"/grpc.health.v1.Health/{method}" for method in ("Check", "List", "Watch")),
 }
 _FOR_ONE_UPLOAD = {
-    *("CreateScene", "GetOperation", "WaitOperation", "WatchOperation", "GetServerStatus"),
+    *("CreateScene", "GetOperation", "WaitOperation", "WatchOperation", "GetServerStatus", "EstimateJob"),
     *("POST /v1/scenes", "GET /v1/operations/{operation_id}", "GET /v1/operations/{operation_id}:wait"),
-    *("GET /v1/operations/{operation_id}/events", "GET /v1/server/status", "OPTIONS /v1/uploads", "POST /v1/uploads"),
+    *("GET /v1/operations/{operation_id}/events", "GET /v1/server/status", "GET /v1/estimate"),
+    *("OPTIONS /v1/uploads", "POST /v1/uploads"),
     *(f"{method} /v1/uploads/{{upload_id}}" for method in ("HEAD", "PATCH", "DELETE")),
 }
 _ASKING = {
@@ -43,7 +44,9 @@ _ASKING = {
     ),
     "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
 }
-_LOOKING = re.compile(r"(Get|List|Localize|Pick|Preview|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export)")
+_LOOKING = re.compile(
+    r"(Get|List|Localize|Pick|Preview|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export|Estimate)"
+)
 
 
 def _least_role(name: str) -> str | None:

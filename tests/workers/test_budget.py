@@ -10,16 +10,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fastsplat.service.capture.formats.image_io import PhotoInfo
+from fastsplat.service.capture.formats.upload_manifest import VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.planning.cost_model import Speed
+from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds
 from fastsplat.service.planning.presets import PRESETS, apply_preset, chosen_settings
 from fastsplat.service.planning.time_budget import plan_perception, with_tradeoffs
+from fastsplat.service.planning.time_left import Forecast
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.workers.budget import make_plan, stored_plan
-from fastsplat.workers.create_scene_stages import export_forecast, perception_forecast, training_forecast
+from fastsplat.workers.create_scene_stages import (
+    capture_forecast,
+    export_forecast,
+    perception_forecast,
+    training_forecast,
+)
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.operations import SceneOptions
@@ -59,10 +68,10 @@ def test_a_posted_lens_wins_over_the_operators() -> None:
 
 
 def test_a_budget_is_planned_once_and_a_later_attempt_trains_with_the_same(tmp_path: Path) -> None:
-    options = SceneOptions(time_budget_s=20.0)
+    options = SceneOptions(time_budget_s=40.0)
     job = _job(tmp_path, options)
     first = make_plan(job, _capture(40), 17, time.monotonic())
-    assert first.settings.time_budget_s is not None and 5 < first.settings.time_budget_s < 18
+    assert first.settings.time_budget_s is not None and 5 < first.settings.time_budget_s < 38
     assert any("optimization" in line for line in first.tradeoffs)
     later = _job(tmp_path, options, attempt=2, perception_s=9.0)
     assert make_plan(later, _capture(40), 17, time.monotonic()) == first == stored_plan(later)
@@ -81,6 +90,21 @@ def test_the_speed_of_the_machine_is_measured_once_a_job(tmp_path: Path, monkeyp
         training_forecast(job, capture, 17, plan.settings)
         export_forecast(job, capture, 17)
     assert measured == ["cpu"]
+
+
+def test_what_photos_without_poses_take_is_said_when_their_job_begins(tmp_path: Path) -> None:
+    photos = tuple(PhotoInfo(f"{number}.jpg", 4_000, 3_000, 1, "", 0.0) for number in range(26))
+    job = _job(tmp_path, SceneOptions())
+    (tmp_path / VALIDATED).mkdir()
+    write_manifest(UploadManifest("images", photos=photos), tmp_path / VALIDATED)
+    stages = job_seconds(PhotoSet(26, 4_000, 3_000), job.settings, Speed())
+    known = capture_forecast(job)
+    assert known.own_s == pytest.approx(stages["capture"])
+    assert known.later_s == pytest.approx(sum(stages.values()) - stages["capture"])
+    short = capture_forecast(dataclasses.replace(job, options=SceneOptions(time_budget_s=30.0)))
+    assert (short.own_s, short.later_s) == (known.own_s, 30.0)
+    write_manifest(UploadManifest("video", video="walk.mp4"), tmp_path / VALIDATED)
+    assert capture_forecast(job) == Forecast(None)
 
 
 def test_what_perception_took_is_missing_from_the_training(tmp_path: Path) -> None:

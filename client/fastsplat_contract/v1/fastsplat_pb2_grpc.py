@@ -290,6 +290,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
                 _registered_method=True)
+        self.EstimateJob = channel.unary_unary(
+                '/fastsplat.v1.SceneService/EstimateJob',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EstimateJobRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.JobEstimate.FromString,
+                _registered_method=True)
         self.GetServerStatus = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetServerStatus',
                 request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
@@ -690,6 +695,14 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def EstimateJob(self, request, context):
+        """How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in
+        it.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def GetServerStatus(self, request, context):
         """What the server can do, and how much room the project has left, as the caller may know it.
         """
@@ -989,6 +1002,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ExpireKey,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.SerializeToString,
+            ),
+            'EstimateJob': grpc.unary_unary_rpc_method_handler(
+                    servicer.EstimateJob,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EstimateJobRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.JobEstimate.SerializeToString,
             ),
             'GetServerStatus': grpc.unary_unary_rpc_method_handler(
                     servicer.GetServerStatus,
@@ -2398,6 +2416,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ExpireKey',
             fastsplat_dot_v1_dot_fastsplat__pb2.ExpireKeyRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.AccessKey.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def EstimateJob(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/EstimateJob',
+            fastsplat_dot_v1_dot_fastsplat__pb2.EstimateJobRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.JobEstimate.FromString,
             options,
             channel_credentials,
             insecure,

@@ -179,6 +179,10 @@ class SceneServiceStub:
     """Take a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]
     """Let a valid key expire at another time, sooner or later."""
+    EstimateJob: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.EstimateJobRequest, _fastsplat_pb2.JobEstimate]
+    """How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in
+    it.
+    """
     GetServerStatus: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]
     """What the server can do, and how much room the project has left, as the caller may know it."""
     ListProjects: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]
@@ -319,6 +323,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Take a key back for ever; what it has under way ends within two seconds."""
     ExpireKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ExpireKeyRequest, _fastsplat_pb2.AccessKey]  # type: ignore[assignment]
     """Let a valid key expire at another time, sooner or later."""
+    EstimateJob: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.EstimateJobRequest, _fastsplat_pb2.JobEstimate]  # type: ignore[assignment]
+    """How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in
+    it.
+    """
     GetServerStatus: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]  # type: ignore[assignment]
     """What the server can do, and how much room the project has left, as the caller may know it."""
     ListProjects: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]  # type: ignore[assignment]
@@ -759,6 +767,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.AccessKey, _abc.Awaitable[_fastsplat_pb2.AccessKey]]:
         """Let a valid key expire at another time, sooner or later."""
+
+    @_abc_1.abstractmethod
+    def EstimateJob(
+        self,
+        request: _fastsplat_pb2.EstimateJobRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.JobEstimate, _abc.Awaitable[_fastsplat_pb2.JobEstimate]]:
+        """How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in
+        it.
+        """
 
     @_abc_1.abstractmethod
     def GetServerStatus(

@@ -37,10 +37,12 @@ class PhotoCheck:
         photos: a verdict for each, by name; none is placed yet, and `not_placed` is "no_overlap" where it shares
             nothing with those around it, else None; `matches` are with the one that shares most.
         advice: about all of them, as sentences; none where all is well.
+        size: width and height of most, pixels.
     """
 
     photos: tuple[PhotoVerdict, ...]
     advice: tuple[str, ...]
+    size: tuple[int, int]
 
     @property
     def is_good(self) -> bool:
@@ -106,7 +108,8 @@ def check_photos(
                 advice=advice_of(reason, verdict.defects, verdict.duplicate_of),
             )
         )
-    return PhotoCheck(tuple(verdicts), tuple(_advice(verdicts)))
+    sizes = sorted(photo.upright_size for photo in manifest.photos)
+    return PhotoCheck(tuple(verdicts), tuple(_advice(verdicts)), sizes[len(sizes) // 2])
 
 
 def _advice(photos: Sequence[PhotoVerdict]) -> list[str]:

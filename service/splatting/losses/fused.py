@@ -74,3 +74,39 @@ class SemanticLoss(torch.autograd.Function):
         """Scales the stored gradients."""
         d_codes, d_weight, d_bias = ctx.saved_tensors
         return d_codes * grads[0], d_weight * grads[0], d_bias * grads[0], None, None
+
+
+class SurfaceLoss(torch.autograd.Function):
+    """(alpha, depth, squared, target, valid | None, alpha_min, step, spread weight, smoothness weight) -> scalar;
+    all float32, `squared` with any pixel stride, the others contiguous."""
+
+    @staticmethod
+    def forward(ctx: Any, *inputs: Any) -> Tensor:
+        """Computes all gradients along with the value."""
+        alpha, depth, squared, target, valid, alpha_min, step, spread_weight, smoothness_weight = inputs
+        gradients = [torch.empty(alpha.shape) for _ in range(3)]
+        options = kernel_options()
+        loss = kernels.surface_loss(
+            alpha=alpha.detach().numpy(),
+            depth=depth.detach().numpy(),
+            squared=squared.detach().numpy(),
+            target=target.numpy(),
+            valid=None if valid is None else valid.view(torch.uint8).numpy(),
+            alpha_min=alpha_min,
+            step=step,
+            spread_weight=spread_weight,
+            smoothness_weight=smoothness_weight,
+            d_alpha=gradients[0].numpy(),
+            d_depth=gradients[1].numpy(),
+            d_squared=gradients[2].numpy(),
+            threads=options.threads,
+            isa=options.isa,
+        )
+        ctx.save_for_backward(*gradients)
+        return torch.tensor(loss, dtype=torch.float32)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, *grads: Any) -> tuple[Tensor | None, ...]:
+        """Scales the stored gradients."""
+        return (*(gradient * grads[0] for gradient in ctx.saved_tensors), *(None,) * 6)

@@ -217,6 +217,23 @@ def cross_entropy(
     threads: int,
     isa: str,
 ) -> float: ...
+def surface_loss(
+    *,
+    alpha: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order="C", device="cpu", writable=False)],
+    depth: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order="C", device="cpu", writable=False)],
+    squared: Annotated[NDArray[numpy.float32], dict(shape=(None, None), device="cpu", writable=False)],
+    target: Annotated[NDArray[numpy.float32], dict(shape=(None, None, 3), order="C", device="cpu", writable=False)],
+    valid: Annotated[NDArray[numpy.uint8], dict(shape=(None, None), order="C", device="cpu", writable=False)] | None,
+    alpha_min: float,
+    step: int,
+    spread_weight: float,
+    smoothness_weight: float,
+    d_alpha: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order="C", device="cpu")],
+    d_depth: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order="C", device="cpu")],
+    d_squared: Annotated[NDArray[numpy.float32], dict(shape=(None, None), order="C", device="cpu")],
+    threads: int,
+    isa: str,
+) -> float: ...
 def spherical_harmonics(
     *,
     means: Annotated[NDArray[numpy.float32], dict(shape=(None, 3), order="C", device="cpu", writable=False)],

@@ -8,6 +8,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.depth_regularization import depth_roughness, depth_spread, surface_loss
 from fastsplat.service.splatting.losses import chunked, functional, torch_losses
 from fastsplat.service.splatting.losses.functional import image_loss, semantic_loss
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
@@ -52,6 +53,33 @@ def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: floa
     assert ours.grad is not None and truth.grad is not None
     assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=2e-5, abs=1e-7)
     assert float((ours.grad - truth.grad).norm()) <= 3e-5 * float(truth.grad.norm()) + 1e-9
+
+
+@pytest.mark.parametrize(("height", "width"), [(1, 1), (3, 40), (37, 61), (90, 130)])
+@pytest.mark.parametrize("weights", [(1.0, 0.0), (0.0, 1.0), (0.3, 0.7)])
+@pytest.mark.parametrize("masked", [False, True])
+def test_surface_loss_and_gradients(
+    isa: str, height: int, width: int, weights: tuple[float, float], masked: bool
+) -> None:
+    g = torch.Generator().manual_seed(height)
+    _, target, valid = pictures(height, width)
+    target = torch.where(torch.rand(height, width, 1, generator=g) > 0.3, 0.5, target)  # colors without and with edges
+    alpha = torch.rand(height, width, generator=g)
+    depth = alpha * (2 + 0.3 * torch.rand(height, width, generator=g))
+    last = torch.stack([torch.zeros(height, width), depth * depth / alpha + torch.rand(height, width, generator=g)], 2)
+    alpha[0, 0] = 0.0
+    mask = valid if masked else None
+    ours = [part.clone().requires_grad_() for part in (alpha, depth, last)]
+    loss = surface_loss(ours[0], ours[1], ours[2][..., 1], target, mask, *weights)
+    (3.0 * loss).backward()
+    truth = [part.double().requires_grad_() for part in (alpha, depth, last)]
+    wanted = weights[0] * depth_spread(truth[0], truth[1], truth[2][..., 1])
+    wanted = wanted + weights[1] * depth_roughness(truth[0], truth[1], target.double(), mask)
+    (3.0 * wanted).backward()
+    assert float(loss.detach()) == pytest.approx(float(wanted.detach()), rel=2e-5, abs=1e-7)
+    for one, other in zip(ours, truth, strict=True):
+        assert one.grad is not None and other.grad is not None
+        assert float((one.grad - other.grad).norm()) <= 1e-4 * float(other.grad.norm()) + 1e-9
 
 
 def test_pictures_that_do_not_fit_are_refused() -> None:

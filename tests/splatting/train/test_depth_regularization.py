@@ -19,6 +19,7 @@ from fastsplat.service.splatting.depth_regularization import (
     depth_spread,
     depth_terms,
     squared_depths,
+    surface_loss,
 )
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
@@ -129,8 +130,7 @@ def test_gradients_of_all_terms_agree_with_the_reference_in_float64(backend: str
         pose = viewmat.to(dtype)
         splats = Splats(*leaves, squared_depths(leaves[0], pose))
         out = rasterize(splats, pose, camera, backend=name)
-        loss = depth_spread(out.alpha, out.depth, out.image[..., 0])
-        loss = loss + depth_roughness(out.alpha, out.depth, target.to(dtype))
+        loss = surface_loss(out.alpha, out.depth, out.image[..., 0], target.to(dtype), None, 1.0, 1.0)
         exact = replace(anchors, depths=anchors.depths.to(dtype))
         (loss + anchor_error(out.alpha, out.depth, exact)).backward()
         return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
@@ -159,18 +159,15 @@ def test_each_term_has_its_weight_times_how_seldom_it_enters_and_none_is_off_by_
     def terms(settings: TrainingSettings) -> dict[str, Tensor]:
         return depth_terms(rendering, squared, anchors, target, None, settings)
 
-    values = {
-        "depth_spread": depth_spread(alpha, depth, squared),
-        "depth_smoothness": depth_roughness(alpha, depth, target),
-        "depth_anchors": anchor_error(alpha, depth, anchors),
-    }
-    assert all(value > 0 for value in values.values())
-    assert terms(TrainingSettings()).keys() == values.keys()
+    spread, roughness = depth_spread(alpha, depth, squared), depth_roughness(alpha, depth, target)
+    error = anchor_error(alpha, depth, anchors)
+    assert all(value > 0 for value in (spread, roughness, error))
+    assert terms(TrainingSettings()).keys() == {"depth_surface", "depth_anchors"}
     weighted = terms(
         TrainingSettings(depth_spread_weight=2, depth_smoothness_weight=3, depth_anchor_weight=5, depth_every=7)
     )
-    for (name, value), weight in zip(values.items(), (2, 3, 5), strict=True):
-        assert torch.allclose(weighted[name], 7 * weight * value), name
+    assert torch.allclose(weighted["depth_surface"], 7 * (2 * spread + 3 * roughness))
+    assert torch.allclose(weighted["depth_anchors"], 7 * 5 * error)
 
 
 def _spread_of(capture, labelling, trained) -> float:

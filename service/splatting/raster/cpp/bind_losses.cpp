@@ -12,6 +12,8 @@ namespace {
 
 using Image = Array<const float, -1, -1, 3>;
 using ImageOut = Array<float, -1, -1, 3>;
+constexpr int64_t SURFACE_ROWS = 8;  // a task
+
 using Codes = nb::ndarray<const float, nb::shape<-1, -1>, nb::device::cpu>;
 
 // Memory of one purpose: a piece for each task in flight, which stays for the next call.
@@ -153,6 +155,70 @@ double cross_entropy(const Codes& codes, const Array<const float, -1, -1>& weigh
   return loss * job.scale;
 }
 
+// squared [H, W] may have any stride between pixels, as the last channel of an image.
+double surface_loss(const Array<const float, -1, -1>& alpha, const Array<const float, -1, -1>& depth,
+                    const nb::ndarray<const float, nb::shape<-1, -1>, nb::device::cpu>& squared, const Image& target,
+                    const std::optional<Array<const uint8_t, -1, -1>>& valid, double alpha_min, int step,
+                    double spread_weight, double smoothness_weight, const Array<float, -1, -1>& d_alpha,
+                    const Array<float, -1, -1>& d_depth, const Array<float, -1, -1>& d_squared, int threads,
+                    const std::string& isa) {
+  SurfaceJob job{};
+  job.height = (int32_t)alpha.shape(0);
+  job.width = (int32_t)alpha.shape(1);
+  const size_t pixels = alpha.size();
+  expect(depth, pixels, "depth");
+  expect(squared, pixels, "squared");
+  expect(target, 3 * pixels, "target");
+  if (valid) expect(*valid, pixels, "valid");
+  expect(d_alpha, pixels, "d_alpha");
+  expect(d_depth, pixels, "d_depth");
+  expect(d_squared, pixels, "d_squared");
+  if (step < 1) throw std::invalid_argument("step: below 1");
+  if (job.width > 1 && job.height > 1 && squared.stride(0) != squared.stride(1) * job.width)
+    throw std::invalid_argument("squared: rows must follow each other");
+  job.step = step;
+  job.alpha = alpha.data();
+  job.depth = depth.data();
+  job.squared = squared.data();
+  job.squared_stride = job.width > 1 ? squared.stride(1) : squared.stride(0);
+  job.target = target.data();
+  job.valid = valid ? valid->data() : nullptr;
+  job.alpha_min = (float)alpha_min;
+  const double inner_x = (double)job.height * (job.width - 2 * step),
+               inner_y = (double)job.width * (job.height - 2 * step);
+  job.spread_scale = pixels ? (float)(spread_weight / (double)pixels) : 0.0f;
+  job.scale_x = inner_x > 0 ? (float)(smoothness_weight / (2 * inner_x)) : 0.0f;
+  job.scale_y = inner_y > 0 ? (float)(smoothness_weight / (2 * inner_y)) : 0.0f;
+  job.d_alpha = d_alpha.data();
+  job.d_depth = d_depth.data();
+  job.d_squared = d_squared.data();
+  const Kernels& kernels = kernels_for(isa);
+  nb::gil_scoped_release release;
+  auto maps = image_pool.lease();
+  job.inverse = maps.get(3 * (int64_t)pixels + 1);
+  job.bend_x = job.inverse + pixels;
+  job.bend_y = job.bend_x + pixels;
+  const int64_t bands = (job.height + SURFACE_ROWS - 1) / SURFACE_ROWS;
+  std::vector<double> losses(bands, 0.0);
+  const auto rows_of = [&](int64_t band, const auto& kernel) {
+    auto lease = task_pool.lease();
+    float* scratch = lease.get(2 * surface_padded(job.width));
+    const int64_t end = (band + 1) * SURFACE_ROWS < job.height ? (band + 1) * SURFACE_ROWS : job.height;
+    for (int64_t row = band * SURFACE_ROWS; row < end; row++) kernel((int32_t)row, scratch);
+  };
+  const auto for_rows = [&](const auto& kernel) {
+    parallel_for(threads, bands, [&](int64_t band) { rows_of(band, kernel); }, nullptr);
+  };
+  for_rows([&](int32_t row, float*) { kernels.surface_inverse(job, row); });
+  for_rows(
+      [&](int32_t row, float* scratch) { losses[row / SURFACE_ROWS] += kernels.surface_bends(job, row, scratch); });
+  for_rows(
+      [&](int32_t row, float* scratch) { losses[row / SURFACE_ROWS] += kernels.surface_gradient(job, row, scratch); });
+  double total = 0;
+  for (double loss : losses) total += loss;
+  return total;
+}
+
 }  // namespace
 
 void bind_losses(nb::module_& m) {
@@ -162,6 +228,9 @@ void bind_losses(nb::module_& m) {
         arg("grad").none(), arg("threads"), arg("isa"));
   m.def("cross_entropy", &cross_entropy, nb::kw_only(), arg("codes"), arg("weight"), arg("bias"), arg("labels"),
         arg("class_weights"), arg("d_codes"), arg("d_weight"), arg("d_bias"), arg("threads"), arg("isa"));
+  m.def("surface_loss", &surface_loss, nb::kw_only(), arg("alpha"), arg("depth"), arg("squared"), arg("target"),
+        arg("valid").none(), arg("alpha_min"), arg("step"), arg("spread_weight"), arg("smoothness_weight"),
+        arg("d_alpha"), arg("d_depth"), arg("d_squared"), arg("threads"), arg("isa"));
 }
 
 }  // namespace fs

@@ -16,6 +16,9 @@ void spherical_harmonics_backward(const SphericalHarmonicsJob&, int64_t, int64_t
 double image_loss(const ImageLossJob&, int32_t, float*);
 void image_gradient(const ImageLossJob&, int32_t, float*);
 void cross_entropy(const CrossEntropyJob&, int64_t, float*);
+void surface_inverse(const SurfaceJob&, int32_t);
+double surface_bends(const SurfaceJob&, int32_t, float*);
+double surface_gradient(const SurfaceJob&, int32_t, float*);
 void label_map(const TileJob&, const LabelMapJob&, int32_t);
 void share_map(const TileJob&, const ShareMapJob&, int32_t);
 bool label_sums(const TileJob&, const int32_t*, LabelWeightList&, int32_t);
@@ -36,6 +39,9 @@ extern const Kernels kernels = {
     image_loss,
     image_gradient,
     cross_entropy,
+    surface_inverse,
+    surface_bends,
+    surface_gradient,
     label_map,
     share_map,
     label_sums,

@@ -122,6 +122,23 @@ struct ImageLossJob {
   double ssim_weight, scale;  // scale: 1 / counted values
 };
 
+// Floats of a row of the surface loss's scratch: whole vectors, and one more.
+constexpr int64_t surface_padded(int64_t width) { return (width + 15) / 16 * 16 + 16; }
+
+struct SurfaceJob {
+  int32_t height, width, step;  // step: pixels between the three of a bend
+  const float *alpha, *depth;
+  const float* squared;
+  int64_t squared_stride;            // floats from pixel to pixel
+  const float* target;               // [height, width, 3]
+  const uint8_t* valid;              // [height, width] or null
+  float alpha_min;                   // pixels less covered have no depth
+  float spread_scale;                // weight / pixels
+  float scale_x, scale_y;            // weight / (2 · pixels with both neighbors along the axis)
+  float *inverse, *bend_x, *bend_y;  // maps of one channel
+  float *d_alpha, *d_depth, *d_squared;
+};
+
 constexpr int64_t CROSS_ENTROPY_PIXELS = 4096;  // a task, whatever the number of threads
 
 struct CrossEntropyJob {
@@ -195,6 +212,10 @@ struct Kernels {
   double (*image_loss)(const ImageLossJob&, int32_t band, float* scratch);
   void (*image_gradient)(const ImageLossJob&, int32_t band, float* scratch);
   void (*cross_entropy)(const CrossEntropyJob&, int64_t task, float* scratch);
+  // Each of all rows before the next; scratch holds 2 · surface_padded(width) floats, aligned.
+  void (*surface_inverse)(const SurfaceJob&, int32_t row);
+  double (*surface_bends)(const SurfaceJob&, int32_t row, float* scratch);
+  double (*surface_gradient)(const SurfaceJob&, int32_t row, float* scratch);
   // Composites a tile whose channels all fit into one group, and classifies its pixels.
   void (*label_map)(const TileJob&, const LabelMapJob&, int32_t tile);
   void (*share_map)(const TileJob&, const ShareMapJob&, int32_t tile);

@@ -1,0 +1,61 @@
+"""How long a job would take here, said before anything is sent."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from fastsplat.service.planning.presets import chosen_settings
+from fastsplat.service.settings import Settings
+from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.operations import JobEstimate, SceneOptions
+from fastsplat_contract.requests import EstimateJobRequest
+
+if TYPE_CHECKING:
+    from fastsplat.service.planning.cost_model import Speed
+
+_AGAIN_S = 600.0
+"""The machine is measured again after so long."""
+_USUAL_WIDTH, _USUAL_HEIGHT = 4_000, 3_000
+
+
+class JobEstimates:
+    """Estimates of jobs on this machine, which is measured by the first: a second.
+
+    Where a machine was measured more than once, the fastest counts: a job waits until those before it are done, and
+    does not share the machine with what ran while it was measured.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._lock = threading.Lock()
+        self._speed: Speed | None = None
+        self._measured_at = 0.0
+
+    def estimate(self, request: EstimateJobRequest) -> JobEstimate:
+        """How long photos would take to become a scene.
+
+        Raises:
+            LimitExceededError: more photos than a scene may have.
+        """
+        from fastsplat.service.planning.job_estimate import PhotoSet, job_seconds  # loads torch
+
+        most = self._settings.capture.max_images
+        if request.photos > most:
+            raise LimitExceededError(f"{request.photos} photos", field="photos", limit=f"{most} photos")
+        settings = chosen_settings(self._settings, SceneOptions(preset=request.preset))
+        photos = PhotoSet(request.photos, request.width or _USUAL_WIDTH, request.height or _USUAL_HEIGHT)
+        stages = {name: round(seconds, 1) for name, seconds in job_seconds(photos, settings, self._measured()).items()}
+        return JobEstimate(round(sum(stages.values()), 1), stages)
+
+    def _measured(self) -> Speed:
+        from fastsplat.service.planning.cost_model import Speed
+        from fastsplat.service.planning.machine import machine_speed
+
+        with self._lock:
+            if self._speed is None or time.monotonic() - self._measured_at > _AGAIN_S:
+                new, old = machine_speed(self._settings.training.backend), self._speed or Speed(0.0, 0.0)
+                self._speed = Speed(max(new.steps, old.steps), max(new.serial, old.serial))
+                self._measured_at = time.monotonic()
+            return self._speed
