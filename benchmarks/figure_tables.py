@@ -20,6 +20,9 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
 _REGION = re.compile(r"(<!-- figures: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
+NOT_YET = "Not measured yet."
+"""What stands in the place of a table whose files may be missing, and are."""
+
 Row = Sequence[str]
 Document = Mapping[str, Any]
 
@@ -32,11 +35,13 @@ class Table:
         files: the result files that it is made of, by their names without the ending.
         head: titles of its columns.
         rows: makes the rows from the files' contents, in the order of `files`.
+        later: whether the files may be missing, because what they hold is measured once, at the end.
     """
 
     files: tuple[str, ...]
     head: tuple[str, ...]
     rows: Callable[..., Iterator[Row]]
+    later: bool = False
 
 
 def write_tables(text: str, results: Path = RESULTS) -> str:
@@ -55,6 +60,8 @@ def render(table: Table, results: Path = RESULTS) -> str:
     Raises:
         KeyError, OSError: as `write_tables`.
     """
+    if table.later and not all((results / f"{name}.json").is_file() for name in table.files):
+        return f"{NOT_YET}\n"
     documents = [json.loads((results / f"{name}.json").read_text()) for name in table.files]
     lines = [table.head, ["---"] * len(table.head), *table.rows(*documents)]
     said = "; ".join(_source(name, document) for name, document in zip(table.files, documents, strict=True))
@@ -150,6 +157,17 @@ def _things(document: Document) -> Iterator[Row]:
         if "things_true" in row:
             found = [_count(row[f"things_recall_{share}"], row["things_true"]) for share in (50, 75)]
             yield name, *found, _count(row["things_precision"], row["things_judged"]), f"{row['clicks_miou']:.2f}"
+
+
+def _rooms(document: Document) -> Iterator[Row]:
+    for name, row in (*document["rows"].items(), ("mean", document["mean"])):
+        cells = [f"{row[each]:.2f}" for each in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
+        if name == "mean":
+            cells += [f"{row['names_right_share']:.0%}", f"{row['names_known_share']:.0%}"]
+        else:
+            named = (("names_right", "names_stated"), ("names_known", "names_knowable"))
+            cells += [f"{row[part]} of {row[whole]}" for part, whole in named]
+        yield name, *cells, f"{row['outside_box']:.1%}"
 
 
 def _names(document: Document) -> Iterator[Row]:
@@ -272,6 +290,15 @@ TABLES: Mapping[str, Table] = {
     ),
     "things": Table(
         ("things",), ("", "found at IoU 0.5", "at IoU 0.75", "found things that are right", "IoU of a click"), _things
+    ),
+    "rooms": Table(
+        ("rooms",),
+        (
+            *("room", "recall at IoU 0.5", "at 0.75", "precision", "mean IoU", "one click each", "given names right"),
+            *("named of what the detector knows", "opacity outside of the box"),
+        ),
+        _rooms,
+        later=True,
     ),
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
     "names": Table(("names",), ("probability", "mean", "right"), _names),

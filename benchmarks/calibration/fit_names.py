@@ -10,7 +10,9 @@ scores over the photos that show most of it. One thing counts once. A name is ri
 
 The model is logistic in ln(e / (1 - e)) of the evidence e, with an offset for each name, by ridge: names that are often
 wrong, as "cup" for all that is round, need more evidence, and a name that was seen seldom is as good as the mean. What
-benchmarks/results/names.json counts are predictions for sets that were left out.
+benchmarks/results/names.json counts are predictions by models that had seen no set of the kind ("desk-1" and "desk-11"
+are of one kind). Of sets left out, size, number of views and the share of the scores foretell nothing that the evidence
+does not: the log likelihood of 153 things changes by +2.1 (± 1.9), -6.2 and -2.9.
 """
 
 from __future__ import annotations
@@ -45,7 +47,7 @@ _LEAST_PX = 64
 _MOST_SHOWN = 0.5
 """Of a thing's usual pixels, from which a photo shows most of it."""
 _RIDGE = 1.0
-"""Of the names' offsets, whose mean is 0; of 0.3, 1, 2 and 4 the one by which sets left out are most probable."""
+"""Of the names' offsets, whose mean is 0; of 0.3, 0.5, 1, 2 and 4 the one by which kinds left out are most probable."""
 _EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Of predicted probabilities that are counted together."""
 _SAME = frozenset(
@@ -91,7 +93,7 @@ def main() -> None:
     print(json.dumps(rows, indent=1))
     if not options.dry_run:
         FILE.write_text(json.dumps(model.model_dump(mode="json"), indent=1) + "\n")
-        about = provenance(start, settings=options, chosen_on="the same things, by sets that were left out")
+        about = provenance(start, settings=options, chosen_on="the same things, by kinds of sets that were left out")
         write_json(RESULTS / "names.json", {"rows": rows, "things": len(named), **about})
 
 
@@ -188,12 +190,13 @@ def fitted(named: Sequence[Named], detector: str) -> NameModel:
 
 
 def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
-    """How many things of sets that were left out had a probability between two edges, and how many were right."""
+    """How many things had a probability between two edges, and how many of them were right, by models that saw no set
+    of their kind."""
     predicted = np.zeros(len(named))
-    groups = np.array([thing.group for thing in named])
-    for group in set(groups.tolist()):
-        model = fitted([thing for thing in named if thing.group != group], "")
-        for row in np.flatnonzero(groups == group):
+    kinds = np.array([thing.group.split("-")[0] for thing in named])
+    for kind in set(kinds.tolist()):
+        model = fitted([thing for thing, own in zip(named, kinds, strict=True) if own != kind], "")
+        for row in np.flatnonzero(kinds == kind):
             predicted[row] = model.probability(np.array([[named[row].evidence]]), [named[row].name])[0, 0]
     right = np.array([thing.right for thing in named])
     place = np.clip(np.searchsorted(_EDGES, predicted, side="right") - 1, 0, len(_EDGES) - 2)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.figure_tables import PAGES, RESULTS, TABLES, render, write_tables
+from benchmarks.figure_tables import NOT_YET, PAGES, RESULTS, TABLES, render, write_tables
+from benchmarks.rooms.__main__ import mean_of
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -28,6 +29,8 @@ def test_every_table_stands_in_a_page_and_every_region_is_closed() -> None:
 def test_a_table_says_the_dates_and_commits_of_its_files(name: str) -> None:
     table = TABLES[name]
     said = render(table).splitlines()[-1]
+    if table.later and said == NOT_YET:
+        return
     for file in table.files:
         assert f"{file}.json`: " in said
     assert re.search(r"\d{4}-\d\d-\d\d", said)
@@ -42,6 +45,18 @@ def test_a_page_follows_its_result_file(tmp_path: Path) -> None:
     after = write_tables(before, tmp_path)
     assert "4711" not in before and "| 4711 |" in after and "0123abc (" in after
     assert after.startswith("text\n") and after.endswith("<!-- end -->\nmore\n") and "old" not in after
+
+
+def test_a_table_of_what_is_measured_once_waits_for_its_file(tmp_path: Path) -> None:
+    assert render(TABLES["rooms"], tmp_path) == f"{NOT_YET}\n"
+    shares = ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou", "outside_box")
+    counts = {"names_right": 3, "names_stated": 4, "names_known": 3, "names_knowable": 6}
+    rows = {name: {**dict.fromkeys(shares, share), **counts} for name, share in (("desk-2", 0.5), ("shop-1", 1.0))}
+    about = {"date": "2026-11-24", "commit": "0123abc"}
+    (tmp_path / "rooms.json").write_text(json.dumps({"rows": rows, "mean": mean_of(list(rows.values())), **about}))
+    *_, desk, shop, mean, _, said = render(TABLES["rooms"], tmp_path).splitlines()
+    assert desk.startswith("| desk-2 | 0.50 |") and "| 3 of 4 | 3 of 6 |" in shop
+    assert mean.startswith("| mean | 0.75 |") and "| 75% | 50% |" in mean and "0123abc" in said
 
 
 def test_a_region_that_names_no_table_is_refused() -> None:

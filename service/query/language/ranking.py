@@ -217,7 +217,7 @@ class Ranker:
         standing = judged.relevant.copy()
         if judged.verdict == "related":
             standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
-        judged = self._without_doubtful(judged, standing, belief if meant is not None else None)
+        judged = self._without_suggested(judged)
         order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
         nothing = judged.verdict == "absent"
         searched = self._things.searched
@@ -270,25 +270,15 @@ class Ranker:
         compared = context.related is not None or meant is not None
         return Ranked(answer, frozenset(ids.tolist()), Remarks(unchecked, unread, calibrated=compared))
 
-    def _without_doubtful(self, judged: Judgement, standing: Mask, belief: Belief | None) -> Judgement:
+    def _without_suggested(self, judged: Judgement) -> Judgement:
         """A judgement in which names that are merely suggested stand back behind those that things bear; alone they
-        make an answer possible. What would merely serve in the place of what was asked for does
-        so under a sure name alone: not under one that is suggested, nor, by the lexicon's model, under a doubtful one.
-
-        Args:
-            judged: by names and scores.
-            standing: bool [N], the relevant entries that name what was asked for, or a kind of it.
-            belief: of the lexicon's model; None where another one judged.
+        make an answer possible. What a question means is judged as if all names were right: how sure they are counts
+        once, in the probability, so a name and a word that leads to it never get two kinds of answer.
         """
         borne = judged.relevant & ~self._suggested
-        suggested = bool(judged.relevant.any() and not borne.any())
-        sure = not suggested and (belief is None or belief.presence >= RATHER)
-        relevant = judged.relevant if suggested else borne
-        if not sure and judged.verdict == "related":
-            relevant = relevant & standing
-        if not relevant.any():
-            return self._nothing
-        return replace(judged, relevant=relevant, leading=judged.leading & relevant, suggested=suggested)
+        if borne.any() or not judged.relevant.any():
+            return replace(judged, relevant=borne, leading=judged.leading & borne)
+        return replace(judged, suggested=True)
 
     def _matches(
         self, order: NDArray[np.intp], scores: Scores, context: PromptContext, relevant: Mask, belief: Belief | None

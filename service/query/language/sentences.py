@@ -158,19 +158,19 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     ids = answer.relevant_ids
     labels = {match.label_id: match.label for match in answer.matches if match.relevant}
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
-    kind = f", a kind of {question}" if answer.relation == "kind_of" and answer.relation_subject == "label" else ""
-    if answer.relation == "same" and answer.decided_by == "score":
-        kind = f", the same as {question}"
+    if answer.relation == "same":
+        relation = f", the same as {question}" if answer.decided_by == "score" else ""
+    else:
+        relation = f", {_RELATIONS[answer.relation, answer.relation_subject].format(text=question)}"
     if answer.verdict == "possible" and not any(map(names.is_borne, ids)):
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
-        return f"{in_words(answer.things)} may be {may_be}{kind}{remark}"
+        return f"{in_words(answer.things)} may be {may_be}{relation}{remark}"
     if answer.verdict in ("exact", "possible"):
         doubt = "" if answer.verdict == "exact" else ", but that name is not sure"
-        return f"{_belonging(ids, labels, names, in_words)}{kind}{doubt}{remark}"
+        return f"{_belonging(ids, labels, names, in_words)}{relation}{doubt}{remark}"
     first = _belonging(ids[:1], labels, names, in_words)
-    relation = _RELATIONS[answer.relation, answer.relation_subject].format(text=question)
     then = f"; then {_belonging(ids[1:], labels, names, in_words)}" if ids[1:] else ""
-    return f"{first}, {relation}{then}{remark}"
+    return f"{first}{relation}{then}{remark}"
 
 
 def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:

@@ -47,7 +47,7 @@ def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
     is merely related to it ("plate" to "wall")."""
     answer = plain.answer
     unnamed = answer.verdict in ("absent", "undecided") or (
-        answer.verdict == "related" and answer.relation == "related"
+        answer.verdict in ("related", "possible") and answer.relation == "related"
     )
     kind = surface_kind(noun_phrase(answer.text)) if unnamed else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
@@ -137,7 +137,7 @@ def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
 
 def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Answer, named: Named) -> bool:
     """Whether a text was no question of places, and what it means as a whole answers it: "light with a match"."""
-    answered = plain.verdict == "related" and plain.decided_by == "score" and not named.by_name
+    answered = plain.verdict in ("related", "possible") and plain.decided_by == "score" and not named.by_name
     unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
     return answered and unmeasured and question.asks != "count"
 
