@@ -27,6 +27,7 @@ from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
+from fastsplat.service.perception.early_look import EarlyLook
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -55,12 +56,7 @@ LabelSource = Literal["none", "given", "detected"]
 
 @dataclass(frozen=True)
 class LabelledViews:
-    """The result of perception.
-
-    Attributes:
-        labelling: dictionary and label maps.
-        tradeoffs: what the time budget reduced, in words.
-    """
+    """The result of perception; `tradeoffs`: what the time budget reduced, in words."""
 
     labelling: Labelling
     tradeoffs: tuple[str, ...] = ()
@@ -154,6 +150,7 @@ def label_views(
     progress: Progress = silent,
     *,
     time_budget_s: float | None = None,
+    early: EarlyLook | None = None,
 ) -> LabelledViews:
     """Label maps of the capture's views, from the capture itself or from detection.
 
@@ -163,13 +160,16 @@ def label_views(
         labels: names to look for; empty: whatever is there.
         progress: hears of every view; may raise `CancelledError`.
         time_budget_s: seconds for perception, training and export together; None: no bound.
+        early: as for `label_capture`.
 
     Raises:
         FastSplatError: as `label_capture`.
     """
     plan = plan_perception(capture, settings, labels, time_budget_s, progress, started=time.monotonic())
     masks = settings.discovery.proposes(given_labels=capture.given_labels is not None)
-    labelling = label_capture(capture, plan.settings, settings.models, tuple(labels), progress, masks=masks)
+    labelling = label_capture(
+        capture, plan.settings, settings.models, tuple(labels), progress, masks=masks, early=early
+    )
     return LabelledViews(labelling, plan.tradeoffs)
 
 

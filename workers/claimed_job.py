@@ -12,15 +12,26 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
 
+from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.codec import options_from_json
-from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
-from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
-from fastsplat.workers.results import PHOTOS
-from fastsplat_contract.errors import DatabaseError, NotFoundError, ObjectStoreError
+from fastsplat.workers.made_scenes import (
+    CARRIED,
+    DRAFTS,
+    EDITS,
+    SUMMARY,
+    EditedDraft,
+    MadeScene,
+    edited_draft,
+    read_made,
+    write_edited,
+)
+from fastsplat.workers.results import KEPT, PHOTOS
+from fastsplat_contract.errors import ConflictError, DatabaseError, NotFoundError, ObjectStoreError
 from fastsplat_contract.operations import SceneOptions
 
 logger = logging.getLogger(__name__)
@@ -65,16 +76,17 @@ def _patient(method: Callable[Concatenate[ClaimedJob, P], T]) -> Callable[Concat
 
 
 class ClaimedJob:
-    """A job and the newest claim of this worker to it; its scene keeps at most `max_versions`.
+    """A job and the newest claim of this worker to it.
 
     Methods that write raise `FencedError` once another worker has claimed the job, or it is over. All but `report` and
     `poll_requests` wait for up to ten minutes while the database or the object store does not answer, then raise
     `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim, max_versions: int) -> None:
-        self.max_versions = max_versions
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings) -> None:
+        self.max_versions, self._calls = calls.max_versions, calls
         self._jobs = store.jobs
+        self._versions = store.versions
         self._scenes = store.scenes
         self._blobs = store.blobs
         self.claim = claim
@@ -83,6 +95,9 @@ class ClaimedJob:
         self.scene_id = claim.operation.scene_id
         self._progress_files = dict(claim.operation.progress_files or {})
         self._older_files: dict[str, str] = {}
+        self._noted: str | None = None
+        self._drafted = claim.operation.makes_scene  # or it may be: an earlier attempt may have published one
+        self._carried: Sequence[str] = ()
 
     @property
     def starts(self) -> int:
@@ -165,6 +180,38 @@ class ClaimedJob:
             self._older_files[kind] = before["file"]
         self._progress_files[kind] = {"file": entry["file"], "info": {**entry["info"], "number": number}}
 
+    def publish_draft(self, entry: Mapping[str, Any]) -> None:
+        """Make a draft, a folder of the work folder's `drafts`, the scene's current version; the next report tells it.
+        One that cannot be published now, as when the scene is being edited, is left out: does not wait."""
+        name = str(entry["file"])
+        try:
+            made = self._published(self.folder / DRAFTS / name, name)
+            self._jobs.publish_draft(self.claim, made.summary, made.carried, edited=made.edited)
+        except DatabaseError as error:  # it may have written the rows: then the folders are needed
+            logger.warning("job %s: draft %s is not shown: %s", self.id, name, error.message)
+            return
+        except (ConflictError, FencedError, ObjectStoreError, OSError) as error:
+            logger.warning("job %s: draft %s is not shown: %s", self.id, name, error)
+            with suppress(ObjectStoreError):
+                self._drop_published(name)
+            return
+        self._drafted = True
+        before = self._progress_files.get("draft")
+        version = made.carried[-1].version if made.carried else name
+        info = {**entry["info"], "version": version, "number": 1 if before is None else before["info"]["number"] + 1}
+        self._progress_files["draft"] = {"file": name, "info": info}
+
+    def note_edits(self) -> None:
+        """Tell the trainer of a job that makes its scene what people have made of the newest draft: does not wait."""
+        if not self._drafted:
+            return
+        with suppress(DatabaseError, ObjectStoreError, NotFoundError, OSError):
+            current = self._scenes.current_version(self.scene_id)[1]
+            self._drafted = bool(current)
+            if current and current != self._noted:
+                write_edited(self._edited(), self.folder / EDITS)
+                self._noted = current
+
     @_patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
         """Write progress in which a stage was completed, and how many starts count from then on."""
@@ -227,9 +274,20 @@ class ClaimedJob:
         return folder
 
     @_patient
-    def succeed(self, summary: SceneSummary) -> None:
-        """Make the scene READY and the operation SUCCEEDED."""
-        self._jobs.succeed(self.claim, summary)
+    def publish_scene(self, stage: str) -> None:
+        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY and the
+        operation SUCCEEDED.
+
+        Raises:
+            ConflictError: a draft was edited meanwhile.
+            OSError: the disk is full.
+        """
+        made = self._published(self.folder / stage, self.run_id, check=True)
+        folder = self._version_or(self.run_id, self.folder / stage)
+        self._blobs.check_version(folder, SUMMARY, "stage.json")
+        made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
+        removed = self._jobs.succeed(self.claim, made.summary, made.carried, edited=made.edited, result=made.result)
+        self._drop_versions(removed)
 
     @_patient
     def succeed_with_version(self, new: NewVersion, result: Mapping[str, Any]) -> None:
@@ -239,16 +297,18 @@ class ClaimedJob:
             ConflictError: the scene has another version by now than the one that this was made of.
             NotFoundError: the scene was deleted.
         """
-        removed = self._jobs.succeed_with_version(self.claim, new, result)
-        with suppress(ObjectStoreError):  # what stays, the periodic cleanup removes
-            for old in removed:
-                self._blobs.drop_version(self.scene_id, old)
+        self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
     @_patient
     def drop_result(self, stage: str) -> None:
-        """Remove the result of `stage`, the last one, here and where it was published, so that it is made again."""
-        remove(self.folder / stage)
-        self._blobs.drop_version(self.scene_id, self.run_id)
+        """Remove the result of `stage`, the last one, here and where it was published, so that it is made again;
+        a scene that was not published yet is kept for that."""
+        result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
+        if self.claim.operation.makes_scene and result.is_dir():
+            remove(kept)
+            result.rename(kept)
+        remove(result)
+        self._drop_published(self.run_id)
 
     @_patient
     def cancel(self) -> None:
@@ -279,6 +339,43 @@ class ClaimedJob:
                 self._blobs.drop_scene(self.scene_id)
             elif deleted or outcome.state != "done":  # of a finished scene only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
+
+    def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
+        """Publish the folders of a scene, and those of its edits, as far as they are not; with `check`, unless a
+        draft was edited since: `ConflictError`."""
+        place = self._version_or(version, folder)
+        made = read_made(
+            place, self.scene_id, version, self._calls, lambda name: self._version_or(name, place / CARRIED / name)
+        )
+        if check:
+            edited = self._edited()
+            if made.edited != (edited.versions[-1].version if edited else ""):
+                raise ConflictError("a draft was edited meanwhile", field="version")
+        self._carried = tuple(new.version for new in made.carried)
+        for name in self._carried:
+            if (place / CARRIED / name).is_dir():
+                self._blobs.publish(place / CARRIED / name, self.scene_id, name)
+        if place == folder:
+            self._blobs.publish(folder, self.scene_id, version)
+        return made
+
+    def _version_or(self, version: str, folder: Path) -> Path:
+        return self._blobs.fetch_version(self.scene_id, version) or folder
+
+    def _edited(self) -> EditedDraft | None:
+        """What people have made of the newest draft."""
+        scene = self._scenes.scene(self.scene_id)
+        records = self._versions.of(scene) if scene.version else ()
+        return edited_draft(records, lambda name: self._version_or(name, Path()))
+
+    def _drop_published(self, version: str) -> None:
+        for name in (version, *self._carried):
+            self._blobs.drop_version(self.scene_id, name)
+
+    def _drop_versions(self, versions: Sequence[str]) -> None:
+        with suppress(ObjectStoreError):  # what stays, the periodic cleanup removes
+            for old in versions:
+                self._blobs.drop_version(self.scene_id, old)
 
     def _report(self, stages: Sequence[Mapping[str, Any]], starts: int | None) -> frozenset[JobRequest]:
         requests = self._jobs.report(self.claim, stages, starts=starts, progress_files=self._progress_files)

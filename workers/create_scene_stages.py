@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
@@ -14,20 +13,19 @@ from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.drafts import EARLY_VIEWS
+from fastsplat.service.perception.early_look import EarlyLook
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.cost_model import finish_seconds, run_seconds, scene_size
 from fastsplat.service.planning.job_estimate import USUAL_LABELS, PhotoSet, capture_seconds, later_seconds
 from fastsplat.service.planning.time_budget import clock_tradeoff, whole_export_seconds, with_tradeoffs
 from fastsplat.service.planning.time_left import Forecast, with_time_left
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.store.codec import camera_to_json
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.workers.budget import job_speed, make_plan, stored_plan
-from fastsplat.workers.look_again_stages import dictionary_rows
+from fastsplat.workers.drafts import Drafts, early_views, export_made, training_drafts, write_made
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stage
 from fastsplat.workers.results import PHOTOS, checkpoint_folder, intact, stage_seconds
@@ -58,8 +56,17 @@ def _capture(job: Job, folder: Path, progress: Progress) -> None:
 def _perception(job: Job, folder: Path, progress: Progress) -> None:
     capture = load_capture(job.result("capture"))
     report = with_time_left(progress, perception_forecast(job, capture))
-    options = job.options
-    labelled = label_views(capture, job.settings, options.labels, report, time_budget_s=options.time_budget_s)
+    files = ProgressFiles(job, "perception", report)
+    options, drafts = job.options, Drafts(job, files)
+    early = EarlyLook(EARLY_VIEWS, lambda labelling, views: drafts.of_points(capture, labelling, views))
+    labelled = label_views(
+        capture,
+        job.settings,
+        options.labels,
+        files.progress,
+        time_budget_s=options.time_budget_s,
+        early=early if capture.splat is None else None,
+    )
     save_labelling(labelled.labelling, folder)
     (folder / _TRADEOFFS).write_text(json.dumps(labelled.tradeoffs))
 
@@ -70,12 +77,21 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     plan = make_plan(job, capture, len(labelling.dictionary), started)
     report = with_time_left(progress, training_forecast(job, capture, len(labelling.dictionary), plan.settings))
     files = ProgressFiles(job, "training", with_tradeoffs(report, _tradeoffs(job)))
-    watch = TrainingWatch(files.preview, finish_requested(job))
     settings = job.settings.model_copy(update={"training": plan.settings})
+    drafts, views = Drafts(job, files), early_views(capture, labelling)
+
+    def draft(splats: TrainedSplats, share: float) -> None:
+        drafts.of_training(splats, capture, labelling, views, settings, share)
+
+    watch = TrainingWatch(files.preview, finish_requested(job), draft, training_drafts())
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
+    export_made(job, folder, lambda: _assemble(job, folder, progress))
+
+
+def _assemble(job: Job, folder: Path, progress: Progress) -> None:
     capture, labelling = load_capture(job.result("capture")), load_labelling(job.result("perception"))
     trained = load_trained(job.result("training"))
     seconds = {stage: stage_seconds(job, stage) for stage in ("capture", "perception", "training")}
@@ -86,16 +102,13 @@ def _export(job: Job, folder: Path, progress: Progress) -> None:
     progress = with_time_left(progress, export_forecast(job, capture, len(labelling.dictionary)))
     scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
     progress(ProgressEvent("export", 0.4, "writing the scene"))
-    write_scene(scene, folder / "artefact")
-    progress(ProgressEvent("export", 0.7, "writing the PLY file"))
-    write_ply(scene.gaussians, folder / "scene.ply")
+    write_made(scene, folder)
     views = len(capture.views)
 
     def on_photo(done: int) -> None:
         progress(ProgressEvent("export", 0.8 + 0.2 * done / views, f"photos {done}/{views}"))
 
     write_photos(capture, folder, job.settings.photos, on_photo)
-    (folder / "summary.json").write_text(json.dumps(_summary(scene)))
 
 
 STAGES: Mapping[str, Stage] = {
@@ -109,16 +122,6 @@ def _tradeoffs(job: Job) -> tuple[str, ...]:
     with intact(path):
         of_perception = json.loads(path.read_text()) if path.exists() else ()
     return (*of_perception, *stored_plan(job).tradeoffs)
-
-
-def _summary(scene: Scene) -> dict[str, Any]:
-    return {
-        "gaussians": len(scene.gaussians),
-        "scale": scene.scale,
-        "dictionary": dictionary_rows(scene),
-        "cameras": [camera_to_json(posed) for posed in scene.cameras],
-        "quality": dict(scene.quality),
-    }
 
 
 def capture_forecast(job: Job) -> Forecast:

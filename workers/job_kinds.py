@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat_contract.json_codec import from_plain, to_plain
@@ -63,10 +62,7 @@ def _current_and_ordered_version(job: ClaimedJob) -> Sources:
 
 
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
-    folder = job.publish(stage, "summary.json", "stage.json")
-    summary = json.loads((folder / "summary.json").read_text())
-    summary["quality"]["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
-    job.succeed(SceneSummary(version=job.run_id, **summary))
+    job.publish_scene(stage)
 
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:

@@ -18,6 +18,7 @@ from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_to_
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.splatting.previews import TrainingPreview
 from fastsplat.workers.protocol import Job
+from fastsplat_contract.job_watching import Provisional
 
 _LOOK_EVERY_S = 0.5
 
@@ -45,6 +46,10 @@ class ProgressFiles:
         info = {"placed": placed.placed, "images": placed.images, "complete": placed.complete}
         self._publish("placed", ".json", placed_to_json(placed), info)
 
+    def draft(self, name: str, provisional: Provisional) -> None:
+        """Announces a draft, a whole folder of the work folder's `drafts`."""
+        self._announce("draft", name, provisional._asdict())
+
     def _publish(self, kind: str, ending: str, content: bytes, info: Mapping[str, Any]) -> None:
         name = f"{kind}-{self._job.attempt}-{next(self._numbers)}{ending}"
         folder = self._job.folder / "progress"
@@ -56,6 +61,9 @@ class ProgressFiles:
         except OSError as error:  # a picture less is no reason to end a job
             print(f"{name} is not shown: {error}", file=sys.stderr, flush=True)
             return
+        self._announce(kind, name, info)
+
+    def _announce(self, kind: str, name: str, info: Mapping[str, Any]) -> None:
         last = self._last
         self._progress(ProgressEvent(last.stage, last.fraction, last.message, {}, {kind: {"file": name, "info": info}}))
 

@@ -16,13 +16,17 @@ from zipfile import BadZipFile
 
 from fastsplat.service.common.atomic import publish_directory
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.file_digests import check_files, write_digests
+from fastsplat.service.store.file_digests import DIGESTS, check_files, write_digests
 from fastsplat.workers.protocol import Job
 from fastsplat_contract.errors import ArtefactError, FastSplatError, Kind, ResourceError, SceneFileError
 
 PHOTOS = "photos.json"
 """What became of each photo, in the result of the capture stage."""
+KEPT = ".made"
+"""Ends the name of a last stage's result that is kept as edits of a draft have yet to be made again in it."""
 _TIMES = "stage.json"
+RESULT_FILES = (_TIMES, DIGESTS)
+"""What stands beside a stage's own files in its result."""
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -12,7 +12,7 @@ from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store.job_repository import Claim, FencedError, JobRequest
+from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
 from fastsplat.workers.job_kinds import JobKind
@@ -52,7 +52,7 @@ class Supervisor:
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
     ) -> None:
         self._settings = settings
-        self._job = ClaimedJob(store, claim, settings.calls.max_versions)
+        self._job = ClaimedJob(store, claim, settings.calls)
         self._kind = kind
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
@@ -129,7 +129,10 @@ class Supervisor:
             completed = event is not None and self._progress.update(event)
             files = event.files if isinstance(event, ProgressEvent) else {}
             for kind, entry in files.items():
-                self._job.publish_file(kind, entry)
+                if kind == "draft":
+                    self._job.publish_draft(entry)
+                else:
+                    self._job.publish_file(kind, entry)
             requests = self._requests(report=isinstance(event, Done) or bool(files), completed=completed)
             if "cancel" in requests:
                 return CANCELLED
@@ -149,6 +152,7 @@ class Supervisor:
     def _start_trainer(self) -> TrainerProcess:
         job, attempt = self._job, self._job.claim.attempt
         job.folder.mkdir(parents=True, exist_ok=True)
+        job.note_edits()
         folder, version, base = self._kind.sources(job)
         spec = Job(
             job.id,
@@ -208,10 +212,12 @@ class Supervisor:
         jobs, now = self._settings.jobs, time.monotonic()
         if report or now - self._written_at >= jobs.progress_interval_s:
             self._written_at = self._checked_at = now
+            self._job.note_edits()
             return self._job.report(self._progress.rows, starts=1 if completed else None)
         if now - self._checked_at < jobs.poll_interval_s:
             return frozenset()
         self._checked_at = now
+        self._job.note_edits()
         return self._job.poll_requests()
 
     def _succeed(self) -> JobOutcome:

@@ -20,8 +20,8 @@ from typing import NoReturn
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.blobs import PARTIAL_EXPIRY_S
+from fastsplat.service.store.claims import FencedError
 from fastsplat.service.store.database import resolve_url
-from fastsplat.service.store.job_repository import FencedError
 from fastsplat.service.store.store import Store
 from fastsplat.workers.cleanup import remove_unneeded, trash_lost_scenes, trash_lost_versions
 from fastsplat.workers.engine import JobEngine

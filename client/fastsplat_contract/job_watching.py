@@ -13,6 +13,41 @@ from fastsplat_contract.wire import Base64, Many, Response, travels
 WorkerState = Literal["none", "waiting", "working", "silent"]
 """Who works on a job that is not done."""
 
+DraftStage = Literal["points", "training"]
+"""What a draft of a scene is made of."""
+
+
+@travels(request=False)
+class Provisional(NamedTuple):
+    """What was answered from: a draft of a scene that is still being made, or whose job ended before it was made."""
+
+    stage: Annotated[
+        DraftStage,
+        Field(
+            description="points: the points of the reconstruction, with what was seen in the first photos; training: "
+            "Gaussians of a training under way"
+        ),
+    ]
+    fraction: Annotated[float, Field(description="of the training behind it, 0..1")]
+
+
+@travels(request=False)
+class DraftInfo(NamedTuple):
+    """The newest draft of the scene that a job makes: a version that can be looked at, asked and edited."""
+
+    number: Annotated[int, Field(description="counts up with each draft of the job")]
+    version: Annotated[str, Field(description="of the scene; edits made on the draft before are in it or in one after")]
+    stage: DraftStage
+    fraction: Annotated[float, Field(description="of the training behind it, 0..1")]
+
+
+@dataclass(frozen=True)
+class CreateSceneResult(Response):
+    """What became of the edits that people made on drafts."""
+
+    carried: Annotated[int, Field(description="versions that hold them again, made of the finished scene")]
+    lost: Annotated[Many[str], Field(description="what could not be done again, and why; in words, one each")] = ()
+
 
 @travels(request=False)
 class PreviewInfo(NamedTuple):

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
+from fastsplat_contract.job_watching import CreateSceneResult, DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.train_more_messages import PresetName as PresetName
 from fastsplat_contract.train_more_messages import TrainMoreResult
@@ -22,8 +22,10 @@ FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 OperationKind = Literal["create_scene", "look_again", "train_more"]
 """What a job does."""
 
-RESULTS: Mapping[OperationKind, type[Response]] = {"look_again": LookAgainResult, "train_more": TrainMoreResult}
-"""What comes of a job on a finished scene, in the field of `Operation` that is named like the kind."""
+RESULTS: Mapping[OperationKind, type[Response]] = {
+    "create_scene": CreateSceneResult, "look_again": LookAgainResult, "train_more": TrainMoreResult,
+}  # fmt: skip
+"""What comes of a job beside its version, in the field of `Operation` that is named like the kind."""
 
 AgainAfter = Literal["cancelled", "failed", "worker_stopped", "worker_died", "trainer_died"]
 """What ended the attempt before."""
@@ -194,6 +196,14 @@ class Operation(Response):
     ] = None
     placed: Annotated[
         PlacedInfo | None, Field(description="the cameras that can be looked at; absent if there are none (any more)")
+    ] = None
+    draft: Annotated[
+        DraftInfo | None,
+        Field(description="the newest draft of its scene; absent without one, and once it is done"),
+    ] = None
+    create_scene: Annotated[
+        CreateSceneResult | None,
+        Field(description="what became of edits of drafts; absent without them, and until it has succeeded"),
     ] = None
     again_after: Annotated[
         AgainAfter | None,

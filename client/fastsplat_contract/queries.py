@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field
 
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
 from fastsplat_contract.phrase_messages import PhraseAnswer
 from fastsplat_contract.poses import Pose
@@ -288,6 +289,9 @@ class Answer(Response):
     sentence: Annotated[
         str, Field(description="the answer for people, the same over every interface; things are called by their names")
     ] = ""
+    provisional: Annotated[
+        Provisional | None, Field(description="what the version is made of, if it is a draft; absent if it is none")
+    ] = None
 
     @property
     def relevant_ids(self) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from pydantic import Field
 from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.gaussian_filters import GaussianFilter
+from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.poses import Box, Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
@@ -61,14 +62,14 @@ class SceneSummary(Response):
     state: SceneState
     operation_id: Annotated[str, Field(description="the operation that makes it")]
     created_at: datetime
-    gaussians: Annotated[Int64, Field(description="G, the length of every 3D mask; 0 until ready")]
+    gaussians: Annotated[Int64, Field(description="G, the length of every 3D mask; 0 without a version")]
     scale: Annotated[
         Scale,
         Field(
             description="METRIC: scene units are meters; ARBITRARY: poses came from images alone, lengths have no unit"
         ),
     ]
-    version: Annotated[str, Field(description="the current version; empty until ready")]
+    version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
 
 
@@ -139,7 +140,7 @@ class SceneAlignment(NamedTuple):
 
 @dataclass(frozen=True)
 class Scene(SceneSummary):
-    """A scene; dictionary, cameras and quality are empty until it is ready."""
+    """A scene; dictionary, cameras and quality are empty as long as it has no version."""
 
     camera_count: Annotated[int, Field(description="number of the scene's own cameras")]
     dictionary: Annotated[
@@ -163,6 +164,10 @@ class Scene(SceneSummary):
     ] = None
     alignment: Annotated[
         SceneAlignment | None, Field(description="absent where the scene was not put into the frame of a map")
+    ] = None
+    provisional: Annotated[
+        Provisional | None,
+        Field(description="of a scene that is not ready: what its version, a draft, is made of; absent without one"),
     ] = None
 
 

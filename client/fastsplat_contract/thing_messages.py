@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.masks import MaskEncoding, ViewMask
 from fastsplat_contract.poses import Box, Vector3
 from fastsplat_contract.queries import OfScene, Version
@@ -161,6 +162,9 @@ class PickedThing(Response):
             description="of `level`: one bit per Gaussian in row order, most significant bit first; absent unless "
             "asked for"
         ),
+    ] = None
+    provisional: Annotated[
+        Provisional | None, Field(description="what the version is made of, if it is a draft; absent if it is none")
     ] = None
 
     @property

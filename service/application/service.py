@@ -244,7 +244,7 @@ class SceneService:
             ConflictError: the request id was used before for another request.
             QuotaError: as many of the project's jobs wait or run as may.
         """
-        self._scenes.version(scene_id, "")
+        self._scenes.finished(scene_id)
         job = look_again_job(scene_id, request, self.project, self._settings)
         return self.jobs.operation(place_order(job, self._store, self._quotas))
 

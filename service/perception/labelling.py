@@ -16,6 +16,7 @@ from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.capture_detection import detect_views, spread
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
+from fastsplat.service.perception.early_look import EarlyLook, covering_order
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps, upsampled
 from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -64,6 +65,7 @@ def label_capture(
     progress: Progress,
     *,
     masks: bool = False,
+    early: EarlyLook | None = None,
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
@@ -80,6 +82,8 @@ def label_capture(
         progress: called for every view; may raise `CancelledError`.
         masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
             images; never where label maps came with the capture.
+        early: sees the labelling once its first views are done: those that together show most, of those whose masks
+            without names are looked for; None for nobody.
 
     Returns:
         One label map per view, in order. Views that were not looked at (`settings.max_views`) are undetected
@@ -91,7 +95,10 @@ def label_capture(
         ModelUnavailableError: a configured model is missing, damaged or of another contract.
     """
     if capture.given_labels is not None:
-        return _read_labels(capture, capture.given_labels, progress)
+        given = _read_labels(capture, capture.given_labels, progress)
+        if early is not None:
+            early.show(given, covering_order(capture, range(len(capture.views)))[: early.views])
+        return given
     positions = spread(len(capture.views), settings.max_views)
     # Opened first: a missing model should fail before minutes of detection.
     segmenter = open_segmenter(settings, models)
@@ -111,9 +118,26 @@ def label_capture(
     maps = [_blank(view) for view in capture.views]
     regions = [Regions(blank, ()) for blank in maps]
     proposed: list[ViewMasks | None] = [None] * (len(maps) if masks else 0)
-    segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
-    for done, position in enumerate(sorted(segmented), start=1):
-        objects, view_index = resolved.objects[position], positions[position]
+    segmented = sorted(views_to_segment(resolved.objects, proposing) if masks else range(len(positions)))
+
+    def labelled() -> Labelling:
+        labelling = build_labelling(
+            list(resolved.ids),
+            maps,
+            resolved.aliases,
+            min_pixels=settings.min_pixels,
+            regions=regions,
+            expected=bool(labels),
+        )
+        return replace(labelling, masks=tuple(proposed), searched=searched)
+
+    order = segmented
+    if early is not None:
+        first = covering_order(capture, [positions[position] for position in sorted(proposing) or segmented])
+        first = [positions.index(view_index) for view_index in first]
+        order = [*first, *(position for position in segmented if position not in first)]
+    for done, position in enumerate(order, start=1):
+        view_index, objects = positions[position], resolved.objects[position]
         if len(objects) or position in proposing:
             view, image = capture.views[view_index], load(position)
             content = load_content(view)
@@ -137,18 +161,12 @@ def label_capture(
             regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
             region_labels = np.array([0, *(resolved.ids[objects.labels[row]] for row in rows)], np.uint16)
             maps[view_index] = region_labels[region_ids]
-        fraction = (len(positions) + segmenting * done / len(segmented)) / work
+        fraction = (len(positions) + segmenting * done / len(order)) / work
         count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
-        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(segmented)}"))
-    labelling = build_labelling(
-        list(resolved.ids),
-        maps,
-        resolved.aliases,
-        min_pixels=settings.min_pixels,
-        regions=regions,
-        expected=bool(labels),
-    )
-    return replace(labelling, masks=tuple(proposed), searched=searched)
+        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(order)}"))
+        if early is not None and done == early.views < len(order):
+            early.show(labelled(), [positions[position] for position in order[:done]])
+    return labelled()
 
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:

@@ -19,6 +19,7 @@ from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
 
@@ -49,6 +50,7 @@ class RankedScene:
         self.names = names
         self._words = ThingWords(names)
         self._unseen = unseen
+        self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
         self._unit = "m" if scene.scale == "METRIC" else "unit"
@@ -100,13 +102,14 @@ class RankedScene:
         words = self._words
         if ranked.answer.things and not self.names.stored:
             words = ThingWords(things().names)
-        return spoken(
+        answer = spoken(
             ranked.answer,
             ranked.remarks,
             words.names,
             self._unseen,
             lambda thing_ids: words.listed(thing_ids, lambda: things().measures),
         )
+        return replace(answer, provisional=self._provisional) if self._provisional else answer
 
     def _answered(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None

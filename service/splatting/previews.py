@@ -16,6 +16,7 @@ from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import TrainingView, training_size
+from fastsplat.service.splatting.types import TrainedSplats
 
 PREVIEW_SHARE = 0.03
 """Of the training's time, for pictures."""
@@ -61,10 +62,15 @@ class TrainingWatch:
     Attributes:
         show: is given pictures of it; None for no pictures.
         finish: whether to end it early; asked after every step.
+        draft: is given the scene as it is under way, with the share of the run behind it; what it takes counts as
+            training.
+        drafts_at: after which shares of the run, 0..1.
     """
 
     show: Callable[[TrainingPreview], None] | None = None
     finish: Callable[[], bool] = _never
+    draft: Callable[[TrainedSplats, float], None] = lambda splats, share: None
+    drafts_at: tuple[float, ...] = ()
 
 
 UNWATCHED = TrainingWatch()

@@ -37,6 +37,8 @@ class Recorder:
         random_points: start points that were placed at random.
         save: writes a checkpoint of a state after so many seconds; None for no checkpoints.
         previews: takes pictures of the run; None for none.
+        draft: is called with a state and the share of the run behind it, once after each of `drafts_at`.
+        drafts_at: shares of the run, 0..1.
     """
 
     def __init__(
@@ -47,9 +49,12 @@ class Recorder:
         random_points: int,
         save: Callable[[SplatState, float], None] | None,
         previews: Previews | None = None,
+        draft: Callable[[SplatState, float], None] = lambda state, share: None,
+        drafts_at: tuple[float, ...] = (),
     ) -> None:
         self._settings, self._progress, self._held_out, self._save = settings, progress, held_out, save
         self._random_points, self._previews = random_points, previews
+        self._draft, self._drafts_at = draft, drafts_at
         self._losses: deque[float] = deque(maxlen=_MEAN_OF)
         self._psnr, self._speed = math.nan, 0.0
         self._first = (0, 0.0)
@@ -102,6 +107,8 @@ class Recorder:
                 degree=sh_degree(step.progress, settings),
                 psnr=self._psnr,
             )
+        if any(step.progress_before < share <= step.progress < 1 for share in self._drafts_at):
+            self._draft(state, step.progress)
         if self._save and now - self._saved >= settings.checkpoint_every_s:
             self._save(state, step.elapsed_s)
             self._saved = now

@@ -21,6 +21,7 @@ from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.checkpoint import Checkpoint, fingerprint_of, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.depth_regularization import MAX_ANCHORS, AnchorPoints
+from fastsplat.service.splatting.early_splats import splats_under_way
 from fastsplat.service.splatting.gaussians import activate_opacities, color_parameters, final_gaussians
 from fastsplat.service.splatting.initial import StartPoints, scene_extent, start_gaussians, start_points
 from fastsplat.service.splatting.label_refit import refit_codes
@@ -109,6 +110,9 @@ def train(
             assert checkpoint_dir is not None
             write_checkpoint(Checkpoint(state.iteration, elapsed_s, state.tensors()), checkpoint_dir, fingerprint)
 
+        def draft(state: SplatState, share: float) -> None:
+            watch.draft(splats_under_way(state.parameters, labelling, trainer.views, settings), share)
+
         middle = views[len(views) // 2]
         recorder = Recorder(
             settings,
@@ -117,6 +121,8 @@ def train(
             run.start.random,
             save if checkpoint_dir else None,
             Previews(middle.to(device), settings.backend, watch.show) if watch.show else None,
+            draft,
+            watch.drafts_at,
         )
         trainer = Trainer(
             state,

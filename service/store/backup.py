@@ -255,7 +255,7 @@ def _named_by(url: URL) -> tuple[list[str], list[str]]:
     engine = create_engine(url)
     try:
         with engine.connect() as connection:
-            current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.state == "READY")).all()
+            current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
             ready = {scene_id for scene_id, _ in current}
             others = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
             versions = {*map(tuple, current), *(tuple(row) for row in others if row[0] in ready)}

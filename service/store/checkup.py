@@ -101,7 +101,7 @@ def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iter
         check_version: reads a version's folder to its last byte, and raises a `FastSplatError` if it is damaged.
     """
     with store.engine.execution_options(read_only=True).begin() as connection:
-        current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.state == "READY")).all()
+        current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
         rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
         waiting = select(operations.c.id, operations.c.upload_id).where(operations.c.state.in_(("QUEUED", "RUNNING")))
         unfinished = connection.execute(waiting).all()

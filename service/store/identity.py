@@ -84,7 +84,7 @@ def _check_related(engine: Engine, blobs: Blobs) -> None:
     """Ids are random: one scene that both have is proof enough."""
     there = frozenset(blobs.ids("scenes"))
     with transaction(engine.execution_options(read_only=True)) as connection:
-        ready = frozenset(connection.scalars(select(scenes.c.id).where(scenes.c.state == "READY")))
+        ready = frozenset(connection.scalars(select(scenes.c.id).where(scenes.c.version != "")))
         known = frozenset(connection.scalars(select(scenes.c.id).union(select(operations.c.scene_id))))
     if there and not there & known:
         raise _foreign(f"the database knows none of the {len(there)} scenes that are stored")

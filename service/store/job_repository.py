@@ -5,14 +5,15 @@ from __future__ import annotations
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any
 
-from sqlalchemy import Connection, Engine, Update, delete, exists, func, select, update
+from sqlalchemy import Engine, delete, exists, func, select, update
 
+from fastsplat.service.store.claims import Claim, FencedError, JobRequest, execute_fenced, fenced, uncancelled
 from fastsplat.service.store.damaged_rows import each_readable
 from fastsplat.service.store.database import transaction
+from fastsplat.service.store.made_scenes import publish_made_within
 from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import (
     AGAIN_AFTER,
@@ -33,22 +34,6 @@ _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
 _RETRIED = ("FAILED", "CANCELLED")
 _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
-
-
-JobRequest = Literal["cancel", "finish"]
-"""What was asked of a job that runs: to stop, or to end its training early and to keep what is there."""
-
-
-class FencedError(Exception):
-    """The claim is not the newest of its job any more, or the job is over; stop, and touch nothing of it."""
-
-
-@dataclass(frozen=True)
-class Claim:
-    """The right to run a job until another worker claims it; `attempt` is the fencing token, and counts up."""
-
-    operation: OperationRecord
-    attempt: int
 
 
 class JobRepository:
@@ -147,7 +132,7 @@ class JobRepository:
         with self._writing() as connection:
             options = {**claim.operation.options, RELEASED: True}
             values = {"starts": operations.c.starts - 1, "options": options, "updated_at": time.time()}
-            connection.execute(_fenced(claim).values(values))
+            connection.execute(fenced(claim).values(values))
 
     def report(
         self,
@@ -174,7 +159,7 @@ class JobRepository:
                 values["starts"] = starts
             if progress_files is not None:
                 values["progress_files"] = {kind: dict(entry) for kind, entry in progress_files.items()}
-            _execute_fenced(connection, claim, _fenced(claim).values(values))
+            execute_fenced(connection, claim, fenced(claim).values(values))
             requested = connection.execute(select(*_REQUESTED).where(operations.c.id == claim.operation.id)).one()
             return _requests(tuple(requested))
 
@@ -185,7 +170,7 @@ class JobRepository:
             FencedError: as `report`.
         """
         with self._writing() as connection:
-            _execute_fenced(connection, claim, _fenced(claim).values(updated_at=time.time()))
+            execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
             record_photos(connection, claim.operation.scene_id, photos)
 
     def check(self, claim: Claim) -> frozenset[JobRequest]:
@@ -205,22 +190,53 @@ class JobRepository:
             raise FencedError(claim.operation.id)
         return _requests(tuple(requested))
 
-    def succeed(self, claim: Claim, summary: SceneSummary) -> None:
-        """Make the scene READY and end the operation as SUCCEEDED, both at once.
+    def publish_draft(
+        self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
+    ) -> None:
+        """Make a draft the scene's current version, with the edits of the draft before it; see `publish_made_within`.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
+            ConflictError: the scene was edited meanwhile.
         """
         with self._writing() as connection:
-            done = _fenced(claim).where(operations.c.cancel_requested.is_(False))
-            _execute_fenced(connection, claim, done.values(state="SUCCEEDED", updated_at=time.time()))
-            values = {
-                "state": "READY", "version": summary.version, "gaussians": summary.gaussians, "scale": summary.scale,
-                "dictionary": [dict(row) for row in summary.dictionary],
-                "cameras": [dict(row) for row in summary.cameras], "quality": dict(summary.quality),
-            }  # fmt: skip
-            ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(values)
-            _execute_fenced(connection, claim, ready)
+            execute_fenced(connection, claim, uncancelled(claim).values(updated_at=time.time()))
+            stays = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="TRAINING")
+            execute_fenced(connection, claim, stays)
+            publish_made_within(connection, claim.operation.scene_id, summary, carried, edited=edited, draft=True)
+
+    def succeed(
+        self,
+        claim: Claim,
+        summary: SceneSummary,
+        carried: Sequence[NewVersion] = (),
+        *,
+        edited: str = "",
+        result: Mapping[str, Any] | None = None,
+    ) -> Sequence[str]:
+        """Make the scene READY, in the place of its drafts, and end the operation as SUCCEEDED, both at once.
+
+        Args:
+            claim: of which job.
+            summary, carried, edited: see `publish_made_within`.
+            result: what became of edits of drafts, as JSON; None where there were none.
+
+        Returns:
+            The names of the drafts, and of what they were edited to, whose folders are the caller's to remove.
+
+        Raises:
+            FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
+            ConflictError: a draft was edited meanwhile.
+        """
+        with self._writing() as connection:
+            options = {**claim.operation.options, **({} if result is None else {RESULT: dict(result)})}
+            done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
+            execute_fenced(connection, claim, done)
+            ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
+            execute_fenced(connection, claim, ready)
+            return publish_made_within(
+                connection, claim.operation.scene_id, summary, carried, edited=edited, draft=False
+            )
 
     def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> Sequence[str]:
         """Publish a version and end the operation, which made it, as SUCCEEDED with its result; both at once.
@@ -234,9 +250,9 @@ class JobRepository:
             NotFoundError: the scene was deleted.
         """
         with self._writing() as connection:
-            done = _fenced(claim).where(operations.c.cancel_requested.is_(False))
             options = {**claim.operation.options, RESULT: dict(result)}
-            _execute_fenced(connection, claim, done.values(state="SUCCEEDED", options=options, updated_at=time.time()))
+            done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
+            execute_fenced(connection, claim, done)
             _, removed = publish_within(connection, new)
         return removed
 
@@ -359,7 +375,7 @@ class JobRepository:
     def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:
             values = {"state": state, "error": error, "updated_at": time.time()}
-            _execute_fenced(connection, claim, _fenced(claim).values(values))
+            execute_fenced(connection, claim, fenced(claim).values(values))
             ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(ended.values(state=state))
 
@@ -376,16 +392,3 @@ def no_upload(operation_id: str) -> NotFoundError:
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:
     names: tuple[JobRequest, ...] = ("cancel", "finish")
     return frozenset(name for name, requested in zip(names, row, strict=True) if requested)
-
-
-def _fenced(claim: Claim) -> Update:
-    return update(operations).where(
-        operations.c.id == claim.operation.id,
-        operations.c.attempt == claim.attempt,
-        operations.c.state == "RUNNING",
-    )
-
-
-def _execute_fenced(connection: Connection, claim: Claim, statement: Update) -> None:
-    if not connection.execute(statement).rowcount:
-        raise FencedError(claim.operation.id)

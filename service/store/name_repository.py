@@ -11,6 +11,7 @@ from functools import partial
 
 from sqlalchemy import ColumnElement, Connection, Engine, and_, delete, insert, literal, or_, select
 
+from fastsplat.service.scene.types import Things
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import known_names, scenes
 from fastsplat_contract.errors import NotFoundError
@@ -54,6 +55,19 @@ class KnownNameRecord:
     named_at: float
     appearance: bytes = field(repr=False)
     picture: bytes = field(default=b"", repr=False)
+
+
+def names_between(before: Things | None, after: Things | None, limit: int) -> VersionNames:
+    """The names that people gave in a version, of things that have an appearance, and those that it took over."""
+    known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
+    named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
+    unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
+    given = [
+        NewName(thing.id, thing.name, thing.appearance, thing.picture)
+        for thing in named
+        if known.get(thing.id) != thing.name
+    ]
+    return VersionNames(given, unchanged, limit)
 
 
 _ROWS = known_names.c

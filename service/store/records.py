@@ -33,7 +33,8 @@ _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
 @dataclass(frozen=True)
 class SceneRecord:
-    """One scene. `version` is empty until it is READY; times are seconds since 1970, UTC."""
+    """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
+    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
 
     id: str
     name: str

@@ -211,8 +211,8 @@ class SceneRepository:
             return first_readable(connection, query, limit, as_operation)
 
     def ready_scene_ids(self) -> Sequence[str]:
-        """Ids of all READY scenes, newest first."""
-        query = select(scenes.c.id).where(scenes.c.state == "READY", *self._within(scenes))
+        """Ids of all scenes that can be asked, drafts included, newest first."""
+        query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
 

@@ -1,7 +1,7 @@
 """Scene versions in the database: which there are, what they were made of, and which one is current.
 
 A scene without rows here was never edited: its trained version is the only one. Whoever writes versions of a scene
-locks the scene's row first, see `_locked`: so of two that saw the same current version one is refused.
+locks the scene's row first, see `locked_scene`: so of two that saw the same current version one is refused.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class VersionRepository:
     def of(self, scene: SceneRecord) -> Sequence[VersionRecord]:
         """Every version of a READY scene, oldest first."""
         with self._reading() as connection:
-            return tuple(_versions(connection, scene.id).values()) or (_trained(scene),)
+            return tuple(versions_of(connection, scene.id).values()) or (trained_version(scene),)
 
     def known(self, scene_id: str, version: str) -> bool:
         """Whether there is a row of that version (the only version of a scene that was never edited has none)."""
@@ -184,8 +184,8 @@ class VersionRepository:
             NotFoundError: the scene was deleted.
         """
         with self._writing() as connection:
-            scene = _locked(connection, scene_id, expected)
-            records = _versions(connection, scene_id)
+            scene = locked_scene(connection, scene_id, expected)
+            records = versions_of(connection, scene_id)
             current = records.get(scene.version)
             if current is None or not current.parent:
                 raise ConflictError("there is nothing to undo: this is the scene as it was trained", field="version")
@@ -209,8 +209,8 @@ class VersionRepository:
             NotFoundError: the scene was deleted.
         """
         with self._writing() as connection:
-            scene = _locked(connection, scene_id, expected)
-            records = [each for each in _versions(connection, scene_id).values() if each.parent == scene.version]
+            scene = locked_scene(connection, scene_id, expected)
+            records = [each for each in versions_of(connection, scene_id).values() if each.parent == scene.version]
             if not records:
                 raise ConflictError(
                     "there is nothing to redo: no version was made of the current one",
@@ -234,10 +234,10 @@ class VersionRepository:
             NotFoundError: the scene was deleted, or has no such version.
         """
         with self._writing() as connection:
-            scene = _locked(connection, scene_id, expected)
+            scene = locked_scene(connection, scene_id, expected)
             if version == scene.version:  # a scene that was never edited has no rows
-                return _versions(connection, scene_id).get(version) or _trained(scene)
-            record = _versions(connection, scene_id).get(version)
+                return versions_of(connection, scene_id).get(version) or trained_version(scene)
+            record = versions_of(connection, scene_id).get(version)
             if record is None:
                 raise no_version(version)
             _point(connection, scene, record)
@@ -251,14 +251,14 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         ConflictError: the scene has another current version by now.
         NotFoundError: the scene was deleted, or has no version any more that this one is `beside` of.
     """
-    scene = _locked(connection, new.scene_id, "" if new.beside else new.parent)
+    scene = locked_scene(connection, new.scene_id, "" if new.beside else new.parent)
     # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
     unsaid = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.quality.is_(None))
     connection.execute(unsaid.values(quality=dict(scene.quality)))
-    records = _versions(connection, scene.id)
+    records = versions_of(connection, scene.id)
     if not records:
-        records = {scene.version: _trained(scene)}
-        connection.execute(insert(scene_versions).values(_row(records[scene.version])))
+        records = {scene.version: trained_version(scene)}
+        connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
     if new.beside and new.parent not in records:
         raise no_version(new.parent)
     parent = records[new.parent] if new.beside else scene
@@ -269,7 +269,7 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         quality=new.quality or parent.quality,
     )
     values = {
-        **_row(new), "request_id": new.request_id or None, "created_at": time.time(),
+        **version_row(new), "request_id": new.request_id or None, "created_at": time.time(),
         "number": max(record.number for record in records.values()) + 1,
     }  # fmt: skip
     connection.execute(insert(scene_versions).values(values))
@@ -277,12 +277,12 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         _point(connection, scene, new)
     record_names(connection, scene.id, new.parent, new.version, new.names)
     removed = () if new.max_versions is None else _prune(connection, scene.id, new.version, new.max_versions)
-    return _versions(connection, scene.id)[new.version], removed
+    return versions_of(connection, scene.id)[new.version], removed
 
 
 def _prune(connection: Connection, scene_id: str, new: str, limit: int) -> Sequence[str]:
     """Delete the rows of versions beyond `limit`, see `NewVersion`; returns their names."""
-    records = _versions(connection, scene_id)
+    records = versions_of(connection, scene_id)
     in_force = _lineage(records)
     staying = {new, next(iter(records)), *(record.version for record in records.values() if record.current)}
     candidates = [record for record in records.values() if record.version not in staying]
@@ -311,7 +311,7 @@ def _lineage(records: Mapping[str, VersionRecord]) -> frozenset[str]:
     return frozenset(names)
 
 
-def _locked(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
+def locked_scene(connection: Connection, scene_id: str, expected: str) -> SceneRecord:
     """The row of a scene, which nobody else changes before the transaction's end, if `expected` is its current version
     ("": whatever it is). SQLite knows no locks of rows; there a transaction that writes is the only one."""
     row = connection.execute(select(scenes).where(scenes.c.id == scene_id).with_for_update()).mappings().first()
@@ -342,7 +342,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
     connection.execute(left.values(current_at=max(time.time(), (latest or 0.0) + _TICK_S)))
 
 
-def _versions(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
+def versions_of(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
     """All rows of a scene by version, oldest first; none if it was never edited."""
     rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number, _ROWS.created_at))
     return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
@@ -353,7 +353,7 @@ def _exists(connection: Connection, scene_id: str, version: str) -> bool:
     return bool(connection.scalar(here))
 
 
-def _row(version: NewVersion | VersionRecord) -> dict[str, Any]:
+def version_row(version: NewVersion | VersionRecord) -> dict[str, Any]:
     return {name: value for name, value in vars(version).items() if name not in _NO_COLUMNS}
 
 
@@ -364,7 +364,7 @@ def no_version(version: str) -> NotFoundError:
     )
 
 
-def _trained(scene: SceneRecord) -> VersionRecord:
+def trained_version(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
         quality=scene.quality, current=True,

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.store.job_repository import Claim
+from fastsplat.service.store.claims import Claim
 from fastsplat_client import Client, NotReadyError
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.job_watching import PlacedCameras, Preview

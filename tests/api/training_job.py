@@ -12,7 +12,7 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.formats.upload_manifest import VALIDATED, UploadManifest, write_manifest
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_to_json
-from fastsplat.service.store.job_repository import Claim
+from fastsplat.service.store.claims import Claim
 from fastsplat.service.store.records import NewJob
 from fastsplat_contract.camera import Camera, PosedCamera
 

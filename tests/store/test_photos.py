@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.service.store.job_repository import FencedError
+from fastsplat.service.store.claims import FencedError
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.results import PHOTOS

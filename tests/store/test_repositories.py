@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.store.claims import FencedError
 from fastsplat.service.store.database import resolve_url
-from fastsplat.service.store.job_repository import FencedError
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.schema import metadata
 from fastsplat.service.store.store import Store, open_store

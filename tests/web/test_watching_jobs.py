@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Route, expect
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.store.job_repository import Claim
+from fastsplat.service.store.claims import Claim
 from tests.api.training_job import add_training_job, show_training
 from tests.web.browser import visiting
 from tests.web.places import Place

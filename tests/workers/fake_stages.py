@@ -5,6 +5,7 @@
 "capture:kill_worker_until 3" does so in the first three attempts, "capture:kill_in 2" and "capture:kill_worker_in 2"
 kill in the second attempt only, "perception:fail" raises a typed error,
 "training:until_finish" shows picture after picture until the job is to end early,
+"training:draft" publishes a draft, "training:draft_kill_in 2" dies in the middle of one,
 "export:defect" an untyped one, "training:full" writes to a full disk, "training:write 5" writes 5 MB,
 "capture:environment" notes what the trainer's environment and niceness are, and "capture:child" leaves a grandchild
 process whose id it writes into the data folder.
@@ -26,14 +27,18 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.scene.types import Scene
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import checkpoint_folder
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import ReconstructionError
+from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.train_more_messages import TrainMoreResult
+
+_NUMBERS = itertools.count(1)
 
 
 def _obey(job: Job, stage: str, progress: Progress) -> None:
@@ -69,9 +74,14 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
             Path("/dev/full").write_bytes(b"more than there is room for")
         elif name == "write":
             (job.folder / "large.bin").write_bytes(bytes(int(value) << 20))
-        elif name == "until_told":
-            while not (job.settings.data_dir / "told.txt").exists():
+        elif name in ("until_told", "until_asked"):
+            while not (job.settings.data_dir / f"{name.removeprefix('until_')}.txt").exists():
                 time.sleep(0.05)
+        elif name == "draft":
+            _publish_draft(job, stage, progress)
+        elif name == "draft_kill_in" and job.attempt == int(value):
+            (job.folder / "drafts" / ".half").mkdir(parents=True)
+            os.kill(os.getpid(), signal.SIGKILL)
         elif name == "until_finish":
             _show_until_finish(job, stage, progress)
         elif name == "fail":
@@ -107,6 +117,38 @@ def _show_until_finish(job: Job, stage: str, progress: Progress) -> None:
         time.sleep(0.2)
 
 
+def _publish_draft(job: Job, stage: str, progress: Progress) -> None:
+    from fastsplat.service.scene.drafts import draft_of, provisional_of
+    from fastsplat.workers.drafts import carry_into, write_made
+
+    drafts = job.folder / "drafts"
+    name = f"{job.folder.name}-{stage}-{job.attempt}-{next(_NUMBERS)}"
+    provisional = Provisional("points", 0.0) if stage == "perception" else Provisional("training", 0.5)
+    scene = draft_of(_scene(job, draft=True), provisional)
+    (drafts / f".{name}").mkdir(parents=True)
+    write_made(scene, drafts / f".{name}")
+    assert not carry_into(job, scene, drafts / f".{name}")
+    (drafts / f".{name}").rename(drafts / name)
+    assert provisional_of(scene.quality) == provisional
+    files = {"draft": {"file": name, "info": provisional._asdict()}}
+    progress(ProgressEvent(stage, 0.5, "a draft", {}, files))
+
+
+def _scene(job: Job, *, draft: bool = False) -> Scene:
+    """Of five Gaussians; with a text encoder, of three things, which a draft has of fewer Gaussians, by other ids, and
+    beside one that the scene has not."""
+    from tests.scenes import labelled_scene  # the other stages start without it
+
+    if (job.settings.models / "words").is_dir():
+        from tests.workers.draft_scenes import of_things
+
+        return of_things(job.settings.models, draft=draft)
+
+    posed = PosedCamera(Camera(8, 6, 8.0, 8.0, 4.0, 3.0), np.eye(4), "a.png")
+    means = np.random.default_rng(0).normal(size=(5, 3))
+    return labelled_scene(means, np.zeros(5, int), ["mug", "box"], logit_opacities=0.0, cameras=[posed])
+
+
 def _capture(job: Job, folder: Path, progress: Progress) -> None:
     _obey(job, "capture", progress)
     files = sorted(path.name for path in job.upload.iterdir())
@@ -126,17 +168,22 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
 
 
 def _export(job: Job, folder: Path, progress: Progress) -> None:
-    _obey(job, "export", progress)
-    from tests.scenes import labelled_scene, write_version  # the other stages start without it
+    from fastsplat.workers.drafts import export_made
 
-    posed = PosedCamera(Camera(8, 6, 8.0, 8.0, 4.0, 3.0), np.eye(4), "a.png")
-    means = np.random.default_rng(0).normal(size=(5, 3))
-    scene = labelled_scene(means, np.zeros(5, int), ["mug", "box"], logit_opacities=0.0, cameras=[posed])
+    export_made(job, folder, lambda: _assemble(job, folder))
+    _obey(job, "export", progress)
+
+
+def _assemble(job: Job, folder: Path) -> None:
+    from tests.scenes import write_version
+
+    scene = _scene(job)
+    posed = scene.cameras[0]
     write_version(scene, folder)
     steps = int((job.result("training") / "steps.txt").read_text())
     summary = {
         "gaussians": len(scene.gaussians),
-        "scale": "METRIC",
+        "scale": scene.scale,
         "dictionary": [
             {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
             for n, e in enumerate(scene.dictionary.entries, start=1)

@@ -77,7 +77,7 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     fitting: list[SceneSummary] = []
     for each in client.scenes():
         listed = [*listed, each][:_MOST_OFFERED]
-        if each.name.casefold() == scene.casefold() if scene else each.state == "READY":
+        if each.name.casefold() == scene.casefold() if scene else bool(each.version):
             fitting.append(each)
         if len(fitting) > _MOST_OFFERED:
             break

@@ -101,6 +101,23 @@ WORKER_STATE_WORKING: WorkerState.ValueType  # 3
 WORKER_STATE_SILENT: WorkerState.ValueType  # 4
 Global___WorkerState: _TypeAlias = WorkerState  # noqa: Y015
 
+class _DraftStage:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _DraftStageEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_DraftStage.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    DRAFT_STAGE_UNSPECIFIED: _DraftStage.ValueType  # 0
+    DRAFT_STAGE_POINTS: _DraftStage.ValueType  # 1
+    DRAFT_STAGE_TRAINING: _DraftStage.ValueType  # 2
+
+class DraftStage(_DraftStage, metaclass=_DraftStageEnumTypeWrapper): ...
+
+DRAFT_STAGE_UNSPECIFIED: DraftStage.ValueType  # 0
+DRAFT_STAGE_POINTS: DraftStage.ValueType  # 1
+DRAFT_STAGE_TRAINING: DraftStage.ValueType  # 2
+Global___DraftStage: _TypeAlias = DraftStage  # noqa: Y015
+
 class _AgainAfter:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -1108,6 +1125,8 @@ class Operation(_message.Message):
     TRAIN_MORE_FIELD_NUMBER: _builtins.int
     LEFT_OUT_FIELD_NUMBER: _builtins.int
     AGAIN_AFTER_FIELD_NUMBER: _builtins.int
+    DRAFT_FIELD_NUMBER: _builtins.int
+    CREATE_SCENE_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
@@ -1162,6 +1181,14 @@ class Operation(_message.Message):
     def left_out(self) -> _containers.ScalarMap[_builtins.str, _builtins.str]:
         """why files of the upload cannot be used, by their names in it; of very many the first, the scene's quality has all"""
 
+    @_builtins.property
+    def draft(self) -> Global___DraftInfo:
+        """the newest draft of its scene; absent without one, and once it is done"""
+
+    @_builtins.property
+    def create_scene(self) -> Global___CreateSceneResult:
+        """what became of edits of drafts; absent without them, and until it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -1184,10 +1211,12 @@ class Operation(_message.Message):
         train_more: Global___TrainMoreResult | None = ...,
         left_out: _abc.Mapping[_builtins.str, _builtins.str] | None = ...,
         again_after: Global___AgainAfter.ValueType | None = ...,
+        draft: Global___DraftInfo | None = ...,
+        create_scene: Global___CreateSceneResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "created_at", b"created_at", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "create_scene", b"create_scene", "created_at", b"created_at", "draft", b"draft", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "created_at", b"created_at", "done", b"done", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "create_scene", b"create_scene", "created_at", b"created_at", "done", b"done", "draft", b"draft", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__again_after: _TypeAlias = _typing.Literal["again_after"]  # noqa: Y015
     _WhichOneofArgType__again_after: _TypeAlias = _typing.Literal["_again_after", b"_again_after"]  # noqa: Y015
@@ -1574,6 +1603,67 @@ class PlacedInfo(_message.Message):
 Global___PlacedInfo: _TypeAlias = PlacedInfo  # noqa: Y015
 
 @_typing.final
+class DraftInfo(_message.Message):
+    """The newest draft of the scene that a job makes: a version that can be looked at, asked and edited."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NUMBER_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    STAGE_FIELD_NUMBER: _builtins.int
+    FRACTION_FIELD_NUMBER: _builtins.int
+    number: _builtins.int
+    """counts up with each draft of the job"""
+    version: _builtins.str
+    """of the scene; edits made on the draft before are in it or in one after"""
+    stage: Global___DraftStage.ValueType
+    fraction: _builtins.float
+    """of the training behind it, 0..1"""
+    def __init__(
+        self,
+        *,
+        number: _builtins.int = ...,
+        version: _builtins.str = ...,
+        stage: Global___DraftStage.ValueType = ...,
+        fraction: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["fraction", b"fraction", "number", b"number", "stage", b"stage", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DraftInfo: _TypeAlias = DraftInfo  # noqa: Y015
+
+@_typing.final
+class CreateSceneResult(_message.Message):
+    """What became of the edits that people made on drafts."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    CARRIED_FIELD_NUMBER: _builtins.int
+    LOST_FIELD_NUMBER: _builtins.int
+    carried: _builtins.int
+    """versions that hold them again, made of the finished scene"""
+    @_builtins.property
+    def lost(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what could not be done again, and why; in words, one each"""
+
+    def __init__(
+        self,
+        *,
+        carried: _builtins.int = ...,
+        lost: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["carried", b"carried", "lost", b"lost"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___CreateSceneResult: _TypeAlias = CreateSceneResult  # noqa: Y015
+
+@_typing.final
 class OpenSampleRequest(_message.Message):
     """The sample scene."""
 
@@ -1592,7 +1682,7 @@ Global___OpenSampleRequest: _TypeAlias = OpenSampleRequest  # noqa: Y015
 
 @_typing.final
 class Scene(_message.Message):
-    """A scene; dictionary, cameras and quality are empty until it is ready."""
+    """A scene; dictionary, cameras and quality are empty as long as it has no version."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -1613,17 +1703,18 @@ class Scene(_message.Message):
     SCALING_FIELD_NUMBER: _builtins.int
     VERTICAL_FIELD_NUMBER: _builtins.int
     ALIGNMENT_FIELD_NUMBER: _builtins.int
+    PROVISIONAL_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
     operation_id: _builtins.str
     """the operation that makes it"""
     gaussians: _builtins.int
-    """G, the length of every 3D mask; 0 until ready"""
+    """G, the length of every 3D mask; 0 without a version"""
     scale: Global___Scale.ValueType
     """METRIC: scene units are meters; ARBITRARY: poses came from images alone, lengths have no unit"""
     version: _builtins.str
-    """the current version; empty until ready"""
+    """the current version; empty as long as there is nothing to be asked"""
     label_count: _builtins.int
     """length of the whole dictionary"""
     camera_count: _builtins.int
@@ -1658,6 +1749,10 @@ class Scene(_message.Message):
     def alignment(self) -> Global___SceneAlignment:
         """absent where the scene was not put into the frame of a map"""
 
+    @_builtins.property
+    def provisional(self) -> Global___Provisional:
+        """of a scene that is not ready: what its version, a draft, is made of; absent without one"""
+
     def __init__(
         self,
         *,
@@ -1678,10 +1773,11 @@ class Scene(_message.Message):
         scaling: Global___SceneScaling | None = ...,
         vertical: Global___SceneVertical | None = ...,
         alignment: Global___SceneAlignment | None = ...,
+        provisional: Global___Provisional | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "created_at", b"created_at", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "created_at", b"created_at", "provisional", b"provisional", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "provisional", b"provisional", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -2090,6 +2186,34 @@ class Pose(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___Pose: _TypeAlias = Pose  # noqa: Y015
+
+@_typing.final
+class Provisional(_message.Message):
+    """What was answered from: a draft of a scene that is still being made, or whose job ended before it was made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    STAGE_FIELD_NUMBER: _builtins.int
+    FRACTION_FIELD_NUMBER: _builtins.int
+    stage: Global___DraftStage.ValueType
+    """points: the points of the reconstruction, with what was seen in the first photos; training: Gaussians of a training
+    under way
+    """
+    fraction: _builtins.float
+    """of the training behind it, 0..1"""
+    def __init__(
+        self,
+        *,
+        stage: Global___DraftStage.ValueType = ...,
+        fraction: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["fraction", b"fraction", "stage", b"stage"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Provisional: _TypeAlias = Provisional  # noqa: Y015
 
 @_typing.final
 class GetSceneRequest(_message.Message):
@@ -2953,6 +3077,7 @@ class PickedThing(_message.Message):
     LEVELS_FIELD_NUMBER: _builtins.int
     LEVEL_FIELD_NUMBER: _builtins.int
     MASK3D_FIELD_NUMBER: _builtins.int
+    PROVISIONAL_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """which version was read"""
     level: Global___PickLevel.ValueType
@@ -2973,6 +3098,10 @@ class PickedThing(_message.Message):
     def levels(self) -> _containers.RepeatedCompositeFieldContainer[Global___PickedLevel]:
         """what is there: the part, if any, the thing, the group, if any; a second click takes the next"""
 
+    @_builtins.property
+    def provisional(self) -> Global___Provisional:
+        """what the version is made of, if it is a draft; absent if it is none"""
+
     def __init__(
         self,
         *,
@@ -2983,10 +3112,11 @@ class PickedThing(_message.Message):
         levels: _abc.Iterable[Global___PickedLevel] | None = ...,
         level: Global___PickLevel.ValueType = ...,
         mask3d: _builtins.bytes | None = ...,
+        provisional: Global___Provisional | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "thing", b"thing"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "provisional", b"provisional", "thing", b"thing"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "level", b"level", "levels", b"levels", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "thing", b"thing", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d", "level", b"level", "levels", b"levels", "mask", b"mask", "mask3d", b"mask3d", "part", b"part", "provisional", b"provisional", "thing", b"thing", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__mask3d: _TypeAlias = _typing.Literal["mask3d"]  # noqa: Y015
     _WhichOneofArgType__mask3d: _TypeAlias = _typing.Literal["_mask3d", b"_mask3d"]  # noqa: Y015
@@ -4639,6 +4769,7 @@ class Answer(_message.Message):
     PHRASE_FIELD_NUMBER: _builtins.int
     OUTCOME_FIELD_NUMBER: _builtins.int
     SENTENCE_FIELD_NUMBER: _builtins.int
+    PROVISIONAL_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     text: _builtins.str
     """as asked"""
@@ -4717,6 +4848,10 @@ class Answer(_message.Message):
         masks are of these things alone; where it was not decided, of those that may be meant
         """
 
+    @_builtins.property
+    def provisional(self) -> Global___Provisional:
+        """what the version is made of, if it is a draft; absent if it is none"""
+
     def __init__(
         self,
         *,
@@ -4742,10 +4877,11 @@ class Answer(_message.Message):
         phrase: Global___PhraseAnswer | None = ...,
         outcome: Global___Outcome.ValueType = ...,
         sentence: _builtins.str = ...,
+        provisional: Global___Provisional | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation_subject", b"relation_subject", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "provisional", b"provisional", "relation_subject", b"relation_subject", "searched", b"searched", "threshold", b"threshold"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "method", b"method", "outcome", b"outcome", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "relation", b"relation", "relation_subject", b"relation_subject", "scene_id", b"scene_id", "searched", b"searched", "sentence", b"sentence", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_coverage", b"_coverage", "_presence", b"_presence", "_probability", b"_probability", "_relation_subject", b"_relation_subject", "_threshold", b"_threshold", "coverage", b"coverage", "decided_by", b"decided_by", "explanation", b"explanation", "gaussians", b"gaussians", "label_set", b"label_set", "match_count", b"match_count", "matches", b"matches", "method", b"method", "outcome", b"outcome", "phrase", b"phrase", "presence", b"presence", "probability", b"probability", "provisional", b"provisional", "relation", b"relation", "relation_subject", b"relation_subject", "scene_id", b"scene_id", "searched", b"searched", "sentence", b"sentence", "text", b"text", "things", b"things", "threshold", b"threshold", "verdict", b"verdict", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__coverage: _TypeAlias = _typing.Literal["coverage"]  # noqa: Y015
     _WhichOneofArgType__coverage: _TypeAlias = _typing.Literal["_coverage", b"_coverage"]  # noqa: Y015

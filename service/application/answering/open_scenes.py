@@ -21,6 +21,7 @@ from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError, SceneFileError
 from fastsplat_contract.poses import F64
 from fastsplat_contract.queries import QueryIn
+from fastsplat_contract.scenes import SceneState
 
 if TYPE_CHECKING:  # onnxruntime loads with the first question, not with the server
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -75,7 +76,7 @@ class OpenScenes:
 
         Raises:
             NotFoundError: there is no such scene or version.
-            NotReadyError: it is still being made, or its job failed.
+            NotReadyError: nothing of it can be asked yet, or its job ended before anything could.
             SceneFileError: its files are damaged, or missing.
             LimitExceededError, CancelledError, DeadlineExceededError, CallAgainError: as `MemoryBudget.opening`.
         """
@@ -113,13 +114,8 @@ class OpenScenes:
             NotFoundError, NotReadyError: as `reading`.
         """
         state, current, operation_id = self._store.scenes.current_version(scene_id)
-        if state != "READY":
-            problem, hint = {
-                "TRAINING": (f"scene {scene_id!r} is still being made", "Wait for"),
-                "FAILED": (f"the job of scene {scene_id!r} failed", "Look at the error of, or retry,"),
-                "CANCELLED": (f"the job of scene {scene_id!r} was cancelled", "Retry"),
-            }[state]
-            raise NotReadyError(problem, field="scene", hint=f"{hint} operation {operation_id}.")
+        if not current:
+            raise _not_ready(scene_id, state, operation_id)
         if version and version != current and not self._store.versions.known(scene_id, version):
             raise NotFoundError(
                 f"scene {scene_id!r} has no version {version[:80]!r}",
@@ -127,6 +123,18 @@ class OpenScenes:
                 hint="List its versions, or leave the version out for the current one.",
             )
         return version or current
+
+    def finished(self, scene_id: str) -> str:
+        """The name of the current version of a scene that is no draft.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            NotReadyError: it is still being made, or its job has not succeeded.
+        """
+        state, current, operation_id = self._store.scenes.current_version(scene_id)
+        if state != "READY":
+            raise _not_ready(scene_id, state, operation_id)
+        return current
 
     def folder(self, scene_id: str, version: str) -> Path:
         """Where a version's files are.
@@ -212,6 +220,15 @@ def _weigh(folder: Path) -> int:
 
 def _weigh_open(folder: Path) -> int:
     return _weigh(folder) + KEPT_MAP_BYTES
+
+
+def _not_ready(scene_id: str, state: SceneState, operation_id: str) -> NotReadyError:
+    problem, hint = {
+        "TRAINING": (f"scene {scene_id!r} is still being made", "Wait for"),
+        "FAILED": (f"the job of scene {scene_id!r} failed", "Look at the error of, or retry,"),
+        "CANCELLED": (f"the job of scene {scene_id!r} was cancelled", "Retry"),
+    }[state]
+    return NotReadyError(problem, field="scene", hint=f"{hint} operation {operation_id}.")
 
 
 def _deleted(scene_id: str) -> NotFoundError:

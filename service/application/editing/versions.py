@@ -35,7 +35,7 @@ from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Scene, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs import remove
-from fastsplat.service.store.name_repository import NewName, VersionNames
+from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 from fastsplat_contract.edit_previews import EditPreview
@@ -263,7 +263,7 @@ class Versions:
         self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
         key = self._store.keys.find(order.author) if order.author else None
         try:
-            names = _names_of(before.scene.things, edited.things, self._settings.calls.max_known_names)
+            names = names_between(before.scene.things, edited.things, self._settings.calls.max_known_names)
             published, removed = self._store.versions.publish(
                 NewVersion(
                     scene_id=scene_id,
@@ -366,19 +366,6 @@ class Versions:
             self._store.blobs.publish(scratch, scene_id, version)
         finally:
             remove(scratch)
-
-
-def _names_of(before: Things | None, after: Things | None, limit: int) -> VersionNames:
-    """The names that people gave in a version, of things that have an appearance, and those that it took over."""
-    known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
-    named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
-    unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
-    given = [
-        NewName(thing.id, thing.name, thing.appearance, thing.picture)
-        for thing in named
-        if known.get(thing.id) != thing.name
-    ]
-    return VersionNames(given, unchanged, limit)
 
 
 def _linked(file: Path, place: Path) -> bool:

@@ -44,7 +44,7 @@ class FurtherTraining:
             ConflictError: the request id was used before for another request.
             QuotaError: as many of the project's jobs wait or run as may.
         """
-        version = self._scenes.version(scene_id, "")
+        version = self._scenes.finished(scene_id)
         job = _job_of(scene_id, version, request, self._project, self._settings)
 
         def check() -> None:

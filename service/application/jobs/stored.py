@@ -15,12 +15,13 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
 from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
+from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.scene.upright import vertical_of
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.damaged_rows import decodes, each_readable
 from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
-from fastsplat_contract.job_watching import PlacedInfo, PreviewInfo, WorkerState
+from fastsplat_contract.job_watching import DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
 from fastsplat_contract.poses import Pose, Vector3, quaternion_of
@@ -68,6 +69,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
         seconds_left=left if left is not None and 0 <= left < math.inf else None,
         finish_requested=record.finish_requested,
         preview=PreviewInfo(**files["preview"]["info"]) if "preview" in files else None,
+        draft=DraftInfo(**files["draft"]["info"]) if "draft" in files else None,
         placed=PlacedInfo(**files["placed"]["info"]) if "placed" in files else None,
         again_after=record.again_after,
         left_out={**record.options.get(_LEFT_OUT, {}), **dict.fromkeys(record.excluded, ON_REQUEST)},
@@ -119,6 +121,7 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
         scaling=_scaling_of(record),
         vertical=vertical_of(record.quality, alignment, cameras),
         alignment=_alignment_of(record),
+        provisional=provisional_of(record.quality),
     )
 
 

@@ -1,0 +1,54 @@
+"""A first look at a capture: its views in an order in which few of them show most of the place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.perception.types import Labelling
+
+_TIMES = 2
+"""A point counts in so many views: a thing is one that two views show."""
+_MOST_POINTS = 4_000
+
+
+@dataclass(frozen=True)
+class EarlyLook:
+    """Who wants to see labels before all views are labelled.
+
+    Attributes:
+        views: after how many views.
+        show: is given the labelling as far as it has come, and the numbers of these views.
+    """
+
+    views: int
+    show: Callable[[Labelling, Sequence[int]], None]
+
+
+def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:
+    """The views `numbers` of a capture in an order in which each adds as many of the capture's points as it can, each
+    point counted in its first two views; what adds nothing keeps its place behind the others."""
+    points = capture.points
+    if len(points) > _MOST_POINTS:
+        points = points[np.sort(np.random.default_rng(0).choice(len(points), _MOST_POINTS, replace=False))]
+    inside = {number: _shows(capture.views[number], points) for number in numbers}
+    seen, left, order = np.zeros(len(points), np.int64), list(numbers), []
+    while left:
+        best = max(left, key=lambda number: (int((inside[number] & (seen < _TIMES)).sum()), -left.index(number)))
+        order.append(best)
+        left.remove(best)
+        seen += inside[best]
+    return order
+
+
+def _shows(view: View, points: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """bool [P]: which points are in a view's picture, whatever is before them."""
+    camera, local = view.posed.camera, np.c_[points, np.ones(len(points))] @ view.posed.camera_from_world().T
+    depth = np.where(local[:, 2] > 1e-6, local[:, 2], np.inf)
+    x, y = local[:, 0] / depth * camera.fx + camera.cx, local[:, 1] / depth * camera.fy + camera.cy
+    inside = np.isfinite(depth) & (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+    return np.asarray(inside)

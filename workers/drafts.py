@@ -1,0 +1,194 @@
+"""Drafts of a scene, made by the stages of its job while they run."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import secrets
+import shutil
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fastsplat.service.capture.photos.scene_photos import share_photos
+from fastsplat.service.capture.types import Capture
+from fastsplat.service.carried_edits import DraftVersion, carry_edits
+from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.drafts import EARLY_VIEWS, point_draft, training_draft
+from fastsplat.service.perception.early_look import covering_order
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.alignment import alignment_to_json
+from fastsplat.service.scene.changes import changed_views
+from fastsplat.service.scene.drafts import DRAFTS as PLAN
+from fastsplat.service.scene.drafts import provisional_of
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scaling import scaling_to_json
+from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.service.store.blobs import remove
+from fastsplat.service.store.codec import camera_to_json
+from fastsplat.workers.look_again_stages import dictionary_rows
+from fastsplat.workers.made_scenes import CARRIED, DRAFTS, EDITS, SUMMARY, read_edited
+from fastsplat.workers.progress_files import ProgressFiles
+from fastsplat.workers.protocol import Job
+from fastsplat.workers.results import KEPT, RESULT_FILES
+from fastsplat_contract.errors import CancelledError, ConflictError, FastSplatError
+from fastsplat_contract.job_watching import Provisional
+from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.scenes import Edit
+
+_OF_EDIT = {field.name for field in fields(Edit)}
+"""Rows of versions say more, of what came of a prompt."""
+
+
+def training_drafts() -> tuple[float, ...]:
+    """After which shares of a training a draft is due."""
+    return tuple(draft.fraction for draft in PLAN if draft.stage == "training")
+
+
+def early_views(capture: Capture, labelling: Labelling) -> Sequence[int]:
+    """The views that drafts know, of a capture that is labelled: those whose masks were looked for first."""
+    looked_at = [number for number, masks in enumerate(labelling.masks) if masks is not None]
+    return covering_order(capture, looked_at or range(len(capture.views)))[:EARLY_VIEWS]
+
+
+def write_made(scene: Scene, folder: Path) -> None:
+    """The files of a scene that is to be published, photos excepted."""
+    write_scene(scene, folder / "artefact")
+    write_ply(scene.gaussians, folder / "scene.ply")
+    (folder / SUMMARY).write_text(json.dumps(_summary(scene)))
+
+
+def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
+    """Make the edits of the newest draft again, beside a scene that `write_made` has written.
+
+    Returns:
+        Those that could not be made again, in words.
+    """
+    edited = read_edited(job.folder / EDITS)
+    if edited is None:
+        _note(folder, "", (), ())
+        return ()
+    settings, encoder = job.settings, open_text_encoder(scene.text_encoder[0], job.settings.models)
+    opened = partial(SceneIndex, encoder=encoder, settings=settings.query)
+    draft, versions = opened(read_scene(Path(edited.folder) / "artefact")), []
+    for version in edited.versions:
+        edits = [from_plain(Edit, {name: row[name] for name in row if name in _OF_EDIT}) for row in version.edits]
+        versions.append(DraftVersion(edits, opened(read_scene(Path(version.folder) / "artefact"))))
+    carried = carry_edits(opened(scene), draft, versions, max_gaussians=settings.store.max_gaussians)
+    rows: list[dict[str, Any]] = []
+    for each in carried.versions:
+        before, name = edited.versions[each.number], f"e{secrets.token_hex(8)}"
+        place = folder / CARRIED / name
+        place.mkdir(parents=True)
+        write_made(each.index.scene, place)
+        share_photos(folder, place)
+        summary = json.loads((place / SUMMARY).read_text())
+        rows.append(
+            {
+                "version": name,
+                "edits": [to_plain(edit) for edit in each.edits],
+                "author": before.author,
+                "request_id": before.request_id,
+                "request_digest": before.request_digest,
+                "gaussians": summary["gaussians"],
+                "dictionary": summary["dictionary"],
+                "scaling": scaling_to_json(each.index.scene.scaling),
+                "alignment": alignment_to_json(each.index.scene.alignment),
+                "quality": summary["quality"] if changed_views(each.index.scene.quality) else None,
+            }
+        )
+    _note(folder, edited.versions[-1].version, rows, carried.lost)
+    return carried.lost
+
+
+def _note(folder: Path, edited: str, rows: Sequence[dict[str, Any]], lost: Sequence[str]) -> None:
+    summary = json.loads((folder / SUMMARY).read_text())
+    (folder / SUMMARY).write_text(json.dumps({**summary, "edited": edited, "carried": rows, "lost": list(lost)}))
+
+
+def export_made(job: Job, folder: Path, assemble: Callable[[], None]) -> None:
+    """The last stage of a job that makes a scene: the scene, and the edits of its newest draft made again.
+
+    Args:
+        job: whose stage.
+        folder: of the stage.
+        assemble: writes the scene into it, if it was not made before: edits that come late do not cost it.
+    """
+    kept = job.folder / f"{folder.name.partition('.')[0]}{KEPT}"
+    if kept.is_dir():
+        shutil.copytree(kept, folder, copy_function=link_or_copy, ignore=_own, dirs_exist_ok=True)
+        (folder / SUMMARY).write_bytes((kept / SUMMARY).read_bytes())  # it is written to, and no link may be
+    else:
+        assemble()
+    if (job.folder / EDITS).exists():
+        carry_into(job, read_scene(folder / "artefact"), folder)
+
+
+def _own(folder: str, names: list[str]) -> list[str]:
+    """What is not of the scene alone."""
+    return [name for name in names if name in (CARRIED, SUMMARY, *RESULT_FILES)]
+
+
+class Drafts:
+    """Drafts that a stage publishes. Without one a job is as good: what keeps one from being made is written to the
+    job's log."""
+
+    def __init__(self, job: Job, files: ProgressFiles) -> None:
+        self._job, self._files = job, files
+        self._numbers = itertools.count(1)
+
+    def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
+        """See `point_draft`."""
+        self._publish("perception", lambda: point_draft(capture, labelling, views, self._job.settings))
+
+    def of_training(
+        self,
+        splats: TrainedSplats,
+        capture: Capture,
+        labelling: Labelling,
+        views: Sequence[int],
+        settings: Settings,
+        share: float,
+    ) -> None:
+        """See `training_draft`; `share` is that of the training behind it."""
+        provisional = Provisional("training", round(share, 3))
+        self._publish("training", lambda: training_draft(splats, capture, labelling, views, settings, provisional))
+
+    def _publish(self, stage: str, make: Callable[[], Scene]) -> None:
+        job = self._job
+        name = f"{job.folder.name}-{stage}-{job.attempt}-{next(self._numbers)}"
+        folder = job.folder / DRAFTS / f".{name}"
+        try:
+            scene = make()
+            folder.mkdir(parents=True)
+            write_made(scene, folder)
+            if lost := carry_into(job, scene, folder):
+                raise ConflictError(f"it would lose edits: {'; '.join(lost)}")  # the finished scene may hold them
+            folder.rename(job.folder / DRAFTS / name)
+        except CancelledError:
+            raise
+        except (FastSplatError, OSError) as error:
+            remove(folder)
+            print(f"draft {name} is not made: {error}", file=sys.stderr, flush=True)
+            return
+        provisional = provisional_of(scene.quality)
+        assert provisional is not None
+        self._files.draft(name, provisional)
+
+
+def _summary(scene: Scene) -> dict[str, Any]:
+    return {
+        "gaussians": len(scene.gaussians),
+        "scale": scene.scale,
+        "dictionary": dictionary_rows(scene),
+        "cameras": [camera_to_json(posed) for posed in scene.cameras],
+        "quality": dict(scene.quality),
+    }
