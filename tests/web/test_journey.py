@@ -1,4 +1,5 @@
-"""The whole way of a person, with real workers and real models: photos in, a scene that answers, a thing named."""
+"""A person's first ten minutes, with real workers and real models: the sample is opened, asked, clicked, named and
+shared; then a scene is made of own photos."""
 
 from __future__ import annotations
 
@@ -86,8 +87,8 @@ def _things(page: Page) -> Locator:
     return page.get_by_role("region", name="Things")
 
 
-def test_from_photos_to_a_named_thing(server: Server, webgl_browser: Browser) -> None:
-    with visiting(webgl_browser, server.url, "#/new", device_scale_factor=1) as visit:
+def test_the_first_ten_minutes(server: Server, webgl_browser: Browser, tmp_path: Path) -> None:
+    with visiting(webgl_browser, server.url, device_scale_factor=1) as visit:
         page = visit.page
         visit.expected.append("401")
         for key in ("fsk_wrong", server.key):
@@ -95,25 +96,66 @@ def test_from_photos_to_a_named_thing(server: Server, webgl_browser: Browser) ->
             page.get_by_role("button", name="Sign in").click()
             if key != server.key:
                 expect(page.get_by_role("alert")).to_contain_text("does not know this key")
-        page.get_by_label("Choose files").set_input_files(_PHOTOS)
-        expect(page.get_by_text(f"{len(_PHOTOS)} files")).to_be_visible()
-        page.get_by_label("Name", exact=True).fill("a table")
-        page.get_by_label("Quality").select_option("draft")
-        page.get_by_role("button", name="Upload").click()
-        expect(page.get_by_role("heading", name="a table")).to_be_visible()
-        training = page.get_by_role("progressbar", name="Training")
-        expect(training).to_be_visible(timeout=_TRAINED_MS)
+        expect(page.get_by_text("No scenes yet.")).to_be_visible()
         visit.check_accessible()
-        expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
+        page.get_by_role("button", name="Open the sample scene").click()
+        expect(page.get_by_role("heading", name="A table (sample)")).to_be_visible()
         with Client(server.url, key=server.key) as client:
             _look_ask_and_name(visit, client, server.url)
+            _share(visit, webgl_browser, server.url)
+            _make_own(visit, client, tmp_path)
+
+
+def _share(visit: Visit, browser: Browser, url: str) -> None:
+    """A link to the sample, and what it shows."""
+    page = visit.page
+    page.get_by_role("link", name="A table (sample)").click()
+    visit.scene_shown()
+    visit.tab("Share")
+    page.get_by_role("button", name="Make a link").click()
+    link = page.get_by_label("The link; it is shown this once").input_value()
+    with visiting(browser, url, link.removeprefix(f"{url}/")) as visitor:
+        visitor.scene_shown()
+        _ask(visitor.page, "cup")
+        expect(visitor.page.locator(".verdict.here")).to_be_visible()
+        expect(visitor.page.get_by_role("button", name="Save the name")).to_have_count(0)
+
+
+def _make_own(visit: Visit, client: Client, folder: Path) -> None:
+    """A scene of twelve photos, of which one is broken."""
+    page = visit.page
+    broken = folder / "broken.jpg"
+    broken.write_bytes(_PHOTOS[-1].read_bytes()[:200])
+    page.get_by_role("link", name="New scene").first.click()
+    page.get_by_label("Choose files").set_input_files([*_PHOTOS[:11], broken])
+    expect(page.get_by_text("12 files")).to_be_visible()
+    chosen = page.get_by_role("list", name="Chosen files").get_by_role("listitem")
+    expect(chosen.locator("img")).to_have_count(11)
+    expect(chosen.filter(has_text="broken.jpg")).to_contain_text("This browser cannot read it")
+    visit.check_accessible()
+    page.get_by_label("Name", exact=True).fill("my table")
+    page.get_by_label("Quality").select_option("draft")
+    page.get_by_role("button", name="Upload").click()
+    expect(page.get_by_role("heading", name="my table")).to_be_visible()
+    expect(page.get_by_text("1 file could not be used and is left out")).to_be_visible()
+    expect(page.get_by_role("progressbar", name="Training")).to_be_visible(timeout=_TRAINED_MS)
+    visit.check_accessible()
+    # Here the scene is to be asked while it is built, once the page can do so.
+    expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
+    (made,) = [scene for scene in client.scenes() if scene.name == "my table"]
+    assert made.state == "READY"
+    _ask(page, "banana")
+    expect(page.locator(".verdict.here")).to_be_visible()
+    page.get_by_role("link", name="Scenes", exact=True).click()
+    expect(page.get_by_role("link", name="my table")).to_contain_text("Ready")
 
 
 def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
+    """What is found, clicked and named, in two tabs."""
     page, canvas = visit.page, visit.page.locator("canvas")
     (summary,) = client.scenes()
     scene = client.scene(summary.id)
-    assert scene.state == "READY" and scene.name == "a table"
+    assert scene.state == "READY" and scene.name == "A table (sample)"
     _shows(page, "plain$")
     visit.check_accessible()
 
@@ -176,4 +218,4 @@ def _look_ask_and_name(visit: Visit, client: Client, url: str) -> None:
     visit.tab("Things")
     expect(card.get_by_role("heading", name="banana")).to_be_visible()
     page.get_by_role("link", name="Scenes", exact=True).click()
-    expect(page.get_by_role("link", name="a table")).to_contain_text("Ready")
+    expect(page.get_by_role("link", name="A table (sample)")).to_contain_text("Ready")

@@ -37,6 +37,8 @@ def test_a_scene_is_seen_growing_without_being_asked_for_again_and_again(
         cameras = page.get_by_role("img", name="Drawing of the cameras of 2 of 3 photos, and points")
         expect(cameras).to_have_attribute("data-cameras", "2")
         expect(cameras).to_have_attribute("data-points", "200")
+        for shown in (picture, page.get_by_role("progressbar", name="Training")):
+            expect(shown).to_be_in_viewport(ratio=0.9)  # both at once
         colors = "canvas => canvas.getContext('2d').getImageData(0, 0, 640, 640).data.filter(value => value).length"
         before = cameras.evaluate("canvas => canvas.toDataURL()")
         assert cameras.evaluate(colors) > 1_000

@@ -7,12 +7,16 @@ import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
+import { rayOf } from "../viewer/poses";
 import type { Point } from "../viewer/projection";
 import { drawnDepth, frustumOf, Projection } from "../viewer/projection";
+import { add, scale } from "../viewer/vectors";
 import "./improve.css";
 
 /** Cameras that no photo was taken with yet, while their list is open. */
 const hollow = signal<readonly PosedCamera[]>([]);
+
+const SIGHT = 4; // as long as the drawn camera: how far the line in its direction goes
 
 interface Props {
   sceneId: string;
@@ -78,11 +82,19 @@ export function HollowCameras({ look }: { look: LookState }) {
           projection.line(apex, corner),
           projection.line(corner, corners[(number + 1) % corners.length] ?? corner),
         ]);
+        const { position, forward } = rayOf(camera);
+        edges.push(projection.line(position, add(position, scale(forward, SIGHT * depth)))); // where it is to look
+        const place = projection.point(position);
         const path = edges.map((edge) => (edge ? `M${text(edge[0])}L${text(edge[1])}` : "")).join("");
         return (
           <g key={index} data-next={index}>
             <path class="halo" d={path} />
             <path d={path} />
+            {place && (
+              <text x={place[0]} y={place[1] - 8}>
+                {index + 1}
+              </text>
+            )}
           </g>
         );
       })}

@@ -54,12 +54,6 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
           <Stage key={stage.stage} stage={stage} active={!operation.done && index === operation.stages.length - 1} />
         ))}
       </ol>
-      {(operation.preview || operation.placed) && (
-        <div class="job-figures">
-          {operation.preview && <JobPreview operationId={operation.id} info={operation.preview} />}
-          {operation.placed && <PlacedView operationId={operation.id} info={operation.placed} />}
-        </div>
-      )}
       {!operation.done && <FinishButton operation={operation} busy={busy} act={act} />}
       {!operation.done && (
         <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
@@ -69,6 +63,17 @@ export function JobPanel({ operation, onChange }: { operation: Operation; onChan
       <RetryOffer operation={operation} busy={busy} act={act} />
       {error !== null && <ErrorNote error={error} />}
     </section>
+  );
+}
+
+/** What a job shows of its scene: beside what it says of itself, so that both are in view. */
+export function JobFigures({ operation }: { operation: Operation }) {
+  if (!operation.preview && !operation.placed) return null;
+  return (
+    <div class="job-figures">
+      {operation.preview && <JobPreview operationId={operation.id} info={operation.preview} />}
+      {operation.placed && <PlacedView operationId={operation.id} info={operation.placed} />}
+    </div>
   );
 }
 

@@ -4,7 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { go, replaceAddress, route, sceneAddress } from "../address/router";
 import { isShared } from "../address/share";
 import { deleteScene } from "../api/calls";
-import { JobPanel } from "../jobs/JobPanel";
+import { JobFigures, JobPanel } from "../jobs/JobPanel";
 import { useJob } from "../jobs/useJob";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import { photosRound } from "../photos/photosRound";
@@ -132,7 +132,12 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     return (
       <section class="sheet">
         <SceneName scene={scene} onChange={() => state.refresh()} />
-        {state.operation.value && <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />}
+        {state.operation.value && (
+          <div class="watched">
+            <JobPanel operation={state.operation.value} onChange={() => void state.refresh()} />
+            <JobFigures operation={state.operation.value} />
+          </div>
+        )}
         {!isShared && <PhotosPanel sceneId={sceneId} ready={false} round={photosRound(state.operation.value)} />}
         {!isShared && remove}
       </section>
