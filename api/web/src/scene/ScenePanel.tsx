@@ -11,6 +11,7 @@ import { ScaleFacts } from "../change/Ruler";
 import { SceneTools, ThingTools } from "../change/ThingTools";
 import { ToolNote } from "../change/ToolNote";
 import { VersionsPanel } from "../change/VersionsPanel";
+import { CleanUpPanel } from "../improve/CleanUpPanel";
 import { LookAgain } from "../improve/LookAgain";
 import { NextPhotos } from "../improve/NextPhotos";
 import { TrainMore } from "../improve/TrainMore";
@@ -134,6 +135,7 @@ function Things({ state, scene, onFly, reload }: Properties & { reload: () => vo
       <ThingTools state={state} />
       <ThingList state={state} onFly={onFly} />
       <SceneTools state={state} />
+      <CleanUpPanel state={state} />
       <ScaleFacts state={state} />
       <LookAgain sceneId={scene.id} onDone={reload} />
       <VersionsPanel state={state} />

@@ -6,6 +6,7 @@ import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
 import { Gizmo } from "../change/Gizmo";
 import { ToolMarks } from "../change/ToolNote";
+import { CropBoxLines } from "../improve/CleanUpPanel";
 import { HollowCameras } from "../improve/NextPhotos";
 import { Frusta } from "../look/Frusta";
 import { GlowLegend, Legend } from "../look/Legend";
@@ -99,7 +100,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       },
     };
     const walking = new Walking(element, state);
-    const bounded = (gesture: Gesture) => bound.peek()?.bounded(gesture) ?? gesture(1);
+    const bounded = (gesture: Gesture) =>
+      state.change.brush.peek() ? gesture(0) : (bound.peek()?.bounded(gesture) ?? gesture(1));
     const controls = new Controls(element, camera, goHome, bounded);
     const pointing = new Pointing(element, state, () => camera.view);
     state.look.attach({
@@ -209,6 +211,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const mask = found?.length === count ? found : null;
     const selected = lit === "selection" ? state.selected.value : [];
     const owners = state.owners.value?.length === count ? state.owners.value : null;
+    const going = state.change.going.value?.length === count ? state.change.going.value : null;
     const part = state.partRows.value?.length === count ? state.partRows.value : null;
     view.setStates(
       statesOf(
@@ -219,6 +222,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         selected,
         (thing) => state.change.shows(thing),
         lit === "selection" ? part : null,
+        going,
       ),
       mask !== null || selected.length > 0,
     );
@@ -244,6 +248,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       />
       <Frusta look={state.look} />
       <HollowCameras look={state.look} />
+      <CropBoxLines state={state} />
       <PhotoCompare state={state} />
       <Legend state={state} />
       {share !== null && error === null && (

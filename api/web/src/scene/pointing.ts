@@ -19,6 +19,7 @@ export class Pointing {
   readonly #ended = new AbortController();
   #hover = new AbortController();
   #timer = 0;
+  #brushing = false;
   #pressed: { x: number; y: number } | null = null;
   /** Where the last click was, what it picked, and what was selected by that. */
   #last: { place: SeenPlace; picked: PickedThing; selected: readonly number[] } | null = null;
@@ -50,6 +51,7 @@ export class Pointing {
   #moved(event: PointerEvent): void {
     window.clearTimeout(this.#timer);
     this.#hover.abort();
+    if (event.buttons === 1 && this.state.change.brush.value !== null) this.#brush(event);
     if (event.buttons || event.pointerType === "touch") return;
     this.#timer = window.setTimeout(() => {
       this.#hover = new AbortController();
@@ -63,6 +65,23 @@ export class Pointing {
     }, REST_MS);
   }
 
+  /** Marks the thing under the pointer; while the server looks for one, the pointer passes others. */
+  #brush(event: PointerEvent): void {
+    const { brush } = this.state.change;
+    if (this.#brushing) return;
+    this.#brushing = true;
+    this.#pickedAt(this.#place(event), this.#ended.signal)
+      .then(
+        (picked) => {
+          if (picked && brush.value) brush.value = [...new Set([...brush.value, picked.thing.id])];
+        },
+        (error: unknown) => {
+          if (!isAbort(error)) this.state.actionError.value = error;
+        },
+      )
+      .finally(() => (this.#brushing = false));
+  }
+
   #leave(): void {
     window.clearTimeout(this.#timer);
     this.#hover.abort();
@@ -73,7 +92,11 @@ export class Pointing {
     const pressed = this.#pressed;
     this.#pressed = null;
     if (!pressed || Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y) > CLICK_PIXELS) return;
-    const { onPlace } = this.state.change;
+    const { brush, onPlace } = this.state.change;
+    if (brush.value !== null) {
+      this.#brush(event);
+      return;
+    }
     if (onPlace.value) {
       onPlace.value(this.#place(event));
       return;

@@ -38,6 +38,10 @@ export class ChangeState {
   readonly motion = signal<Motion | null>(null);
   /** Clicks that say where a thing is, see `prompts.ts`. */
   readonly prompt = signal<PromptTool | null>(null);
+  /** Things that the pointer has been drawn over, while they are marked so; null while they are not. */
+  readonly brush = signal<readonly number[] | null>(null);
+  /** Bytes, 1 for Gaussians that would go if what is set was done; they are not shown. */
+  readonly going = signal<Uint8Array | null>(null);
   /** What is measured; null while nothing is. */
   readonly ruler = signal<RulerTool | null>(null);
   /** Takes the next clicks in the view instead of selecting things; null for none. */

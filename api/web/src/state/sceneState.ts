@@ -199,7 +199,12 @@ export class SceneState {
 
   /** Makes a new version; true if the server took the edit. */
   async edit(edit: Partial<Edit>, message: string): Promise<boolean> {
-    const made = async () => (this.made.value = await calls.edit(this.sceneId, this.version.value, [edit]));
+    return this.editAll([edit], message);
+  }
+
+  /** The same of several edits, in order. */
+  async editAll(edits: Partial<Edit>[], message: string): Promise<boolean> {
+    const made = async () => (this.made.value = await calls.edit(this.sceneId, this.version.value, edits));
     return this.#change(made, message);
   }
 

@@ -1,4 +1,5 @@
 import { changeTexts } from "./change";
+import { cleanUpTexts } from "./cleanUp";
 import { generalTexts } from "./general";
 import { jobsTexts } from "./jobs";
 import { lookTexts } from "./look";
@@ -11,6 +12,7 @@ import { uploadTexts } from "./upload";
 /** Every English text of the page. What the server says of an error or an answer is shown as it says it. */
 export const texts = {
   ...changeTexts,
+  ...cleanUpTexts,
   ...generalTexts,
   ...jobsTexts,
   ...lookTexts,

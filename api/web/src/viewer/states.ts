@@ -26,6 +26,7 @@ export function fromBase64(text: string): Uint8Array<ArrayBuffer> {
  * @param hovered,selected ids of things; 0 for none.
  * @param shows whether the Gaussians of a thing (0: of none) are shown.
  * @param part bytes [count], 1 where a part is that is selected; null for none.
+ * @param going bytes [count], 1 for what is not shown because it would go; null for none.
  */
 export function statesOf(
   count: number,
@@ -35,6 +36,7 @@ export function statesOf(
   selected: readonly number[],
   shows: (thing: number) => boolean = () => true,
   part: Uint8Array | null = null,
+  going: Uint8Array | null = null,
 ): Uint8Array {
   const states = new Uint8Array(count);
   const chosen = new Set(selected);
@@ -42,7 +44,7 @@ export function statesOf(
   for (let row = 0; row < count; row++) {
     const thing = things?.[row] ?? 0;
     if (!shown.has(thing)) shown.set(thing, shows(thing));
-    if (!shown.get(thing)) states[row] = HIDDEN;
+    if (!shown.get(thing) || going?.[row]) states[row] = HIDDEN;
     else if ((thing && chosen.has(thing)) || part?.[row]) states[row] = SELECTED;
     else if (thing && thing === hovered) states[row] = HOVERED;
     else if (found?.[row]) states[row] = FOUND;

@@ -1,0 +1,74 @@
+"""Cleaning a scene up on the page: what would go is not shown, and what is done is a version."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.web.browser import visiting
+from tests.web.places import Place
+
+
+def _panel(page: Page) -> None:
+    page.get_by_role("tab", name=re.compile("^Things")).click()
+    page.get_by_text("Clean up and crop").click()
+
+
+def _goes(page: Page) -> int:
+    """How many Gaussians the page says would go."""
+    said = page.get_by_text(re.compile(r"^[\d,]+ of [\d,]+ Gaussians would go"))
+    expect(said).to_be_visible()
+    return int(said.inner_text().partition(" of ")[0].replace(",", ""))
+
+
+def test_faint_gaussians_go_as_a_version_that_is_undone(place: Place, own: str, browser: Browser) -> None:
+    before = place.service.get_scene(own)
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        visit.scene_shown()
+        page = visit.page
+        _panel(page)
+        remove = page.get_by_role("button", name="Remove them")
+        expect(remove).to_be_disabled()
+        page.get_by_label("Crop by a box").check()
+        page.get_by_label("Keep what is").select_option("outside the box")
+        page.get_by_role("slider", name="Top").fill("0")
+        inside = _goes(page)
+        assert 0 < inside < before.gaussians
+        visit.check_accessible()
+        assert place.service.get_scene(own).version == before.version  # looking changes nothing
+        remove.click()
+        expect(page.get_by_text("Cleaned up.")).to_be_visible()
+        after = place.service.get_scene(own)
+        assert after.gaussians == before.gaussians - inside
+        page.get_by_role("button", name="Undo").click()
+        expect(page.get_by_text("Undone.")).to_be_visible()
+        assert place.service.get_scene(own).version == before.version
+
+
+@pytest.mark.parametrize("drawn", [True])
+def test_things_that_are_drawn_over_go(place: Place, own: str, webgl_browser: Browser, drawn: bool) -> None:
+    ball = next(thing for thing in place.service.answers.list_things(own).things if thing.name == "ball")
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}") as visit:
+        canvas = visit.scene_shown()
+        page = visit.page
+        page.get_by_role("searchbox").fill("ball")
+        expect(page.locator(".verdict.here")).to_be_visible()
+        visit.at_rest()
+        _panel(page)
+        page.get_by_label("Brush over things").check()
+        view = page.url
+        box = canvas.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] / 2 + 3, box["y"] + box["height"] / 2, steps=3)
+        page.mouse.up()
+        expect(page.get_by_text(re.compile(r"\d+ things? marked"))).to_be_visible()
+        assert _goes(page) >= ball.gaussian_count
+        visit.at_rest()
+        assert page.url == view  # the camera stood still
+        page.get_by_role("button", name="Remove them").click()
+        expect(page.get_by_text("Cleaned up.")).to_be_visible()
+        assert ball.id not in {thing.id for thing in place.service.answers.list_things(own).things}
