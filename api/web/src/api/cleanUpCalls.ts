@@ -4,7 +4,7 @@ import type { Edit, SceneObject } from "./types";
 /** Which Gaussians a removal takes: those for which all that is said here is true. */
 export interface GaussianFilter {
   box?: SceneObject["box"];
-  outside?: boolean;
+  outside: boolean;
   opacity_below?: number;
   isolation_above?: number;
 }

@@ -20,8 +20,8 @@ test("each control is an edit of its own, and none is sent where nothing is to g
   expect(editsOf(NOTHING)).toEqual([]);
   expect(editsOf({ ...NOTHING, opacity: 0.1, isolation: 3, things: [4, 7] })).toEqual([
     { action: "remove", things: [4, 7] },
-    { action: "remove", filter: { opacity_below: 0.1 } },
-    { action: "remove", filter: { isolation_above: 3 } },
+    { action: "remove", filter: { opacity_below: 0.1, outside: false } },
+    { action: "remove", filter: { isolation_above: 3, outside: false } },
   ]);
 });
 

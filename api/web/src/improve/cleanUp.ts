@@ -31,8 +31,8 @@ export const NOTHING: CleanUp = { opacity: 0, isolation: 0, box: null, outside: 
 /** The edits that clean up, one a control: each takes what it says of what those before it have left. */
 export function editsOf({ opacity, isolation, box, outside, things }: CleanUp): CleanUpEdit[] {
   const filters: GaussianFilter[] = [];
-  if (opacity > 0) filters.push({ opacity_below: opacity });
-  if (isolation > 0) filters.push({ isolation_above: isolation });
+  if (opacity > 0) filters.push({ opacity_below: opacity, outside: false });
+  if (isolation > 0) filters.push({ isolation_above: isolation, outside: false });
   if (box) filters.push({ box: placed(box), outside });
   return [
     ...(things.length > 0 ? [{ action: "remove" as const, things: [...things] }] : []),
