@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.web.browser import visiting
@@ -23,7 +22,7 @@ def _goes(page: Page) -> int:
     return int(said.inner_text().partition(" of ")[0].replace(",", ""))
 
 
-def test_faint_gaussians_go_as_a_version_that_is_undone(place: Place, own: str, browser: Browser) -> None:
+def test_what_a_box_says_goes_as_a_version_that_is_undone(place: Place, own: str, browser: Browser) -> None:
     before = place.service.get_scene(own)
     with visiting(browser, place.url, f"#/scenes/{own}") as visit:
         visit.scene_shown()
@@ -47,8 +46,7 @@ def test_faint_gaussians_go_as_a_version_that_is_undone(place: Place, own: str, 
         assert place.service.get_scene(own).version == before.version
 
 
-@pytest.mark.parametrize("drawn", [True])
-def test_things_that_are_drawn_over_go(place: Place, own: str, webgl_browser: Browser, drawn: bool) -> None:
+def test_things_that_are_drawn_over_go(place: Place, own: str, webgl_browser: Browser) -> None:
     ball = next(thing for thing in place.service.answers.list_things(own).things if thing.name == "ball")
     with visiting(webgl_browser, place.url, f"#/scenes/{own}") as visit:
         canvas = visit.scene_shown()

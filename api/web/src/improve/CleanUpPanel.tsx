@@ -47,6 +47,10 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
   useEffect(() => {
     shownBox.value = tool.box;
   }, [tool.box]);
+  const left = state.tab.value !== "things";
+  useEffect(() => {
+    if (left) onDone(); // the view is another tab's
+  }, [left]); // eslint-disable-line react-hooks/exhaustive-deps -- what ends it does the same each time
   useEffect(
     () => () => {
       shownBox.value = change.going.value = change.brush.value = null;

@@ -9,7 +9,7 @@ import { texts } from "../texts";
 import { bytesText } from "../ui/bytes";
 import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
-import { chosen, dropped, problemOf, sorted, totalBytes } from "./choose";
+import { chosen, dropped, joined, problemOf, sorted, totalBytes } from "./choose";
 import { ChosenFiles } from "./ChosenFiles";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
@@ -43,7 +43,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
   const add = (more: ChosenFile[]) => {
     const { taken, refused } = sorted(more);
     requestId.current = newRequestId();
-    setFiles((before) => [...before.filter((old) => !taken.some((each) => each.path === old.path)), ...taken]);
+    setFiles((before) => joined(before, taken));
     setRefused(refused);
     setError(null);
     setStopped(false);

@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import type { ChosenFile } from "./choose";
-import { problemOf, remarkOn, sorted } from "./choose";
+import { joined, problemOf, remarkOn, sorted } from "./choose";
 
 const file = (path: string, size = 10): ChosenFile => ({ file: { size } as File, path });
 const paths = (files: ChosenFile[]) => files.map(({ path }) => path);
@@ -48,4 +48,16 @@ test("few photos are remarked on, photos with poses and archives are not", () =>
   expect(remarkOn(photos.slice(0, 1))).toContain("1 photo ");
   expect(remarkOn([...photos.slice(0, 5), file("transforms.json")])).toBe("");
   expect(remarkOn([file("a.zip")])).toBe("");
+});
+
+test("a file that is chosen again is there once, and another one of its name gets a number", () => {
+  const again = joined([file("a.jpg"), file("b.jpg")], [file("a.jpg"), file("c.jpg")]);
+  expect(paths(again)).toEqual(["b.jpg", "a.jpg", "c.jpg"]);
+  const taken = [1, 2, 3].reduce<ChosenFile[]>((before, size) => joined(before, [file("image.jpg", size)]), []);
+  expect(taken.map(({ path, file }) => [path, file.size])).toEqual([
+    ["image.jpg", 1],
+    ["image-2.jpg", 2],
+    ["image-3.jpg", 3],
+  ]);
+  expect(paths(joined([file("d/metadata", 1)], [file("d/metadata", 2)]))).toEqual(["d/metadata", "d/metadata-2"]);
 });

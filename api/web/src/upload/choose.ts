@@ -34,6 +34,24 @@ export function sorted(files: readonly ChosenFile[]): { taken: ChosenFile[]; ref
   return { taken, refused };
 }
 
+/** The files with more of them: one that is chosen again is there once, another one of that name gets a number. */
+export function joined(before: readonly ChosenFile[], more: readonly ChosenFile[]): ChosenFile[] {
+  const all = new Map(before.map((each) => [each.path, each]));
+  for (const { file, path } of more) {
+    let name = path;
+    // Phones call every photo that is taken on a page "image.jpg".
+    for (let number = 2; all.has(name) && !isSame(all.get(name)?.file, file); number++)
+      name = path.replace(/(\.[^./]*)?$/, `-${number}$1`);
+    all.delete(name);
+    all.set(name, { file, path: name });
+  }
+  return [...all.values()];
+}
+
+function isSame(one: File | undefined, other: File): boolean {
+  return one?.size === other.size && one.lastModified === other.lastModified;
+}
+
 /** Why these files cannot become one scene; empty if they can. What the limits are may not be known yet. */
 export function problemOf(files: readonly ChosenFile[], limits: Limits | null): string {
   const total = totalBytes(files);
