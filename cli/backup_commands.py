@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.connection import local_store
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import size
-from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ResourceError
 
 

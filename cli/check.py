@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import duration
-from fastsplat.service.settings import load_settings
 
 
 def check(photos: Annotated[Path, typer.Argument(help="A folder of photos; it stays as it is.")]) -> None:

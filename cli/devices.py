@@ -8,8 +8,6 @@ import sys
 from collections.abc import Mapping
 
 from fastsplat.cli.serve import Role
-from fastsplat.service.common.settings import environment_variable
-from fastsplat.service.settings import JobSettings
 from fastsplat_contract.errors import InvalidInputError
 
 _CPU = "cpu"
@@ -27,6 +25,9 @@ def worker_roles(devices: str, workers: int, threads_per_job: int) -> Mapping[st
     Raises:
         InvalidInputError: an unknown kind of device, one named twice, or no worker.
     """
+    from fastsplat.service.common.settings import environment_variable
+    from fastsplat.service.settings import JobSettings
+
     names = [name.strip() for name in devices.split(",")] if devices else [""]
     invalid = [name for name in names if devices and not re.fullmatch(rf"{_CPU}|\d+|(GPU|MIG)-[\w/-]+", name)]
     if invalid:

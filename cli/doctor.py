@@ -15,10 +15,11 @@ import numpy as np
 import typer
 
 from fastsplat.cli.connection import local_store
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.cli.settings import load_settings
 from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
 
 if TYPE_CHECKING:
+    from fastsplat.service.settings import Settings
     from fastsplat.service.store.checkup import Problem
 
 

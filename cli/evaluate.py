@@ -17,10 +17,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from fastsplat.cli.settings import load_settings
 from fastsplat.service.application.base.optional_packages import TORCHMETRICS, needed
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.planning.presets import apply_preset, override_training
-from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import PresetName
 
@@ -29,6 +28,7 @@ if TYPE_CHECKING:  # these load torch, which `--help` and a refusal can do witho
     from fastsplat.service.evaluation.evaluation_report import Report, RunCost
     from fastsplat.service.evaluation.types import ViewPrediction
     from fastsplat.service.scene.types import Scene
+    from fastsplat.service.settings import Settings
 
 Listener = Callable[[ProgressEvent], None]
 
@@ -88,6 +88,8 @@ def evaluate(
     _check_paths(folder, json_file, pictures, keep)
     with needed(TORCHMETRICS, "Measuring", field="", where="where fastsplat evaluate runs"):
         distribution("torchmetrics")  # is there, and is not loaded: the training's peak memory would count it
+    from fastsplat.service.planning.presets import apply_preset, override_training
+
     settings = _with_device(load_settings(), device)
     name = None if preset == "settings" else preset
     settings = override_training(apply_preset(settings, name), max_gaussians=max_gaussians)
@@ -140,6 +142,8 @@ def _check_paths(folder: Path, json_file: Path | None, pictures: Path | None, ke
 def _with_device(settings: Settings, device: str | None) -> Settings:
     if device is None:
         return settings
+    from fastsplat.service.planning.presets import override_training
+
     query = settings.query.model_copy(update={"backend": device})
     return override_training(settings.model_copy(update={"query": query}), backend=device)
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import ssl
 import urllib.error
 import urllib.request
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.cli.settings import load_settings
 from fastsplat.workers.process_group import machine_id
+
+if TYPE_CHECKING:
+    from fastsplat.service.settings import Settings
 
 _TIMEOUT_S = 5.0
 

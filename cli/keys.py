@@ -9,9 +9,9 @@ import typer
 from fastsplat.cli.connection import link_to_share
 from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.short_ids import LEAST, SHOWN
 from fastsplat.cli.tables import Column, day, table
-from fastsplat.service.settings import load_settings
 from fastsplat_contract.keys import KeyList, Role
 
 keys_app = typer.Typer(help="Access keys of a project: create, share, list, expire, revoke them.", no_args_is_help=True)

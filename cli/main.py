@@ -36,11 +36,11 @@ from fastsplat.cli.projects import projects_app
 from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.serve_command import Devices, Workers
 from fastsplat.cli.serve_command import serve as serve_command
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.status import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
 from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
-from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError
 
 logger = logging.getLogger(__name__)

@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import Column, table
-from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from fastsplat.cli.logs import log_to_stderr
-from fastsplat.service.settings import load_settings
+from fastsplat.cli.settings import load_settings
 
 Devices = Annotated[
     str,

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
+
+if TYPE_CHECKING:  # commands that listen nowhere need none
+    from fastsplat.service.settings import Settings
 
 
 def is_loopback(host: str) -> bool:

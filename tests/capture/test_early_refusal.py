@@ -11,6 +11,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
+from fastsplat.service.capture.sfm import reconstruction
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless, shows_depth
 from fastsplat.service.capture.sfm.model_agreement import verified_matches
 from fastsplat.service.capture.sfm.pairs import telling_pairs
@@ -123,8 +124,31 @@ def test_photos_that_only_turn_in_place_are_refused_before_any_is_placed(tmp_pat
         Image.fromarray(pixels).save(tmp_path / f"upload/{number}.png")
     error, messages = _refusal(tmp_path / "upload", settings)
     assert "from one place" in error.message and "to the side" in error.hint and "8 photos are few" in error.hint
-    assert messages.count("matching image pairs") == 1  # the few that tell most: the others were never matched
     assert "registering" not in messages
+
+
+def test_of_many_pairs_those_that_tell_most_are_matched_first_and_refuse(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    matched: list[list[tuple[str, str]]] = []
+    looked: list[bool] = []
+    files = [f"{number}.png" for number in range(10)]
+    request = {"sfm_max_side": 400, "sfm_features": 10, "sfm_threads": 1, "min_registered_share": 0.2}
+    every = [(i, j) for i in range(10) for j in range(i + 1, 10)]
+    monkeypatch.setattr(reconstruction, "_PAIRS_A_STEP", 24)
+    monkeypatch.setattr(reconstruction, "extract_features", lambda *_: None)
+    monkeypatch.setattr(reconstruction, "_choose_pairs", lambda *_: every)
+    monkeypatch.setattr(reconstruction, "_match", lambda _, names, *__: matched.append(names))
+    monkeypatch.setattr(reconstruction, "refuse_hopeless", lambda _, *, min_share, complete: looked.append(complete))
+    for early in (True, False):
+        matched.clear(), looked.clear()
+        reconstruction.extract_and_match(
+            tmp_path, tmp_path, files, request, tmp_path, lambda fraction, message: None, refuse_early=early
+        )
+        assert sorted(pair for step in matched for pair in step) == sorted((files[i], files[j]) for i, j in every)
+        assert looked == [False] * early
+        told = {(files[i], files[j]) for i, j in telling_pairs(10)}
+        assert (told <= set(matched[0])) == early
 
 
 def test_photos_of_unrelated_places_are_refused_before_any_is_placed(test_data: Path, tmp_path: Path, settings) -> None:

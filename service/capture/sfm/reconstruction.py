@@ -169,7 +169,7 @@ def extract_and_match(
         database, images, request, folder, report: as in `reconstruct` and `import_images`.
         files: of the images.
         refuse_early: whether the few pairs that tell most are matched first, and photos that were all taken from one
-            place are refused by them, before the others are matched.
+            place are refused by them, where matching the others takes long.
 
     Raises:
         ReconstructionError: the images have hardly any texture, or were all taken from one place.
@@ -184,17 +184,14 @@ def extract_and_match(
         step = files[start : start + _IMAGES_A_STEP]
         extract_features(database, images, step, masks, extraction)
     report(_FEATURES_DONE, "choosing image pairs")
-    chosen = _choose_pairs(database, files, request)
     telling = pairs.telling_pairs(len(files)) if refuse_early else []
-    total, done = len({*chosen, *telling}), 0
-    for image_pairs in (telling, sorted({*chosen} - {*telling})):
-        for start in range(0, len(image_pairs), _PAIRS_A_STEP):
-            fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * done / total
-            report(fraction, f"matching image pairs {done}/{total}")
-            step_pairs = image_pairs[start : start + _PAIRS_A_STEP]
-            _match(database, [(files[i], files[j]) for i, j in step_pairs], request, folder)
-            done += len(step_pairs)
-        if image_pairs is telling and refuse_early:
+    image_pairs = [*telling, *sorted({*_choose_pairs(database, files, request)} - {*telling})]
+    for start in range(0, len(image_pairs), _PAIRS_A_STEP):
+        fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)
+        report(fraction, f"matching image pairs {start}/{len(image_pairs)}")
+        end = start + _PAIRS_A_STEP
+        _match(database, [(files[i], files[j]) for i, j in image_pairs[start:end]], request, folder)
+        if start < len(telling) <= end < len(image_pairs):
             refuse_hopeless(database, min_share=request["min_registered_share"], complete=False)
 
 
