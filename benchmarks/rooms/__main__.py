@@ -14,7 +14,8 @@ detections of the training views). `--sheets` draws contact sheets beside the re
   recall_50, recall_75, precision, ap_50, mean_iou: discovered things against true ones, pixels of all test views;
   clicks_miou: after each true thing was clicked once and named; selected_miou: what each single click selects;
   clicks_1.3_miou: with a second click on the worst 30 %;
-  surfaces_iou: of floors, walls and table tops; outside_box, covered, alone_miou: see `figures.py`;
+  surfaces_iou: of floors, walls and table tops; outside_box, outside_at_others, covered, alone_miou: see
+  `figures.py`;
   names_right of names_stated, names_known of names_knowable: names of the detector's 80 words;
   psnr, psnr_cc: of the test views, and after the best affine map of their colors.
 """

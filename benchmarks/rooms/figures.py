@@ -45,6 +45,8 @@ _IS = 0.5
 _REACH, _THINNEST = 2.0, 0.003
 """A surface is covered within so many standard deviations of a Gaussian, which are at least so wide, meters."""
 _NEIGHBORS = 12
+_AT = 0.03
+"""Meters from a surface within which a Gaussian is of it; farther from all it hangs in the air."""
 
 Maps = Mapping[str, NDArray[np.int32]]
 
@@ -177,25 +179,35 @@ def _iou(left: NDArray[np.bool_], right: NDArray[np.bool_]) -> float:
 
 def _in_space(scene: Measured) -> dict[str, float]:
     """Means over true things that were discovered and are no surfaces: the share of their Gaussians, by opacity,
-    outside their box; the share covered of what training views show of them; and the intersection over union of their
-    silhouettes, drawn alone."""
+    outside their box, and of these that at another thing; the share covered of what training views show of them; and
+    the intersection over union of their silhouettes, drawn alone."""
     gaussians, truth = scene.scene.gaussians, scene.truth
     assert scene.scene.things is not None
     rows, table = thing_rows(scene.scene.things), scene.scene.things.table
-    outside, covered, alone = [], [], []
+    surfaces = cKDTree(truth.points.astype(np.float64))
+    outside, others, covered, alone = [], [], [], []
     for number, place in scene.matches().items():
         own = np.flatnonzero(rows == table[place].id)
         if truth.surfaces[number - 1] or not len(own):
             continue
         opacity = 1 / (1 + np.exp(-gaussians.logit_opacities[own].astype(np.float64)))
-        out = truth.outside(number, gaussians.means[own].astype(np.float64), MARGIN)
+        means = gaussians.means[own].astype(np.float64)
+        out = truth.outside(number, means, MARGIN)
+        distance, nearest = surfaces.query(means)
+        at_another = out & (distance <= _AT) & (truth.owners[nearest] != number)
         outside.append(float(opacity[out].sum() / opacity.sum()))
+        others.append(float(opacity[at_another].sum() / opacity.sum()))
         single = _rows_of(gaussians, own)
         points = truth.points[truth.owners == number].astype(np.float64)
         if len(points):
             covered.append(float(_covers(single, points).mean()))
         alone.append(_silhouette_iou(single, scene, number))
-    return {"outside_box": _mean(outside), "covered": _mean(covered), "alone_miou": _mean(alone)}
+    return {
+        "outside_box": _mean(outside),
+        "outside_at_others": _mean(others),
+        "covered": _mean(covered),
+        "alone_miou": _mean(alone),
+    }
 
 
 def _rows_of(gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:

@@ -58,8 +58,11 @@ def _made() -> tuple[Truth, np.ndarray]:
     return truth, shown
 
 
-def _measured(shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0) -> Measured:
-    """The truth as a scene: flat Gaussians on its points, of which a share of each thing's is moved away."""
+def _measured(
+    shown: np.ndarray | None = None, names: dict[int, str] | None = None, fog: float = 0.0, taken: int = 0
+) -> Measured:
+    """The truth as a scene: flat Gaussians on its points, of which a share of each thing's is moved away, and so many
+    of the third belong to the second."""
     truth, true = _made()
     shown = true if shown is None else shown
     count = len(truth.points)
@@ -77,7 +80,9 @@ def _measured(shown: np.ndarray | None = None, names: dict[int, str] | None = No
     named = names or {}
     ids = range(1, max(4, int(shown.max())) + 1)
     table = tuple(Thing(number, named.get(number, ""), "detected" if number in named else None) for number in ids)
-    membership = evidence_of(np.arange(count), truth.owners, np.full(count, UNIT, np.int64), count)
+    owners = truth.owners.copy()
+    owners[np.flatnonzero(owners == 3)[:taken]] = 2
+    membership = evidence_of(np.arange(count), owners, np.full(count, UNIT, np.int64), count)
     scene = Scene(
         gaussians=gaussians,
         head=SemanticHead.unlearnt(0),
@@ -112,7 +117,13 @@ def test_the_truth_is_perfect() -> None:
 
 
 def test_fog_lies_outside_the_box_of_its_thing() -> None:
-    assert figures_of(_measured(fog=0.25))["outside_box"] == pytest.approx(0.25, abs=0.01)
+    figures = figures_of(_measured(fog=0.25))
+    assert figures["outside_box"] == pytest.approx(0.25, abs=0.01) and figures["outside_at_others"] == 0
+
+
+def test_what_is_taken_from_another_thing_is_no_fog() -> None:
+    figures = figures_of(_measured(taken=300))
+    assert figures["outside_box"] == figures["outside_at_others"] == pytest.approx(0.25 / 3, abs=0.001)
 
 
 def test_two_that_are_one_are_no_thing_and_halves_are_joined_by_a_second_click() -> None:

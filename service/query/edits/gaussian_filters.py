@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from fastsplat.service.query.scene_index import SceneIndex
 
 
-def filtered(index: SceneIndex, chosen: GaussianFilter) -> NDArray[np.bool_]:
+def filtered(index: SceneIndex, criteria: GaussianFilter) -> NDArray[np.bool_]:
     """bool [G]: the Gaussians of a scene that fulfil all that the filter says.
 
     Raises:
         InvalidInputError: it says nothing, a number is out of range, or `outside` has no box.
     """
-    _check(chosen)
+    _check(criteria)
     gaussians = index.scene.gaussians
     taken = np.ones(len(gaussians), np.bool_)
-    if chosen.box is not None:
-        taken &= inside(chosen.box, gaussians.means) != chosen.outside
-    if chosen.opacity_below is not None:
-        taken &= expit(gaussians.logit_opacities.astype(np.float64)) < chosen.opacity_below
-    if chosen.isolation_above is not None:
-        taken &= index.isolation > chosen.isolation_above
+    if criteria.box is not None:
+        taken &= inside(criteria.box, gaussians.means) != criteria.outside
+    if criteria.opacity_below is not None:
+        taken &= expit(gaussians.logit_opacities.astype(np.float64)) < criteria.opacity_below
+    if criteria.isolation_above is not None:
+        taken &= index.isolation > criteria.isolation_above
     return taken
 
 
@@ -44,24 +44,24 @@ def inside(box: Box, points: F32) -> NDArray[np.bool_]:
     return np.asarray((np.abs(along) <= np.array(box.size) / 2).all(axis=1) & finite)
 
 
-def _check(chosen: GaussianFilter) -> None:
-    if chosen.box is None and chosen.opacity_below is None and chosen.isolation_above is None:
+def _check(criteria: GaussianFilter) -> None:
+    if criteria.box is None and criteria.opacity_below is None and criteria.isolation_above is None:
         raise InvalidInputError(
             "a filter that takes everything",
             field="filter",
             hint="Send at least one of box, opacity_below and isolation_above.",
         )
-    if chosen.outside and chosen.box is None:
+    if criteria.outside and criteria.box is None:
         raise InvalidInputError("outside of no box", field="filter.outside", hint="Send a box with it.")
-    if chosen.opacity_below is not None and not 0 < chosen.opacity_below <= 1:
+    if criteria.opacity_below is not None and not 0 < criteria.opacity_below <= 1:
         raise InvalidInputError(
-            f"an opacity of {chosen.opacity_below}", field="filter.opacity_below", limit="above 0, up to 1"
+            f"an opacity of {criteria.opacity_below}", field="filter.opacity_below", limit="above 0, up to 1"
         )
-    if chosen.isolation_above is not None and not chosen.isolation_above > 0:
+    if criteria.isolation_above is not None and not criteria.isolation_above > 0:
         raise InvalidInputError(
-            f"an isolation of {chosen.isolation_above}", field="filter.isolation_above", limit="above 0"
+            f"an isolation of {criteria.isolation_above}", field="filter.isolation_above", limit="above 0"
         )
-    if chosen.box is not None and not min(chosen.box.size) > 0:
+    if criteria.box is not None and not min(criteria.box.size) > 0:
         raise InvalidInputError(
-            f"a box of {tuple(chosen.box.size)}", field="filter.box.size", limit="above 0 along each axis"
+            f"a box of {tuple(criteria.box.size)}", field="filter.box.size", limit="above 0 along each axis"
         )
