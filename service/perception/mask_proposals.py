@@ -32,8 +32,8 @@ _PROPOSAL_OVERLAP = 0.75
 _PROPOSAL_SIDE = 640
 """Masks without names are stored at this many pixels on the image's longer side."""
 
-_ROUNDS = 3
-"""Rounds of point prompts: what one round explains, the next leaves alone."""
+_ROUNDS = (0.25, 0.6, 1.0)
+"""Share of the points that are prompted by the end of each round: what one round explains, the next leaves alone."""
 _BOX_QUALITY, _BOX_STABILITY = 0.7, 0.8
 """As the settings' bounds, for answers to boxes, which are not ambiguous."""
 
@@ -97,8 +97,8 @@ def propose_masks(
     of_boxes_alone = boxes.logits[_sure(boxes, of_boxes)] > 0
     cover, points = CutImage(of_boxes_alone.shape[1:]), np.zeros((0, 2))
     cover.add(of_boxes_alone)
-    for number in range(_ROUNDS):
-        count = settings.proposal_points * (number + 1) // _ROUNDS - settings.proposal_points * number // _ROUNDS
+    for share in _ROUNDS:
+        count = round(settings.proposal_points * share) - len(points)
         fresh = open_points(cover.pieces, cover.answered(points), count)
         if not len(fresh):
             break

@@ -9,11 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-_LEAST_RADIUS = 5.0
-"""Pieces that reach no farther from their edge are left alone, in steps of the segmenter's grid."""
-_APART = 0.7
-"""Points of a round keep this share of the distance to the edge of their piece from each other."""
-_ANSWERED = 8
+_LEAST_RADIUS = 2.0
+"""Pieces that reach no farther from their edge are left alone, in steps of the segmenter's grid: gaps between masks. A
+pencil on a table reaches farther: the table's mask has a hole of its shape."""
+_APART, _LEAST_APART = 1.5, 24
+"""Points of a round in one piece keep this share of the distance to its edge from each other, and at least so many
+steps of the grid, so that a long thin piece is prompted once or twice."""
+_ANSWERED = 3
 """Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
 _SMALL = 0.05
 """Masks that fill less of the image are one object, or a part of one: what lies in them is not prompted again."""
@@ -52,12 +54,15 @@ class CutImage:
 
 def open_points(pieces: NDArray[np.integer[Any]], answered: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
     """float64 [K, 2] x and y, K at most `count`: the points of int [h, w] `pieces` farthest from the edge of their
-    piece, and from the image's edge, the farthest first, but none where bool [h, w] is `answered`."""
+    piece, and from the image's edge, the farthest first, but none where bool [h, w] is `answered`.
+
+    Points of one piece, as far as it is connected, are kept apart; other pieces close by have points of their own."""
     inner = ~answered
     inner[1:] &= pieces[1:] == pieces[:-1]
     inner[:, 1:] &= pieces[:, 1:] == pieces[:, :-1]
     padded = np.pad(inner.astype(np.uint8), 1)  # the image's edge is an edge
     depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    connected = cv2.connectedComponents(inner.astype(np.uint8), connectivity=4)[1]
     points: list[tuple[float, float]] = []
     while len(points) < count:
         row, column = np.unravel_index(int(depth.argmax()), depth.shape)
@@ -65,6 +70,7 @@ def open_points(pieces: NDArray[np.integer[Any]], answered: NDArray[np.bool_], c
         if radius < _LEAST_RADIUS:
             break
         points.append((column + 0.5, row + 0.5))
-        around = math.ceil(max(2 * _LEAST_RADIUS, _APART * radius))
-        cv2.circle(depth, (int(column), int(row)), around, 0.0, cv2.FILLED)
+        around = np.zeros(depth.shape, np.uint8)
+        cv2.circle(around, (int(column), int(row)), math.ceil(max(_LEAST_APART, _APART * radius)), 1, cv2.FILLED)
+        depth[(around > 0) & (connected == connected[row, column])] = 0
     return np.array(points, np.float64).reshape(-1, 2)

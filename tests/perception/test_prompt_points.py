@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import label
 
 from fastsplat.service.perception.mask_proposals import propose_masks
 from fastsplat.service.perception.prompt_points import CutImage, open_points
@@ -14,20 +15,30 @@ from fastsplat.service.perception.types import MaskLogits, Prompts
 NOWHERE = np.zeros((0, 2))
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(0, 12))
-def test_points_lie_where_nothing_is_answered(seed: int, most: int) -> None:
+@given(st.integers(0, 2**32 - 1), st.integers(0, 24))
+def test_points_lie_in_every_open_piece_and_nowhere_else(seed: int, most: int) -> None:
     answered = np.kron(np.random.default_rng(seed).random((4, 5)) < 0.5, np.ones((16, 16))).astype(bool)
-    one_piece = np.zeros(answered.shape, np.int64)
-    points = open_points(one_piece, answered, most)
-    rows, columns = points[:, 1].astype(int), points[:, 0].astype(int)
-    assert len(points) <= most and not answered[rows, columns].any()
-    apart = np.linalg.norm(points[:, None] - points, axis=2)[~np.eye(len(points), dtype=bool)]
-    assert (apart >= 9).all()  # twice the least radius, but for the pixel grid
-    if most >= 12:  # what is left has no room for another prompt
-        left = answered.copy()
-        for row, column in zip(rows, columns, strict=True):
-            left[max(0, row - 40) : row + 41, max(0, column - 40) : column + 41] = True
-        assert len(points) == most or not len(open_points(one_piece, left, 1))
+    points = open_points(np.zeros(answered.shape, np.int64), answered, most)
+    connected, count = label(~answered)
+    prompted = connected[points[:, 1].astype(int), points[:, 0].astype(int)]
+    assert len(points) <= most and prompted.all()
+    if len(points) < most:
+        assert set(prompted.tolist()) == set(range(1, count + 1))
+    apart = np.linalg.norm(points[:, None] - points, axis=2)
+    same = (prompted[:, None] == prompted) & ~np.eye(len(points), dtype=bool)
+    assert (apart[same] >= 24).all()
+
+
+@given(st.integers(6, 9), st.integers(12, 24), st.booleans())
+def test_a_thin_hole_of_a_large_mask_is_prompted_once(width: int, length: int, upright: bool) -> None:
+    """What lies on a table and is cut out of its mask; the prompt that found the table does not count for it."""
+    table = np.ones((64, 96), np.bool_)
+    shape = (length, width) if upright else (width, length)
+    table[20 : 20 + shape[0], 40 : 40 + shape[1]] = False
+    image = CutImage(table.shape)
+    image.add(table[None])
+    (point,) = open_points(image.pieces, image.answered(np.array([[10.5, 10.5]])), 8)
+    assert not table[int(point[1]), int(point[0])]
 
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 40), st.integers(8, 40)), max_size=6))
