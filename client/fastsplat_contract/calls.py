@@ -64,6 +64,7 @@ from fastsplat_contract.requests import (
     RestoreVersionRequest,
     RetryOperationRequest,
     RevokeKeyRequest,
+    SuggestNamesRequest,
     TrainMoreRequest,
     UndoEditRequest,
     UpdateSceneRequest,
@@ -125,6 +126,10 @@ MEASURE_SCENE = Call(
 EDIT_SCENE = Call(
     "EditScene", "scenes", EditSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:edit",
     "Make a new version of a scene: the edits in order, all or none; it is current on return.")
+SUGGEST_NAMES = Call(
+    "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT, f"POST {_SCENE}/name-suggestions",
+    "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
+    "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",

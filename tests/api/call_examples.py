@@ -12,6 +12,7 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
+from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import PictureRequest, Tint
@@ -88,6 +89,7 @@ EXAMPLES = (
     Example("EditScene", EditIn((Edit("name", things=(1, 2), name="cup", aliases=("pot",)),), "named"), "own"),
     Example("EditScene", EditIn((Edit("move", label="ball", transform=UP), Edit("remove", "mug")), "both"), "own"),
     Example("EditScene", EditIn((Edit("merge", things=(1, 2)), _SPLIT), "split"), "own"),
+    Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
     Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
     Example("UndoEdit", {}, "edited"),

@@ -95,6 +95,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.SuggestNames = channel.unary_unary(
+                '/fastsplat.v1.SceneService/SuggestNames',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
         self.AlignScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/AlignScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
@@ -396,6 +401,14 @@ class SceneServiceServicer:
 
     def EditScene(self, request, context):
         """Make a new version of a scene: the edits in order, all or none; it is current on return.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def SuggestNames(self, request, context):
+        """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
+        somebody gives them by EditScene. All or none; they make a version, which is current on return.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -769,6 +782,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'EditScene': grpc.unary_unary_rpc_method_handler(
                     servicer.EditScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'SuggestNames': grpc.unary_unary_rpc_method_handler(
+                    servicer.SuggestNames,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
             'AlignScene': grpc.unary_unary_rpc_method_handler(
@@ -1310,6 +1328,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/EditScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.EditSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def SuggestNames(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/SuggestNames',
+            fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
             options,
             channel_credentials,
