@@ -127,6 +127,16 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=change_examples.PREVIEWED,
         ),
         Handler(
+            calls.SUGGEST_NAMES,
+            lambda service, asked: service.versions.edit(
+                asked.scene_id,
+                (Edit("suggest", suggestions=asked.suggestions),),
+                asked.request_id,
+                author=caller_id(),
+            ),
+            bodies=change_examples.SUGGESTED,
+        ),
+        Handler(
             calls.ALIGN_SCENE,
             lambda service, asked: service.versions.edit(
                 asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()

@@ -1,7 +1,8 @@
-"""`fastsplat things`: name, merge, split, add, discard and insert them. Each makes a version of the scene."""
+"""`fastsplat things`: name, suggest, merge, split, add, discard and insert them. Each makes a version of the scene."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -10,9 +11,11 @@ from fastsplat.cli.options import SceneId, service_command
 from fastsplat.cli.session import Session
 from fastsplat.cli.thing_commands import things_app
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.json_codec import from_json
+from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, InsertSource
-from fastsplat_contract.thing_messages import Pixel, PixelBox
+from fastsplat_contract.thing_messages import Pixel, PixelBox, ThingList
 from fastsplat_contract.thing_prompts import ThingPrompt
 
 _Ids = Annotated[list[int], typer.Argument(help="Ids of things, from the list.", metavar="THING...")]
@@ -50,6 +53,41 @@ def name(
     """Give things a name."""
     edit = Edit("name", things=tuple(things), name=name, aliases=tuple(alias), kinds=tuple(kind))
     _edit(session, scene, edit, looked_at)
+
+
+@service_command(things_app)
+def suggest(
+    session: Session,
+    scene: SceneId,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help='JSON: {"suggestions": [{thing, name, probability, source, and model and aliases if there are any}]}.',
+            exists=True,
+            dir_okay=False,
+        ),
+    ],
+) -> None:
+    """Suggest names for things: they can be asked for, and become names once somebody confirms them."""
+    try:
+        suggested = from_json(SuggestIn, file.read_bytes()).suggestions
+    except InvalidInputError as error:
+        raise error.within("file") from error
+    made = session.client.suggest_names(session.scene(scene), suggested)
+    session.tell(made, f"{len(suggested)} names suggested\nversion {made.version} is current")
+
+
+@service_command(things_app)
+def confirm(
+    session: Session,
+    scene: SceneId,
+    least: Annotated[float, typer.Option(help="Probability, 0 to 1, from which a suggested name is given.")] = 0.8,
+) -> None:
+    """Give things without a name the likeliest one that is suggested for them."""
+    scene_id = session.scene(scene)
+    named = session.client.confirm_names(scene_id, least=least)
+    lines = [f"thing {each.id} is {each.suggestions[0].name!r}" for each in named]
+    session.tell(ThingList(named, "", ""), "\n".join(lines) or "no suggestion is so probable")
 
 
 @service_command(things_app)

@@ -46,7 +46,7 @@ def list_things(
             f"{'  ' if each.parent else ''}{each.id}",
             each.name,
             f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
-            ", ".join(f"{name} {probability:.0%}" for name, probability, _ in each.suggestions),
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
             f"{each.gaussian_count:,}",
         )
         for each in things
@@ -157,7 +157,7 @@ def _said_by(thing: SceneThing) -> str:
 
 
 def _picked(picked: PickedThing) -> str:
-    maybe = ", ".join(f"{name} {probability:.0%}" for name, probability, _ in picked.thing.suggestions)
+    maybe = ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in picked.thing.suggestions)
     lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else ""]
     if picked.part is not None:
         lines.append(f"there its part: {thing_name(picked.part)}")

@@ -231,7 +231,7 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
         suggested=tuple(
             FoundName(i, name, sure)
             for i in added.suggested
-            for name, sure in named[i].suggestions
+            for name, sure, *_ in named[i].suggestions
             if label_key(name) in {label_key(text) for text in sightings.found[i]}
         ),
         regions=sightings.regions,

@@ -15,6 +15,7 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
+from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
@@ -122,6 +123,18 @@ SOUGHT: Bodies = {
     "texts": (
         "name what looks like one of these",
         LookAgainIn(("toy bulldozer", "trophy"), "another-name-of-your-choice"),
+    ),
+}
+SUGGESTED: Bodies = {
+    "an assistant": (
+        "what an assistant takes two things for",
+        SuggestIn(
+            (
+                SuggestedName(2, "mug", 0.9, "assistant", "model-of-your-choice", ("cup",)),
+                SuggestedName(3, "ball", 0.6, "assistant", "model-of-your-choice"),
+            ),
+            "a-name-for-these-suggestions",
+        ),
     ),
 }
 ALIGNED: Bodies = {

@@ -45,6 +45,7 @@ from fastsplat_contract.localize_messages import Localization, LocalizedPhoto
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
 from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
+from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
@@ -135,6 +136,7 @@ __all__ = [
     "ServerInfo",
     "StageProgress",
     "StandingQuestion",
+    "SuggestedName",
     "Support",
     "TrainMoreResult",
     "UnauthenticatedError",

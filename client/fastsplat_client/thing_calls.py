@@ -15,6 +15,7 @@ from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
@@ -22,6 +23,9 @@ from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
 from fastsplat_contract.train_more_messages import PresetName
+
+_EDITS = 100
+"""In one request, as the server takes them."""
 
 
 class ThingCalls(TableCalls):
@@ -132,6 +136,39 @@ class ThingCalls(TableCalls):
         ids = (things,) if isinstance(things, int) else tuple(things)
         edit = Edit("name", things=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
+    def suggest_names(
+        self, scene_id: str, suggestions: Sequence[SuggestedName], *, request_id: str = ""
+    ) -> SceneVersion:
+        """Suggest names for things, see `SuggestedName`: they can be asked for, and nothing bears them until somebody
+        gives them, by `name_things` or `confirm_names`.
+
+        Args:
+            scene_id: which scene.
+            suggestions: 1 to 1,000; what a source says of a thing replaces what it said before.
+            request_id: the same id returns the version that it made; by default a new one.
+        """
+        request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
+        return self.call(calls.SUGGEST_NAMES, request)
+
+    def confirm_names(self, scene_id: str, *, least: float = 0.8) -> tuple[SceneThing, ...]:
+        """Give every thing without a name the likeliest one that is suggested for it, from a probability on: a person's
+        word, as by `name_things`. Returns these things as they were.
+
+        Args:
+            scene_id: which scene.
+            least: 0..1, the probability.
+        """
+        likely = [
+            thing
+            for thing in self.things(scene_id)
+            if not thing.name and thing.suggestions and thing.suggestions[0].probability >= least
+        ]
+        firsts = ((thing, thing.suggestions[0]) for thing in likely)
+        edits = [Edit("name", things=(thing.id,), name=told.name, aliases=told.aliases) for thing, told in firsts]
+        for start in range(0, len(edits), _EDITS):
+            self.edit_scene(scene_id, edits[start : start + _EDITS])
+        return tuple(likely)
 
     def split_thing(
         self,

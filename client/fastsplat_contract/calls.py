@@ -67,6 +67,7 @@ from fastsplat_contract.requests import (
     RestoreVersionRequest,
     RetryOperationRequest,
     RevokeKeyRequest,
+    SuggestNamesRequest,
     TrainMoreRequest,
     UndoEditRequest,
     UpdateSceneRequest,
@@ -134,6 +135,10 @@ EDIT_SCENE = Call(
 PREVIEW_EDIT = Call(
     "PreviewEdit", "scenes", PreviewEditRequest, EditPreview, READ, f"POST {_SCENE}:previewEdit",
     "Which Gaussians edits would remove from a scene; nothing is changed.")
+SUGGEST_NAMES = Call(
+    "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT, f"POST {_SCENE}/name-suggestions",
+    "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
+    "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
+from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import AlignIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
@@ -123,6 +124,11 @@ class ListThingsRequest(Request, InPages, OfVersion):
 @dataclass(frozen=True)
 class EditSceneRequest(EditIn, OfScene):
     """A new version of a scene."""
+
+
+@dataclass(frozen=True)
+class SuggestNamesRequest(SuggestIn, OfScene):
+    """Names that somebody suggests for things of one scene."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from fastsplat_contract.assessments import Assessment
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.job_watching import Provisional
+from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
 from fastsplat_contract.poses import Box, Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
@@ -22,7 +23,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "align", "look_again", "train_more",
+    "scale", "align", "look_again", "train_more", "suggest",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -247,7 +248,8 @@ class Edit(Request):
             "makes the piece of a thing that a prompt shows a thing of its own; add: makes what a prompt shows a "
             "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
             "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
-            "puts the scene into the frame of a map, by a rigid motion or by pairs of points. look_again and "
+            "puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names that "
+            "things may have, which can be asked for and which nothing bears until a person gives them. look_again and "
             "train_more: stand in the versions that such jobs have made, and are no edits to send"
         ),
     ]
@@ -304,6 +306,13 @@ class Edit(Request):
             "and otherwise of the whole scene; what things enclose stays then"
         ),
     ] = None
+    suggestions: Annotated[
+        Many[SuggestedName],
+        Field(
+            description="for suggest: names for things, at most five of a source for a thing; what a source says of a "
+            "thing replaces what it said before"
+        ),
+    ] = ()
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,20 @@ AskedLevel = Literal["likeliest", "part", "thing", "group"]
 
 
 @travels(request=False)
+class SuggestionSource(NamedTuple):
+    """Who suggests a name for a thing."""
+
+    source: Annotated[str, Field(description="detector: the scene's own models and likenesses; else who sent it")]
+    model: Annotated[str, Field(description="of the source; empty where it named none")]
+    probability: Annotated[float, Field(description="0..1, by what people confirmed of this source in this scene")]
+
+
+@travels(request=False)
 class NameSuggestion(NamedTuple):
     """A name that a thing may have, which nobody has settled."""
 
     name: str
-    probability: Annotated[float, Field(description="0..1")]
+    probability: Annotated[float, Field(description="0..1, of all that suggest it together")]
     scene_id: Annotated[
         str,
         Field(
@@ -38,6 +47,8 @@ class NameSuggestion(NamedTuple):
             "empty: the name comes from this scene itself"
         ),
     ] = ""
+    aliases: Annotated[Many[str], Field(description="other words for it")] = ()
+    said_by: Annotated[Many[SuggestionSource], Field(description="who suggests it, the likeliest first")] = ()
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.instances.name_calibration import name_probability
 from fastsplat.service.perception.types import Regions
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
@@ -131,13 +132,13 @@ def _named(
 ) -> Thing:
     order = np.argsort(-row, kind="stable")
     order = order[row[order] >= LEAST_SUGGESTED][:_SUGGESTIONS]
-    suggestions = tuple((names[label - 1], float(row[label])) for label in order)
+    suggestions = tuple(Suggestion(names[label - 1], float(row[label])) for label in order)
     if not suggestions:
         return replace(thing, name="", source=None, probability=0.0, suggestions=())
-    (best, sure), rivals = suggestions[0], suggestions[1:]
+    best, sure, rivals = suggestions[0].name, suggestions[0].probability, suggestions[1:]
     clear = sure >= NAMED_FROM
     if source == "given":
-        clear = sure >= _GIVEN_FROM and all(other <= _GIVEN_RIVALS * sure for _, other in rivals)
+        clear = sure >= _GIVEN_FROM and all(other.probability <= _GIVEN_RIVALS * sure for other in rivals)
     if not clear:
         return replace(thing, name="", source=None, probability=0.0, suggestions=suggestions)
     return replace(thing, name=best, source=source, probability=sure, suggestions=rivals)

@@ -13,6 +13,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.instances.lifting import lift_regions_of
 from fastsplat.service.instances.naming import LEAST_SUGGESTED, MOST_SEEN, SEEN_PX
 from fastsplat.service.instances.settings import DiscoverySettings
+from fastsplat.service.scene.suggestions import Suggestion, ranked_suggestions
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Gaussians, Thing, Things
 from fastsplat.service.splatting.gaussians import splats_of
@@ -27,7 +28,6 @@ _NAMED_WORTH = 0.5
 """Worth of seeing a thing that has a name, of one that has none."""
 _LOOSE_WORTH = 1.0
 """Worth of seeing all that belongs to no thing."""
-_MAX_SUGGESTIONS = 5
 _RIVALS = 0.5
 """A text is clear only where no other name has more than this share of its probability."""
 
@@ -133,7 +133,7 @@ def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, nam
         keys = {label_key(name) for name in texts}
         if changed is not thing and changed.name and label_key(changed.name) in keys:
             named.append(thing.id)
-        elif changed is not thing and keys & {label_key(name) for name, _ in changed.suggestions}:
+        elif changed is not thing and keys & {label_key(each.name) for each in changed.suggestions}:
             suggested.append(thing.id)
         table.append(changed)
     return NamesAdded(replace(things, table=tuple(table)), tuple(named), tuple(suggested))
@@ -147,25 +147,27 @@ def _judged(thing: Thing, texts: Mapping[str, float], name_probability: float) -
     rivals = [other for key, (_, other) in by_key.items() if key not in (best, own)]
     if own not in ("", best):
         rivals.append(max(thing.probability, by_key.get(own, ("", 0.0))[1]))
-    before = [other for name, other in thing.suggestions if label_key(name) != best]
+    told = [each for each in thing.suggestions if each.source]
+    earlier = [(each.name, each.probability) for each in thing.suggestions if not each.source]
+    before = [other for name, other in earlier if label_key(name) != best]
     clear = sure >= name_probability and max(rivals, default=0.0) <= _RIVALS * sure
     clear = clear and max(before, default=0.0) <= sure
     pool: dict[str, tuple[str, float]] = {}
     stated = ((thing.name, thing.probability),) if thing.name else ()
-    for name, other in (*stated, *thing.suggestions, *by_key.values()):
+    for name, other in (*stated, *earlier, *by_key.values()):
         first, most = pool.get(label_key(name), (name, 0.0))
         pool[label_key(name)] = (first, max(most, other))
     if clear or own == best:
         name, most = pool.pop(best)
         probability = most if own == best else sure
         return replace(
-            thing, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values())
+            thing, name=name, source="detected", probability=probability, suggestions=_suggestions(pool.values(), told)
         )
     if own:
         name, most = pool.pop(own)
-        return replace(thing, probability=most, suggestions=_suggestions(pool.values()))
-    return replace(thing, suggestions=_suggestions(pool.values()))
+        return replace(thing, probability=most, suggestions=_suggestions(pool.values(), told))
+    return replace(thing, suggestions=_suggestions(pool.values(), told))
 
 
-def _suggestions(names: Iterable[tuple[str, float]]) -> tuple[tuple[str, float], ...]:
-    return tuple(sorted(names, key=lambda pair: -pair[1])[:_MAX_SUGGESTIONS])
+def _suggestions(names: Iterable[tuple[str, float]], told: Sequence[Suggestion]) -> tuple[Suggestion, ...]:
+    return ranked_suggestions([*(Suggestion(name, sure) for name, sure in names), *told])

@@ -8,10 +8,15 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing, ThingGroup
 
 _Share = Annotated[float, Field(ge=0, le=1)]
-_Suggestion = Annotated[tuple[str, _Share], Field(strict=False)]
+_Words = Annotated[tuple[str, ...], Field(strict=False)]
+_Pair = Annotated[tuple[str, _Share], Field(strict=False)]
+_Told = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
+_Suggestion = _Pair | _Told
+"""Who says so is left out of what the scene's own models suggest."""
 
 _Cameras = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(strict=False)]
 
@@ -118,13 +123,15 @@ def thing_row(thing: Thing) -> dict[str, Any]:
     for name in ("proposed_in", "missed_in"):
         if not row[name]:
             del row[name]
+    row["suggestions"] = [tuple(each) if each.source else each[:2] for each in thing.suggestions]
     return row
 
 
 def thing_of_row(row: ThingRow) -> Thing:
     """The thing that `thing_row` wrote."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
-    return Thing(**{**vars(row), **decoded})
+    suggestions = tuple(Suggestion(*each) for each in row.suggestions)
+    return Thing(**{**vars(row), **decoded, "suggestions": suggestions})
 
 
 def group_of_row(row: GroupRow) -> ThingGroup:

@@ -14,6 +14,7 @@ from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
+from fastsplat.service.scene.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale, SceneVertical
@@ -126,7 +127,8 @@ class Thing:
         probability: that the name is right, 0..1; 0 without a name.
         consensus: share of the views that see it in which it was proposed, 0..1; 1 for a thing that somebody added.
         surface: see `SurfaceKind`.
-        suggestions: names that nobody has settled, with their probabilities, the most probable first.
+        suggestions: names that nobody has settled, with who says so, the most probable first. Those of a thing that a
+            person named stay: they tell how far their sources can be trusted.
         parent: of a part, the id of the thing that it is a part of; 0 for a thing.
         proposed_in: numbers of the scene's cameras, from 0, in which it was proposed when it was discovered; empty
             where that was not noted, as for what somebody added.
@@ -142,7 +144,7 @@ class Thing:
     probability: float = 0.0
     consensus: float = 1.0
     surface: SurfaceKind = ""
-    suggestions: tuple[tuple[str, float], ...] = ()
+    suggestions: tuple[Suggestion, ...] = ()
     parent: int = 0
     appearance: bytes = field(default=b"", repr=False)
     picture: bytes = field(default=b"", repr=False)
@@ -152,7 +154,7 @@ class Thing:
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
-        assert all(0 <= probability <= 1 for _, probability in self.suggestions)
+        assert all(0 <= each.probability <= 1 for each in self.suggestions)
 
     @property
     def guessed(self) -> bool:

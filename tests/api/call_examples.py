@@ -14,6 +14,7 @@ from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
+from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import PictureRequest, Tint
@@ -96,6 +97,7 @@ EXAMPLES = (
     Example("EditScene", EditIn((_CROP, _LOOSE), "cropped"), "own"),
     *(Example("PreviewEdit", PreviewEditIn(edits)) for edits in ((_CROP,), (_CROP, _LOOSE, Edit("remove", "mug")))),
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
+    Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
     Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
     Example("UndoEdit", {}, "edited"),

@@ -14,6 +14,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.query.things.labeled_things import labeled_things
 from fastsplat.service.query.things.unseen_space import surface_kind
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import SemanticHead
 from fastsplat_client import Client
 from fastsplat_client.assistant.tools import find
@@ -38,7 +39,7 @@ def screened(service: SceneService) -> str:
             source="person" if thing.name in names else None,
             probability=float(thing.name in names),
             surface=surface_kind(thing.name),
-            suggestions=(("violin", 0.3),) if thing.name == "lamp" else (),
+            suggestions=(Suggestion("violin", 0.3),) if thing.name == "lamp" else (),
         )
         for thing in things.table
     )

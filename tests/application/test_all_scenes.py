@@ -20,6 +20,7 @@ from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, posterior
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Thing
 from fastsplat.service.settings import Settings
 from fastsplat_contract.queries import Answer, QueryRequest
@@ -72,7 +73,9 @@ def scenes(encoder: TextEncoder) -> dict[str, Scene]:
     )
     assert made.things is not None
     first, *others = made.things.table
-    unnamed = replace(made.things, table=(replace(first, suggestions=(("piano", 0.6),), name="", source=None), *others))
+    unnamed = replace(
+        made.things, table=(replace(first, suggestions=(Suggestion("piano", 0.6),), name="", source=None), *others)
+    )
     count = len(made.gaussians)
     (rows,) = np.nonzero(np.arange(count) % 50 == 7)
     inside = evidence_of(rows, np.full(len(rows), 9, np.int32), np.full(len(rows), 16 * UNIT, np.int64), count)

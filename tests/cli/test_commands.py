@@ -22,8 +22,9 @@ from fastsplat.cli.thing_commands import _seen
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, NotReadyError
-from fastsplat_contract.json_codec import from_json, to_plain
+from fastsplat_contract.json_codec import from_json, to_json, to_plain
 from fastsplat_contract.look_again_messages import FoundName, LookAgainResult
+from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.train_more_messages import TrainMoreResult
@@ -223,6 +224,18 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     again = home.run("things redo $upright")
     assert again.stdout == f"version {version} is current\n"
     home.run("things undo $upright", server=True)
+    told = home.folder / "told.json"
+    names = [SuggestedName(1, "moon", 0.9, "eyes"), SuggestedName(2, "carrot", 0.3, "eyes")]
+    told.write_bytes(to_json(SuggestIn(tuple(names))))
+    assert "2 names suggested" in home.run("things suggest $upright", str(told), server=True).stdout
+    listed = home.json("things list $upright")["things"]
+    assert {"moon", "carrot"} <= {told["name"] for each in listed for told in each["suggestions"]}
+    unnamed = [each["id"] for each in listed if not each["name"]]
+    confirmed = home.json("things confirm $upright --least .2", server=True)["things"]
+    assert [each["id"] for each in confirmed] == [each for each in unnamed if each in (1, 2)]
+    assert all(each["name"] for each in home.json("things list $upright")["things"] if each["id"] in (1, 2))
+    told.write_text("{}")
+    assert isinstance(home.run("things suggest $upright", str(told), server=True).exception, InvalidInputError)
     assert home.json("jobs retry $cancelled --exclude", "another.jpg", server=True)["state"] == "QUEUED"
     assert home.json("jobs cancel $cancelled")["state"] == "CANCELLED"
     made = home.json("keys create robot --role reader", server=True)

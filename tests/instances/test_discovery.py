@@ -176,7 +176,7 @@ def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks)
     by_id = {thing.id: thing for thing in things.table}
     best = _overlaps(things, room.owner)
     red, blue, green = (by_id[best[number][0]] for number in (1, 3, 2))
-    assert red.name == "" and {name for name, _ in red.suggestions} == {"ball", "apple"}
+    assert red.name == "" and {each.name for each in red.suggestions} == {"ball", "apple"}
     assert blue.name == "orange" and blue.source == "detected" and blue.probability >= NAMED_FROM
     assert green.name == "" and green.suggestions == ()
 
@@ -199,8 +199,8 @@ def test_stated_names_are_clear_and_probabilities_are_such(scores: list[float], 
     if thing.name:
         assert thing.probability == pytest.approx(probability.max())
         assert thing.guessed == (thing.probability < STATED_FROM)
-    shares = [share for _, share in thing.suggestions]
-    assert shares == sorted(shares, reverse=True) and thing.name not in dict(thing.suggestions)
+    shares = [each.probability for each in thing.suggestions]
+    assert shares == sorted(shares, reverse=True) and thing.name not in {each.name for each in thing.suggestions}
 
 
 def test_regions_of_a_label_map_are_its_connected_areas() -> None:

@@ -16,6 +16,7 @@ from fastsplat.service.instances.second_look import NamesAdded, add_names, choos
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import Detections
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.instances.made_room import make_room
@@ -75,13 +76,13 @@ def test_a_view_sees_what_nothing_hides(tmp_path: Path) -> None:
 def test_a_clear_text_becomes_the_name() -> None:
     thing, added = _added(Thing(3), {"mug": 0.6, "cup": 0.2})
     assert (thing.name, thing.source, thing.probability) == ("mug", "detected", 0.6)
-    assert thing.suggestions == (("cup", 0.2),) and added.named == (3,) and added.suggested == ()
+    assert thing.suggestions == (Suggestion("cup", 0.2),) and added.named == (3,) and added.suggested == ()
 
 
 @pytest.mark.parametrize("texts", [{"mug": 0.39}, {"mug": 0.6, "cup": 0.31}])
 def test_an_unsure_text_is_suggested(texts: dict[str, float]) -> None:
-    thing, added = _added(Thing(3, suggestions=(("bottle", 0.35),)), texts)
-    assert thing.name == "" and dict(thing.suggestions) == {"bottle": 0.35, **texts}
+    thing, added = _added(Thing(3, suggestions=(Suggestion("bottle", 0.35),)), texts)
+    assert thing.name == "" and {each.name: each.probability for each in thing.suggestions} == {"bottle": 0.35, **texts}
     assert added.named == () and added.suggested == (3,)
 
 
@@ -94,18 +95,18 @@ def test_names_of_people_and_label_maps_stay(source: str) -> None:
 
 def test_a_detected_name_gives_way_only_to_a_clear_one() -> None:
     unsure, added = _added(Thing(3, "dog", "detected", 0.5), {"mascot doll": 0.7})
-    assert unsure.name == "dog" and unsure.suggestions == (("mascot doll", 0.7),) and added.suggested == (3,)
+    assert unsure.name == "dog" and unsure.suggestions == (Suggestion("mascot doll", 0.7),) and added.suggested == (3,)
     clear, added = _added(Thing(3, "dog", "detected", 0.4), {"mascot doll": 0.9})
-    assert clear.name == "mascot doll" and clear.suggestions == (("dog", 0.4),) and added.named == (3,)
+    assert clear.name == "mascot doll" and clear.suggestions == (Suggestion("dog", 0.4),) and added.named == (3,)
     same, added = _added(Thing(3, "dog", "detected", 0.5), {"Dogs": 0.2})
     assert (same.name.lower(), same.probability) == ("dog", 0.5) and added.named == (3,)
 
 
 def test_what_was_suggested_with_more_is_not_overruled() -> None:
-    thing, _ = _added(Thing(3, suggestions=(("spoon", 0.7),)), {"scissors": 0.6})
-    assert thing.name == "" and thing.suggestions == (("spoon", 0.7), ("scissors", 0.6))
-    seen_twice, _ = _added(Thing(3, suggestions=(("scissors", 0.7),)), {"scissors": 0.2})
-    assert seen_twice.name == "" and seen_twice.suggestions == (("scissors", 0.7),)
+    thing, _ = _added(Thing(3, suggestions=(Suggestion("spoon", 0.7),)), {"scissors": 0.6})
+    assert thing.name == "" and thing.suggestions == (Suggestion("spoon", 0.7), Suggestion("scissors", 0.6))
+    seen_twice, _ = _added(Thing(3, suggestions=(Suggestion("scissors", 0.7),)), {"scissors": 0.2})
+    assert seen_twice.name == "" and seen_twice.suggestions == (Suggestion("scissors", 0.7),)
 
 
 @given(
@@ -116,7 +117,7 @@ def test_what_was_suggested_with_more_is_not_overruled() -> None:
 def test_every_thing_has_one_name_or_suggestions_and_none_twice(
     texts: dict[str, float], name: tuple[str, str | None], suggestions: list[tuple[str, float]]
 ) -> None:
-    others = tuple(pair for pair in suggestions if pair[0] != name[0])
+    others = tuple(Suggestion(*pair) for pair in suggestions if pair[0] != name[0])
     before = Thing(1, name[0], name[1], 0.5 if name[0] else 0.0, suggestions=others)
     thing, added = _added(before, texts)
     keys = [label_key(pair[0]) for pair in thing.suggestions] + ([label_key(thing.name)] if thing.name else [])

@@ -24,6 +24,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.names_by_looks import KnownThing
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.queries import Answer
 from tests.query.conftest import DrawnEncoder, calibrated
@@ -36,7 +37,9 @@ _NAMES = (
 _FIRST = 40_001
 """Ids begin with what stands in no sentence for another reason."""
 _PROBABILITY = st.floats(0.05, 1.0)
-_SUGGESTIONS = st.lists(st.tuples(st.sampled_from(_NAMES), _PROBABILITY), max_size=3)
+_SUGGESTIONS = st.lists(
+    st.tuples(st.sampled_from(_NAMES), _PROBABILITY).map(lambda each: Suggestion(*each)), max_size=3
+)
 
 
 @st.composite
@@ -70,7 +73,7 @@ def _shown(things: tuple[Thing, ...]) -> Mapping[str, set[int]]:
     """By the names that a list of the things shows, those that bear or may bear them."""
     shown: dict[str, set[int]] = {}
     for thing in things:
-        suggested = [] if thing.source in ("given", "person") else [name for name, _ in thing.suggestions]
+        suggested = [] if thing.source in ("given", "person") else [each.name for each in thing.suggestions]
         for name in (thing.name, *suggested):
             if name:
                 shown.setdefault(name, set()).add(thing.id)
@@ -115,10 +118,10 @@ def test_what_is_suggested_alone_is_as_probable_as_its_likeliest_thing(things: t
     for name in _shown(things):
         if label_key(name) not in named:
             likely = {
-                thing.id: max(p for each, p in thing.suggestions if label_key(each) == label_key(name))
+                thing.id: max(each.probability for each in thing.suggestions if label_key(each.name) == label_key(name))
                 for thing in things
                 if thing.source not in ("given", "person")
-                and any(label_key(each) == label_key(name) for each, _ in thing.suggestions)
+                and any(label_key(each.name) == label_key(name) for each in thing.suggestions)
             }
             (answer,) = index.ask([name])
             assert answer.outcome == "probably_here"
@@ -146,7 +149,7 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(lexicon_models_dir: Pa
         leading = [each.outcome in ("here", "probably_here") for each in sure]
         assert leading[0] and 2 <= sum(leading) < len(sure) - 3
         for probability in (0.06, 0.42, 0.65):
-            suggested = answers(Thing(1, suggestions=((name, probability),)))
+            suggested = answers(Thing(1, suggestions=(Suggestion(name, probability),)))
             guessed = answers(Thing(1, name, "detected", probability))
             for leads, of_sure, of_suggested, of_guess in zip(leading, sure, suggested, guessed, strict=True):
                 assert of_sure.probability is not None
@@ -168,7 +171,7 @@ def test_a_label_that_nothing_bears_is_no_name_of_the_scene(drawn_encoder: Calla
 
 def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder: Callable[..., Any]) -> None:
     looks, other = (np.eye(8, dtype=np.float16)[row].tobytes() for row in (0, 1))
-    things = (Thing(1, suggestions=(("jar", 0.4),), appearance=looks), Thing(3, "vase", "person", 1.0))
+    things = (Thing(1, suggestions=(Suggestion("jar", 0.4),), appearance=looks), Thing(3, "vase", "person", 1.0))
     index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
     known = [KnownThing("s", "samovar", looks), KnownThing("own", "jar", looks)]
     ranked = index.ranked.suggesting(known, "own")
@@ -196,7 +199,10 @@ def room(drawn_encoder: Callable[..., Any]) -> SceneIndex:
     room.place("cup", box((0.09, 0.09, 0.1)), (-0.4, -0.1, 0.75), 0.2, white)
     scene = scene_of(room, 0, np.eye(4))
     assert scene.things is not None
-    suggested = {3: (("kettle", 0.19),), 4: (("kettle", 0.15), ("stool", 0.3))}
+    suggested = {
+        3: (Suggestion("kettle", 0.19),),
+        4: (Suggestion("kettle", 0.15), Suggestion("stool", 0.3)),
+    }
     rows = tuple(
         Thing(thing.id, name, "person" if name else None, float(bool(name)), suggestions=suggested.get(thing.id, ()))
         for thing, name in zip(scene.things.table, names, strict=True)
@@ -221,6 +227,6 @@ def test_at_most_three_are_called_and_the_rest_is_counted(drawn_encoder: Callabl
     index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
     listed = ThingWords(index.ranked.names).listed([1, 2, 3, 4, 5], lambda: index.things.measures)
     assert listed == '"thing 1x", "thing 2x", "thing 3x" and 2 more'
-    unnamed = tuple(Thing(number, suggestions=(("jar", 0.4),)) for number in range(6, 9))
+    unnamed = tuple(Thing(number, suggestions=(Suggestion("jar", 0.4),)) for number in range(6, 9))
     index = SceneIndex(_scene(unnamed, []), drawn_encoder(), QuerySettings(backend="reference"))
     assert index.ask(["jar"])[0].sentence == 'Probably here (40 %): 3 unnamed things may be "jar".'

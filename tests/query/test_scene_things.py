@@ -16,6 +16,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat_contract.errors import (
     ConflictError,
@@ -55,7 +56,9 @@ def discovered() -> Scene:
     owner = np.repeat([4, 7, 9], [CUP.count, TWIN.count, BOOK.count])
     rows = np.arange(len(owner))
     membership = evidence_of(rows, owner, np.full(len(owner), 4 * UNIT), len(owner))
-    things = Things((Thing(4), Thing(7, suggestions=(("kettle", 0.4),)), Thing(9, surface="wall")), membership)
+    things = Things(
+        (Thing(4), Thing(7, suggestions=(Suggestion("kettle", 0.4),)), Thing(9, surface="wall")), membership
+    )
     bare = scene_of([replace(CUP, label="x")])
     return replace(
         scene,

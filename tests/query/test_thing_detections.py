@@ -16,6 +16,7 @@ from fastsplat.service.query.measures.thing_detections import detections_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import TAKEN_AT, Scene, Thing, Things
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
@@ -42,7 +43,8 @@ def _scene(shells: Sequence[BoxShell] = _ALL, cameras: Sequence[PosedCamera] | N
     scene = scene_of(shells, orbit(8, 2.0, 1.6) if cameras is None else cameras)
     rows = np.repeat(np.arange(len(shells)) + 1, [shell.count for shell in shells])
     table = tuple(
-        Thing(n, shell.label, "detected", 0.9, 0.75, suggestions=(("other", 0.1),)) for n, shell in enumerate(shells, 1)
+        Thing(n, shell.label, "detected", 0.9, 0.75, suggestions=(Suggestion("other", 0.1),))
+        for n, shell in enumerate(shells, 1)
     )
     members = evidence_of(np.arange(len(rows)), rows, np.full(len(rows), 4096 * 50), len(rows))
     return replace(scene, things=Things(table, members), **changes)

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.things import (
     MAX_NAME_CHARS,
     discard_thing,
@@ -48,7 +49,7 @@ def _things(count: int) -> Things:
             5,
             consensus=0.7,
             surface="wall",
-            suggestions=(("bottle", 0.4), ("vase", 0.3)),
+            suggestions=(Suggestion("bottle", 0.4), Suggestion("vase", 0.3, "eyes", "v1", ("urn",))),
             proposed_in=(0, 3),
             missed_in=(1,),
         ),

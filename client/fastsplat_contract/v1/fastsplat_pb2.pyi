@@ -426,6 +426,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_SCALE: _EditAction.ValueType  # 13
     EDIT_ACTION_ALIGN: _EditAction.ValueType  # 14
     EDIT_ACTION_TRAIN_MORE: _EditAction.ValueType  # 15
+    EDIT_ACTION_SUGGEST: _EditAction.ValueType  # 16
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper): ...
 
@@ -445,6 +446,7 @@ EDIT_ACTION_LOOK_AGAIN: EditAction.ValueType  # 12
 EDIT_ACTION_SCALE: EditAction.ValueType  # 13
 EDIT_ACTION_ALIGN: EditAction.ValueType  # 14
 EDIT_ACTION_TRAIN_MORE: EditAction.ValueType  # 15
+EDIT_ACTION_SUGGEST: EditAction.ValueType  # 16
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _ThingSide:
@@ -2907,27 +2909,69 @@ class NameSuggestion(_message.Message):
     NAME_FIELD_NUMBER: _builtins.int
     PROBABILITY_FIELD_NUMBER: _builtins.int
     SCENE_ID_FIELD_NUMBER: _builtins.int
+    ALIASES_FIELD_NUMBER: _builtins.int
+    SAID_BY_FIELD_NUMBER: _builtins.int
     name: _builtins.str
     probability: _builtins.float
-    """0..1"""
+    """0..1, of all that suggest it together"""
     scene_id: _builtins.str
     """another scene of the project, in which a person named a thing so that looks like this one; empty: the name comes
     from this scene itself
     """
+    @_builtins.property
+    def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """other words for it"""
+
+    @_builtins.property
+    def said_by(self) -> _containers.RepeatedCompositeFieldContainer[Global___SuggestionSource]:
+        """who suggests it, the likeliest first"""
+
     def __init__(
         self,
         *,
         name: _builtins.str = ...,
         probability: _builtins.float = ...,
         scene_id: _builtins.str = ...,
+        aliases: _abc.Iterable[_builtins.str] | None = ...,
+        said_by: _abc.Iterable[Global___SuggestionSource] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "probability", b"probability", "scene_id", b"scene_id"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["aliases", b"aliases", "name", b"name", "probability", b"probability", "said_by", b"said_by", "scene_id", b"scene_id"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NameSuggestion: _TypeAlias = NameSuggestion  # noqa: Y015
+
+@_typing.final
+class SuggestionSource(_message.Message):
+    """Who suggests a name for a thing."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SOURCE_FIELD_NUMBER: _builtins.int
+    MODEL_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    source: _builtins.str
+    """detector: the scene's own models and likenesses; else who sent it"""
+    model: _builtins.str
+    """of the source; empty where it named none"""
+    probability: _builtins.float
+    """0..1, by what people confirmed of this source in this scene"""
+    def __init__(
+        self,
+        *,
+        source: _builtins.str = ...,
+        model: _builtins.str = ...,
+        probability: _builtins.float = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["model", b"model", "probability", b"probability", "source", b"source"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SuggestionSource: _TypeAlias = SuggestionSource  # noqa: Y015
 
 @_typing.final
 class PickThingRequest(_message.Message):
@@ -3492,6 +3536,7 @@ class Edit(_message.Message):
     ALIGNMENT_FIELD_NUMBER: _builtins.int
     KINDS_FIELD_NUMBER: _builtins.int
     FILTER_FIELD_NUMBER: _builtins.int
+    SUGGESTIONS_FIELD_NUMBER: _builtins.int
     action: Global___EditAction.ValueType
     """recolor, remove, move, duplicate: change what is seen. name, unname, merge, discard: change what it is taken for;
     merge makes the things one under the first one's id and name; discard leaves their Gaussians, which then belong to
@@ -3499,6 +3544,7 @@ class Edit(_message.Message):
     shows a thing of its own; add: makes what a prompt shows a thing, whatever its Gaussians belonged to. scale: makes
     the scene's units meters by known lengths or sizes, those of earlier such edits included; Gaussians, boxes and
     cameras are scaled with it. align: puts the scene into the frame of a map, by a rigid motion or by pairs of points.
+    suggest: names that things may have, which can be asked for and which nothing bears until a person gives them.
     look_again and train_more: stand in the versions that such jobs have made, and are no edits to send
     """
     label: _builtins.str
@@ -3560,6 +3606,12 @@ class Edit(_message.Message):
         whole scene; what things enclose stays then
         """
 
+    @_builtins.property
+    def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___SuggestedName]:
+        """for suggest: names for things, at most five of a source for a thing; what a source says of a thing replaces what it
+        said before
+        """
+
     def __init__(
         self,
         *,
@@ -3579,10 +3631,11 @@ class Edit(_message.Message):
         alignment: Global___Alignment | None = ...,
         kinds: _abc.Iterable[_builtins.str] | None = ...,
         filter: Global___GaussianFilter | None = ...,
+        suggestions: _abc.Iterable[Global___SuggestedName] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "alignment", b"alignment", "color", b"color", "filter", b"filter", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "transform", b"transform"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "filter", b"filter", "kinds", b"kinds", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_name", b"_name", "action", b"action", "aliases", b"aliases", "alignment", b"alignment", "color", b"color", "filter", b"filter", "kinds", b"kinds", "known_lengths", b"known_lengths", "known_sizes", b"known_sizes", "label", b"label", "name", b"name", "object_id", b"object_id", "prompt", b"prompt", "source", b"source", "suggestions", b"suggestions", "target", b"target", "texts", b"texts", "things", b"things", "transform", b"transform"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__name: _TypeAlias = _typing.Literal["name"]  # noqa: Y015
     _WhichOneofArgType__name: _TypeAlias = _typing.Literal["_name", b"_name"]  # noqa: Y015
@@ -3880,6 +3933,50 @@ class GaussianFilter(_message.Message):
 Global___GaussianFilter: _TypeAlias = GaussianFilter  # noqa: Y015
 
 @_typing.final
+class SuggestedName(_message.Message):
+    """A name that somebody suggests for a thing; nothing bears it until a person says so."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    SOURCE_FIELD_NUMBER: _builtins.int
+    MODEL_FIELD_NUMBER: _builtins.int
+    ALIASES_FIELD_NUMBER: _builtins.int
+    thing: _builtins.int
+    """id of a thing or part"""
+    name: _builtins.str
+    """one line of 1 to 200 characters"""
+    probability: _builtins.float
+    """that it is right, as the source says"""
+    source: _builtins.str
+    """who says so, e.g. an assistant: 1 to 60 characters"""
+    model: _builtins.str
+    """of the source, for people"""
+    @_builtins.property
+    def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """other words for the name"""
+
+    def __init__(
+        self,
+        *,
+        thing: _builtins.int = ...,
+        name: _builtins.str = ...,
+        probability: _builtins.float = ...,
+        source: _builtins.str = ...,
+        model: _builtins.str = ...,
+        aliases: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["aliases", b"aliases", "model", b"model", "name", b"name", "probability", b"probability", "source", b"source", "thing", b"thing"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SuggestedName: _TypeAlias = SuggestedName  # noqa: Y015
+
+@_typing.final
 class SceneVersion(_message.Message):
     """One state of a scene; never changes."""
 
@@ -4047,6 +4144,38 @@ class EditPreview(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___EditPreview: _TypeAlias = EditPreview  # noqa: Y015
+
+@_typing.final
+class SuggestNamesRequest(_message.Message):
+    """Names that somebody suggests for things of one scene."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    SUGGESTIONS_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    request_id: _builtins.str
+    """same id: the version that it made is returned again (AIP-155)"""
+    @_builtins.property
+    def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___SuggestedName]:
+        """1 to 1,000, at most five of a source for a thing; what a source says of a thing replaces what it said before"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        suggestions: _abc.Iterable[Global___SuggestedName] | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["request_id", b"request_id", "scene_id", b"scene_id", "suggestions", b"suggestions"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SuggestNamesRequest: _TypeAlias = SuggestNamesRequest  # noqa: Y015
 
 @_typing.final
 class AlignSceneRequest(_message.Message):

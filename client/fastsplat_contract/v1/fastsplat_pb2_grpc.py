@@ -105,6 +105,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.FromString,
                 _registered_method=True)
+        self.SuggestNames = channel.unary_unary(
+                '/fastsplat.v1.SceneService/SuggestNames',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
         self.AlignScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/AlignScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
@@ -425,6 +430,14 @@ class SceneServiceServicer:
 
     def PreviewEdit(self, request, context):
         """Which Gaussians edits would remove from a scene; nothing is changed.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def SuggestNames(self, request, context):
+        """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
+        somebody gives them by EditScene. All or none; they make a version, which is current on return.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -817,6 +830,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.PreviewEdit,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.SerializeToString,
+            ),
+            'SuggestNames': grpc.unary_unary_rpc_method_handler(
+                    servicer.SuggestNames,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
             'AlignScene': grpc.unary_unary_rpc_method_handler(
                     servicer.AlignScene,
@@ -1417,6 +1435,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/PreviewEdit',
             fastsplat_dot_v1_dot_fastsplat__pb2.PreviewEditRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.EditPreview.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def SuggestNames(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/SuggestNames',
+            fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
             options,
             channel_credentials,
             insecure,

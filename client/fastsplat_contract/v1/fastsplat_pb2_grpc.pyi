@@ -89,6 +89,10 @@ class SceneServiceStub:
     """Make a new version of a scene: the edits in order, all or none; it is current on return."""
     PreviewEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.PreviewEditRequest, _fastsplat_pb2.EditPreview]
     """Which Gaussians edits would remove from a scene; nothing is changed."""
+    SuggestNames: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.SuggestNamesRequest, _fastsplat_pb2.SceneVersion]
+    """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
+    somebody gives them by EditScene. All or none; they make a version, which is current on return.
+    """
     @_builtins.property
     @_deprecated("""This method has been marked as deprecated using proto method options.""")
     def AlignScene(self) -> _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]:
@@ -233,6 +237,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Make a new version of a scene: the edits in order, all or none; it is current on return."""
     PreviewEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.PreviewEditRequest, _fastsplat_pb2.EditPreview]  # type: ignore[assignment]
     """Which Gaussians edits would remove from a scene; nothing is changed."""
+    SuggestNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.SuggestNamesRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
+    somebody gives them by EditScene. All or none; they make a version, which is current on return.
+    """
     @_builtins.property
     @_deprecated("""This method has been marked as deprecated using proto method options.""")
     def AlignScene(self) -> _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]:  # type: ignore[override]
@@ -457,6 +465,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.EditPreview, _abc.Awaitable[_fastsplat_pb2.EditPreview]]:
         """Which Gaussians edits would remove from a scene; nothing is changed."""
+
+    @_abc_1.abstractmethod
+    def SuggestNames(
+        self,
+        request: _fastsplat_pb2.SuggestNamesRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
+        somebody gives them by EditScene. All or none; they make a version, which is current on return.
+        """
 
     @_deprecated("""Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use\nEditScene with the action align.""")
     @_abc_1.abstractmethod

@@ -12,6 +12,7 @@ from fastsplat.service.application.base.paging import read_page_token, write_pag
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.ranked_scene import RankedScene
+from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, agreed
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
@@ -110,7 +111,11 @@ class KnownNames:
 def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:
     if thing.name and label_key(thing.name) == label_key(name.name):
         return thing
-    others = [own for own in thing.suggestions if label_key(own.name) != label_key(name.name)]
-    suggestion = NameSuggestion(name.name, name.probability, name.scene_id)
+    same = [own for own in thing.suggestions if label_key(own.name) == label_key(name.name)]
+    others = [own for own in thing.suggestions if own not in same]
+    aliases = tuple(alias for own in same for alias in own.aliases)
+    told = tuple(one for own in same for one in own.said_by if one.source != OWN_SOURCE)
+    probability = agreed([name.probability, *(one.probability for one in told)])
+    suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, told)
     ranked = sorted([suggestion, *others], key=lambda other: -other.probability)
     return replace(thing, suggestions=tuple(ranked))

@@ -16,6 +16,7 @@ from fastsplat.service.query.edits.edited_rows import Rows, edited_rows
 from fastsplat.service.query.edits.gaussian_edits import duplicate, move, recolor, remove
 from fastsplat.service.query.edits.insertion import insert_things
 from fastsplat.service.query.edits.prompted_things import make_prompted_thing
+from fastsplat.service.query.edits.suggested_names import suggest_names
 from fastsplat.service.query.edits.thing_edits import edit_things
 from fastsplat.service.scene.changes import with_change
 from fastsplat.service.scene.types import Scene, Things
@@ -110,6 +111,7 @@ def _check_fields(edit: Edit, kind: _Kind) -> None:
         ("known_lengths", edit.known_lengths or edit.known_sizes or None),
         ("alignment", edit.alignment),
         ("filter", edit.filter),
+        ("suggestions", edit.suggestions or None),
     ):
         if (value is not None) != (name in kind.needs) and name not in kind.takes:
             raise InvalidInputError(
@@ -185,6 +187,10 @@ def _align(order: _Order) -> Scene:
     return align_scene(order.index, order.edit)
 
 
+def _suggest(order: _Order) -> Scene:
+    return suggest_names(order.index.things, order.edit.suggestions)
+
+
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),
     "remove": _Kind(_remove, takes=("filter",)),
@@ -199,4 +205,5 @@ _KINDS: Mapping[str, _Kind] = {
     "insert": _Kind(_insert, ("transform", "source")),
     "scale": _Kind(_scale, ("known_lengths",)),
     "align": _Kind(_align, ("alignment",)),
+    "suggest": _Kind(_suggest, ("suggestions",)),
 }

@@ -164,7 +164,9 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
         relation = f", {_RELATIONS[answer.relation, answer.relation_subject].format(text=question)}"
     if answer.verdict == "possible" and not any(map(names.is_borne, ids)):
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
-        return f"{in_words(answer.things)} may be {may_be}{relation}{remark}"
+        sources = sorted({source for each in ids if each in names.table for source in names.table[each].sources})
+        said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
+        return f"{in_words(answer.things)} may be {may_be}{said_by}{relation}{remark}"
     if answer.verdict in ("exact", "possible"):
         doubt = "" if answer.verdict == "exact" else ", but that name is not sure"
         return f"{_belonging(ids, labels, names, in_words)}{relation}{doubt}{remark}"

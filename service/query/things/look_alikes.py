@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
+from fastsplat.service.scene.suggestions import Suggestion, ranked_suggestions
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import SH_C0, Scene, Thing
 
@@ -20,7 +21,6 @@ _LEAST = 0.8
 """Likeness from which a name is suggested. Of the 805 pairs of things that are discovered in four scenes (sample, table
 top, plush, kitchen) none reaches 0.67, and the most alike are not of one kind: only copies of a thing are told. Colors
 and shapes are too little for more: the sample's two books, donuts and apples, each of two colors, have 0.06 to 0.28."""
-_MAX_SUGGESTIONS = 3
 
 
 def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
@@ -79,6 +79,5 @@ def _likeness(one: tuple[F64, F64], other: tuple[F64, F64]) -> float:
 
 
 def _suggested(thing: Thing, name: str, probability: float) -> Thing:
-    others = [suggestion for suggestion in thing.suggestions if suggestion[0] != name]
-    ranked = sorted([(name, min(probability, 1.0)), *others], key=lambda suggestion: -suggestion[1])
-    return replace(thing, suggestions=tuple(ranked[:_MAX_SUGGESTIONS]))
+    others = [each for each in thing.suggestions if each.source or each.name != name]
+    return replace(thing, suggestions=ranked_suggestions([Suggestion(name, min(probability, 1.0)), *others]))

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.things.absence import UnseenSpace, searched_names
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
+from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, merged_suggestions
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
@@ -24,7 +25,7 @@ from fastsplat.service.scene.types import Parts, Scene, Thing, ThingGroup, Thing
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import Vector3
-from fastsplat_contract.thing_messages import NameSuggestion, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
 
 _NEAREST = 8
 _REACH = 3.0
@@ -290,7 +291,7 @@ class SceneThings:
             name=thing.name,
             source=thing.source,
             probability=thing.probability,
-            suggestions=tuple(NameSuggestion(*suggestion) for suggestion in thing.suggestions),
+            suggestions=tuple(_told(each) for each in merged_suggestions(thing, self.names.trust)),
             kind="part" if thing.parent else "surface" if thing.surface else "thing",
             surface=thing.surface,
             consensus=thing.consensus,
@@ -303,6 +304,11 @@ class SceneThings:
             guess=thing.guessed,
             groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
         )
+
+
+def _told(name: MergedName) -> NameSuggestion:
+    said_by = tuple(SuggestionSource(each.source or OWN_SOURCE, each.model, each.probability) for each in name.told)
+    return NameSuggestion(name.name, name.probability, "", name.aliases, said_by)
 
 
 def _same_members(one: Things, other: Things) -> bool:

@@ -8,7 +8,9 @@ from functools import cached_property
 
 from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, DictionaryEntry, label_key
 from fastsplat.service.query.things.absence import searched_names
+from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
+from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import NameSource, Scene, Thing
 from fastsplat_contract.queries import Searched
 
@@ -27,12 +29,24 @@ class Name:
             at least half of `probability`, the likeliest first.
         probability: 0..1, the largest with which it belongs to one of them.
         suggested: whether nothing bears it, neither a thing nor, by themselves, Gaussians.
+        sources: who suggests it, but for the scene's own models.
     """
 
     label: str
     things: tuple[int, ...]
     probability: float
     suggested: bool
+    sources: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _SuggestedName:
+    """A name that is suggested for some things: how likely for which, and by whom."""
+
+    name: str
+    likely: dict[int, float] = field(default_factory=dict)
+    aliases: dict[str, None] = field(default_factory=dict)
+    sources: dict[str, None] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -60,26 +74,39 @@ class ThingNames:
     @cached_property
     def dictionary(self) -> Dictionary:
         """The keys: the scene's labels, then names that it lacks and that are suggested."""
-        lacking = [DictionaryEntry(name) for name, _ in self._suggestions.values() if self.labels.id_of(name) is None]
-        room = MAX_LABELS - len(self.labels)
-        return Dictionary((*self.labels.entries, *lacking[:room])) if lacking else self.labels
+        lacking = [each for each in self._suggestions.values() if self.labels.id_of(each.name) is None]
+        taken = {label_key(each.name) for each in lacking}
+        entries = list(self.labels.entries)
+        for each in lacking[: MAX_LABELS - len(self.labels)]:
+            words = {label_key(alias): alias for alias in each.aliases}
+            free = {key: word for key, word in words.items() if key not in taken and self.labels.id_of(word) is None}
+            taken |= free.keys()
+            entries.append(DictionaryEntry(each.name, tuple(free.values())))
+        return Dictionary(tuple(entries)) if lacking else self.labels
 
     @cached_property
     def table(self) -> Mapping[int, Name]:
         """What each name belongs to, by its id in `dictionary`: those that something bears, the surest first, then
         those that are suggested. A label that is missing belongs to nothing: it was looked for, and not found."""
         sureness = {thing.id: thing.probability for thing in self._everything}
-        suggested = {self.dictionary.id_of(name): own for name, own in self._suggestions.values()}
+        suggested = {self.dictionary.id_of(each.name): each for each in self._suggestions.values()}
         names: dict[int, Name] = {}
         for label_id in range(1, len(self.dictionary) + 1):
-            bearing, own = self.by_label.get(label_id, ()), suggested.get(label_id, {})
+            bearing, told = self.by_label.get(label_id, ()), suggested.get(label_id)
+            own = {} if told is None else told.likely
             borne = bool(bearing) or label_id in self.marked
             if borne or own:
                 most = max(own.values(), default=0.0)
                 likely = sorted((each for each in own if 2 * own[each] >= most), key=lambda each: -own[each])
                 sure = max((sureness[each] for each in bearing), default=self.marked.get(label_id, 0.0))
                 label = self.dictionary.label_of(label_id)
-                names[label_id] = Name(label, bearing or tuple(likely), sure if borne else most, suggested=not borne)
+                names[label_id] = Name(
+                    label,
+                    bearing or tuple(likely),
+                    sure if borne else most,
+                    not borne,
+                    tuple(told.sources) if told else (),
+                )
         order = sorted(names, key=lambda label_id: (names[label_id].suggested, -names[label_id].probability, label_id))
         return {label_id: names[label_id] for label_id in order}
 
@@ -93,15 +120,22 @@ class ThingNames:
         return ids
 
     @cached_property
-    def _suggestions(self) -> Mapping[int | str, tuple[str, dict[int, float]]]:
+    def trust(self) -> Trust:
+        """How far each source of suggestions can be trusted here."""
+        return source_trust(self._everything)
+
+    @cached_property
+    def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
         """Names that are suggested for things and parts, and how likely for which; by label id, or by key where the
         scene's dictionary lacks them."""
-        likely: dict[int | str, tuple[str, dict[int, float]]] = {}
+        names: dict[int | str, _SuggestedName] = {}
         for thing in self._everything:
-            for name, probability in () if thing.source in _SETTLED else thing.suggestions:
-                _, own = likely.setdefault(self.labels.id_of(name) or label_key(name), (name, {}))
-                own[thing.id] = max(probability, own.get(thing.id, 0.0))
-        return likely
+            for each in () if thing.source in _SETTLED else merged_suggestions(thing, self.trust):
+                told = names.setdefault(self.labels.id_of(each.name) or label_key(each.name), _SuggestedName(each.name))
+                told.likely[thing.id] = max(each.probability, told.likely.get(thing.id, 0.0))
+                told.aliases.update(dict.fromkeys(each.aliases))
+                told.sources.update(dict.fromkeys(one.source for one in each.told if one.source))
+        return names
 
     @property
     def _everything(self) -> tuple[Thing, ...]:
@@ -117,8 +151,8 @@ class ThingNames:
 
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
-            own = [each for each in thing.suggestions if label_key(each[0]) != label_key(name.name)]
-            return replace(thing, suggestions=((name.name, name.probability), *own))
+            own = [each for each in thing.suggestions if each.source or label_key(each.name) != label_key(name.name)]
+            return replace(thing, suggestions=(Suggestion(name.name, name.probability), *own))
 
         return replace(
             self, present=tuple(suggested(thing) if thing.id in elsewhere else thing for thing in self.present)

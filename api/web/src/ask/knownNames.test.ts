@@ -1,7 +1,13 @@
 import { expect, test } from "vitest";
 import { knownNames } from "./knownNames";
 
-const suggestion = (name: string, probability: number) => ({ name, probability, scene_id: "" });
+const suggestion = (name: string, probability: number) => ({
+  name,
+  probability,
+  scene_id: "",
+  aliases: [],
+  said_by: [],
+});
 
 test("names that things bear come first, then suggested ones; what a person named has no other name", () => {
   const things = [

@@ -7,7 +7,13 @@ const thing = (id: number, name: string, ...suggestions: [string, number, string
   ({
     id,
     name,
-    suggestions: suggestions.map(([text, probability, scene_id = ""]) => ({ name: text, probability, scene_id })),
+    suggestions: suggestions.map(([text, probability, scene_id = ""]) => ({
+      name: text,
+      probability,
+      scene_id,
+      aliases: [] as string[],
+      said_by: [] as SceneThing["suggestions"][number]["said_by"],
+    })),
   }) as SceneThing;
 
 test("those without a name for which the name is likely come likeliest first", () => {

@@ -61,7 +61,8 @@ export const thingsTexts = {
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",
-    suggestion: (name: string, probability: number) => `${name} (${Math.round(100 * probability)} %)`,
+    suggestion: (name: string, probability: number, sources: string[]) =>
+      `${name} (${Math.round(100 * probability)} %${sources.map((source) => `, says ${source}`).join("")})`,
     sizeOf: (sides: number[], meters: boolean) =>
       `${sides.map((side) => side.toFixed(2)).join(" × ")} ${meters ? "m" : "scene units"}`,
     lookAt: "Look at it",

@@ -44,6 +44,11 @@ export function ThingPanel({ state, onFly }: Properties) {
   );
 }
 
+/** Who suggests a name, but for the scene's own models. */
+function othersSaying(suggestion: SceneThing["suggestions"][number]): string[] {
+  return suggestion.said_by.map((each) => each.source).filter((source) => source !== "detector");
+}
+
 function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   // What is typed belongs to the name it was typed over: no effect, which would run after the first keys of a fast typist.
   const [draft, setDraft] = useState({ over: thing.name, text: thing.name });
@@ -103,7 +108,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
             {thing.suggestions.map((suggestion) => (
               <li key={suggestion.name}>
                 <button type="button" class="chip" disabled={state.busy.value} onClick={() => give(suggestion.name)}>
-                  {texts.things.suggestion(suggestion.name, suggestion.probability)}
+                  {texts.things.suggestion(suggestion.name, suggestion.probability, othersSaying(suggestion))}
                 </button>
               </li>
             ))}

@@ -217,7 +217,7 @@ def pgm_pixels(content: bytes) -> NDArray[np.uint8]:
 
 def _detection(make: MessageMaker, each: Detection, frame_id: str, stamp_ns: int) -> Any:
     assert each.box is not None
-    names = [(name, probability) for name, probability, _ in each.alternatives]
+    names = [(name, probability) for name, probability, *_ in each.alternatives]
     if each.label and each.probability is not None:
         names.insert(0, (each.label, each.probability))
     seen_ns = stamp_ns if each.last_seen is None else round(each.last_seen.timestamp() * 1e6) * 1000

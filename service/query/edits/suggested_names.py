@@ -1,0 +1,86 @@
+"""The edit by which somebody suggests names: they can be asked for and are shown, and nothing bears them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE
+from fastsplat.service.query.things.thing_index import SceneThings
+from fastsplat.service.scene.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions
+from fastsplat.service.scene.things import checked_name
+from fastsplat.service.scene.types import Scene, Thing
+from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from fastsplat_contract.name_suggestions import SuggestedName
+
+MAX_SUGGESTED = 1_000
+"""Names in one edit."""
+_MAX_ALIASES = 20
+_MAX_SOURCE = 60
+_OWN = (OWN_SOURCE, "person")
+"""What the scene's own sources are called in answers."""
+
+
+def suggest_names(things: SceneThings, suggested: Sequence[SuggestedName]) -> Scene:
+    """The scene with these names among what is suggested for its things. What a source says of a thing replaces what it
+    said before; names that things bear stay as they are.
+
+    Args:
+        things: of the scene as it is.
+        suggested: at least one, of any sources.
+
+    Raises:
+        NotFoundError: no such thing or part here.
+        InvalidInputError: a name, alias or source that is none, or a probability out of range; names the field.
+        LimitExceededError: too many names, or too many of one source for one thing.
+    """
+    if len(suggested) > MAX_SUGGESTED:
+        raise LimitExceededError(
+            f"{len(suggested)} names", field="suggestions", limit=f"{MAX_SUGGESTED} names", hint="Send several batches."
+        )
+    things.check_all([each.thing for each in suggested], "suggestions")
+    told: defaultdict[int, list[Suggestion]] = defaultdict(list)
+    for number, each in enumerate(suggested):
+        field = f"suggestions[{number}]"
+        told[each.thing].append(_checked(each, field))
+        own = sum(other.source == each.source.strip() for other in told[each.thing])
+        if own > MOST_SUGGESTED:
+            raise LimitExceededError(
+                f"{own} names of one source for thing {each.thing}", field=field, limit=f"{MOST_SUGGESTED} names"
+            )
+
+    def changed(thing: Thing) -> Thing:
+        new = told.get(thing.id, [])
+        sources = {each.source for each in new}
+        kept = [each for each in thing.suggestions if each.source not in sources]
+        return replace(thing, suggestions=ranked_suggestions([*new, *kept])) if new else thing
+
+    scene = things.scene
+    assert scene.things is not None
+    parts = scene.things.parts
+    if parts is not None:
+        parts = replace(parts, table=tuple(map(changed, parts.table)))
+    return replace(scene, things=replace(scene.things, table=tuple(map(changed, scene.things.table)), parts=parts))
+
+
+def _checked(each: SuggestedName, field: str) -> Suggestion:
+    source, model = (
+        checked_name(text, f"{field}.{name}") if text or name == "source" else ""
+        for name, text in (("source", each.source), ("model", each.model))
+    )
+    if source in _OWN or len(source) > _MAX_SOURCE:
+        raise InvalidInputError(
+            f"a source {source[:80]!r}",
+            field=f"{field}.source",
+            limit=f"1 to {_MAX_SOURCE} characters, and neither {' nor '.join(_OWN)}",
+            hint="Say who suggests the name.",
+        )
+    if not 0.0 <= each.probability <= 1.0:
+        raise InvalidInputError(f"a probability of {each.probability}", field=f"{field}.probability", limit="0 to 1")
+    if len(each.aliases) > _MAX_ALIASES:
+        raise LimitExceededError(
+            f"{len(each.aliases)} aliases", field=f"{field}.aliases", limit=f"{_MAX_ALIASES} aliases"
+        )
+    aliases = tuple(checked_name(word, f"{field}.aliases[{n}]") for n, word in enumerate(each.aliases))
+    return Suggestion(checked_name(each.name, f"{field}.name"), each.probability, source, model, aliases)

@@ -1,0 +1,95 @@
+"""What several sources suggest for one thing as one list of names, each source weighed by what people confirmed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import prod
+
+from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.scene.suggestions import Suggestion
+from fastsplat.service.scene.types import Thing
+
+OWN_SOURCE = "detector"
+"""What the scene's own models and likenesses are called as a source."""
+_PRIOR = 4.0
+"""Confirmations that a source's own word counts for. Set, not measured."""
+_MOST = 0.99
+"""However often sources were right, a name is suggested and not known."""
+
+Trust = Mapping[str, float]
+"""By what the probabilities of each source are multiplied; 1 for sources of which nothing is known."""
+
+
+@dataclass(frozen=True)
+class MergedName:
+    """A name that is suggested for one thing.
+
+    Attributes:
+        name: as its likeliest source writes it.
+        aliases: other words for it, of all sources.
+        probability: 0..1, of all sources together.
+        told: what each of them says, the likeliest first.
+    """
+
+    name: str
+    aliases: tuple[str, ...]
+    probability: float
+    told: tuple[Suggestion, ...]
+
+
+def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
+    """The names that are suggested for a thing, the most probable first.
+
+    Sources are taken to err independently: a name is wrong only if all that suggest it are, so two that agree count
+    more than either. Of one source the most probable word counts.
+
+    Args:
+        thing: with its suggestions.
+        trust: see `source_trust`.
+    """
+    by_name: dict[str, dict[str, Suggestion]] = {}
+    for each in thing.suggestions:
+        weighed = each
+        if each.source:
+            weighed = each._replace(probability=min(each.probability * trust.get(each.source, 1.0), _MOST))
+        told = by_name.setdefault(label_key(each.name), {})
+        if each.source not in told or weighed.probability > told[each.source].probability:
+            told[each.source] = weighed
+    merged = []
+    for told in by_name.values():
+        ordered = tuple(sorted(told.values(), key=lambda one: -one.probability))
+        probability = agreed([one.probability for one in ordered])
+        aliases = tuple(dict.fromkeys(alias for one in ordered for alias in one.aliases))
+        merged.append(MergedName(ordered[0].name, aliases, probability, ordered))
+    return tuple(sorted(merged, key=lambda one: -one.probability))
+
+
+def agreed(probabilities: Sequence[float]) -> float:
+    """0..1: that a name is right which sources of these probabilities, at least one, suggest independently."""
+    if len(probabilities) == 1:
+        return probabilities[0]
+    return min(1.0 - prod(1.0 - each for each in probabilities), _MOST)
+
+
+def source_trust(things: Iterable[Thing]) -> Trust:
+    """How far each source is right more or less often than it says, by the things that people named.
+
+    A thing that a person named keeps what was suggested for it. Over these a source's right words, as many as it
+    claimed before anything was confirmed (`_PRIOR`), are divided by the sum of its probabilities. The scene's own
+    models are measured elsewhere, and keep their word.
+
+    Args:
+        things: of a scene.
+    """
+    claimed: dict[str, float] = {}
+    right: dict[str, int] = {}
+    for thing in things:
+        if thing.source != "person":
+            continue
+        for each in thing.suggestions:
+            if each.source:
+                words = {label_key(word) for word in (each.name, *each.aliases)}
+                claimed[each.source] = claimed.get(each.source, 0.0) + each.probability
+                right[each.source] = right.get(each.source, 0) + (label_key(thing.name) in words)
+    return {source: (right[source] + _PRIOR) / (claimed[source] + _PRIOR) for source in claimed}
