@@ -38,7 +38,6 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
-
 _NUMBERS = itertools.count(1)
 
 
