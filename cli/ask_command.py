@@ -12,8 +12,11 @@ from fastsplat.cli.options import SceneId, Version
 from fastsplat.cli.session import Session
 from fastsplat.cli.tables import point
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.job_watching import Until
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, unit_quaternion
 from fastsplat_contract.queries import Answer, QueryRequest
+
+_DRAFTS = {"points": "points, and what the first photos show", "training": "a training under way"}
 
 
 def ask(
@@ -38,12 +41,21 @@ def ask(
     ] = "",
     picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
     version: Version = "",
+    wait: Annotated[
+        Until | None,
+        typer.Option(
+            help="Of a scene that is still being made: wait for its first draft, one of its training (good), or its "
+            "end (done). Default: ask what is there."
+        ),
+    ] = None,
 ) -> None:
     """Ask a scene in plain words. Prints a sentence an answer, then the things that answer."""
     if picture is not None and len(texts) != 1:
         raise InvalidInputError(f"one picture of {len(texts)} answers", field="--picture", hint="Ask one text.")
     asker = _pose(pose) if pose else None
     scene_id = session.scene(scene)
+    if wait is not None:
+        session.client.wait_for_scene(scene_id, wait)
     request = QueryRequest(
         scene_id,
         tuple(texts),
@@ -60,6 +72,8 @@ def ask(
 
 def _lines(answer: Answer) -> list[str]:
     lines = [answer.sentence]
+    if answer.provisional is not None:
+        lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")
     for thing in answer.objects or ():
         unit = "m" if thing.meters else "scene units"
         lines.append(f"  thing {thing.thing_id}, {thing.label}, at {point(thing.centroid)} {unit}")

@@ -63,7 +63,7 @@ class Session:
             scene = next(self.client.scenes(), None)
             if scene is None:
                 raise NotFoundError(f"there is no scene in {text}", field="SCENE")
-            if scene.state != "READY":
+            if not scene.version:
                 raise NotReadyError(f"the scene in {text} has not been trained to its end", field="SCENE")
             return scene.id
         return self._whole(text, "scene", lambda: (each.id for each in self.client.scenes()))

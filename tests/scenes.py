@@ -16,6 +16,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.language.embeddings import embed_labels
+from fastsplat.service.scene.drafts import draft_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
@@ -23,6 +24,7 @@ from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.job_watching import Provisional
 
 EMBEDDING_SIZE = 16
 """Of label embeddings that no encoder made."""
@@ -99,6 +101,7 @@ def finish_job(
     version: str = "1",
     stages: Sequence[Mapping[str, Any]] = (),
     artefact: Path | None = None,
+    draft: Provisional | None = None,
     **row: Any,
 ) -> None:
     """End a queued job as a worker that made `scene` would.
@@ -110,10 +113,12 @@ def finish_job(
         version: name of the scene's first version.
         stages: what the worker reports before.
         artefact: the scene's own folder, as an earlier release wrote it; None: it is written now.
+        draft: what the scene is made of: then the job goes on.
         **row: further values of every label's row.
     """
     claim = store.jobs.claim(operation_id)
     assert claim is not None
+    scene = scene if draft is None else draft_of(scene, draft)
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
     write_version(scene, folder, artefact)
     if stages:
@@ -133,7 +138,11 @@ def finish_job(
     ]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
     quality = dict(scene.quality)
-    store.jobs.succeed(claim, SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality))
+    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality)
+    if draft is None:
+        store.jobs.succeed(claim, summary)
+    else:
+        store.jobs.publish_draft(claim, summary)
 
 
 def store_scene(store: Store, scene: Scene, name: str = "made", **options: Any) -> str:

@@ -343,6 +343,7 @@ class ClaimedJob:
     def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
         """Publish the folders of a scene, and those of its edits, as far as they are not; with `check`, unless a
         draft was edited since: `ConflictError`."""
+        self._carried = ()
         place = self._version_or(version, folder)
         made = read_made(
             place, self.scene_id, version, self._calls, lambda name: self._version_or(name, place / CARRIED / name)

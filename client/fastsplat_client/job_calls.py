@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 from fastsplat_client.table_calls import TableCalls
 from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.job_watching import PlacedInfo, Preview
+from fastsplat_contract.job_watching import PlacedInfo, Preview, Until
 from fastsplat_contract.operations import JobEstimate, Operation, PresetName
+from fastsplat_contract.scenes import Scene
 
 
 class Placed(NamedTuple):
@@ -31,6 +33,9 @@ class Placed(NamedTuple):
     colors: NDArray[np.uint8]
 
 
+_POLL_S = 0.5
+
+
 class JobCalls(TableCalls):
     """The part of `Client` that speaks of one job."""
 
@@ -39,6 +44,21 @@ class JobCalls(TableCalls):
     ) -> JobEstimate:
         """How long so many photos, of `width` x `height` pixels if that is known, would take to become a scene."""
         return self.call(calls.ESTIMATE_JOB, requests.EstimateJobRequest(photos, width, height, preset))
+
+    def wait_for_scene(self, scene_id: str, until: Until = "done") -> Scene:
+        """The scene as soon as it is so far, or its job has ended, whichever way.
+
+        Args:
+            scene_id: which scene.
+            until: first: anything can be asked; good: a draft of the training can be; done: nothing more comes.
+        """
+        while True:
+            scene = self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
+            stage = None if scene.provisional is None else scene.provisional.stage
+            enough = {"first": stage is not None, "good": stage == "training", "done": False}[until]
+            if scene.state != "TRAINING" or enough:
+                return scene
+            time.sleep(_POLL_S)
 
     def operation(self, operation_id: str) -> Operation:
         """Where a job stands."""

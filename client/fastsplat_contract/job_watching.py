@@ -16,6 +16,9 @@ WorkerState = Literal["none", "waiting", "working", "silent"]
 DraftStage = Literal["points", "training"]
 """What a draft of a scene is made of."""
 
+Until = Literal["first", "good", "done"]
+"""How far a scene is: it has any draft, a draft of its training, or its job has ended."""
+
 
 @travels(request=False)
 class Provisional(NamedTuple):

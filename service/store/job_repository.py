@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from sqlalchemy import Engine, delete, exists, func, select, update
+from sqlalchemy import Connection, Engine, delete, exists, func, select, update
 
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest, execute_fenced, fenced, uncancelled
 from fastsplat.service.store.damaged_rows import each_readable
@@ -193,17 +193,9 @@ class JobRepository:
     def publish_draft(
         self, claim: Claim, summary: SceneSummary, carried: Sequence[NewVersion] = (), *, edited: str = ""
     ) -> None:
-        """Make a draft the scene's current version, with the edits of the draft before it; see `publish_made_within`.
-
-        Raises:
-            FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
-            ConflictError: the scene was edited meanwhile.
-        """
+        """Make a draft the scene's current version, with edits of the one before it; arguments, errors as `succeed`."""
         with self._writing() as connection:
-            execute_fenced(connection, claim, uncancelled(claim).values(updated_at=time.time()))
-            stays = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="TRAINING")
-            execute_fenced(connection, claim, stays)
-            publish_made_within(connection, claim.operation.scene_id, summary, carried, edited=edited, draft=True)
+            self._publish(connection, claim, {}, summary, carried, edited, draft=True)
 
     def succeed(
         self,
@@ -214,29 +206,27 @@ class JobRepository:
         edited: str = "",
         result: Mapping[str, Any] | None = None,
     ) -> Sequence[str]:
-        """Make the scene READY, in the place of its drafts, and end the operation as SUCCEEDED, both at once.
+        """Make the scene READY, in the place of its drafts, and end the operation as SUCCEEDED; both at once.
 
         Args:
             claim: of which job.
             summary, carried, edited: see `publish_made_within`.
-            result: what became of edits of drafts, as JSON; None where there were none.
+            result: what became of edits of drafts, as JSON; None for no edits.
 
         Returns:
-            The names of the drafts, and of what they were edited to, whose folders are the caller's to remove.
+            The names of the drafts and of what they were edited to; their folders are the caller's to remove.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
             ConflictError: a draft was edited meanwhile.
         """
         with self._writing() as connection:
-            options = {**claim.operation.options, **({} if result is None else {RESULT: dict(result)})}
-            done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
-            execute_fenced(connection, claim, done)
+            told = {} if result is None else {RESULT: dict(result)}
+            done = {"state": "SUCCEEDED", "options": {**claim.operation.options, **told}}
+            removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
             execute_fenced(connection, claim, ready)
-            return publish_made_within(
-                connection, claim.operation.scene_id, summary, carried, edited=edited, draft=False
-            )
+        return removed
 
     def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> Sequence[str]:
         """Publish a version and end the operation, which made it, as SUCCEEDED with its result; both at once.
@@ -249,8 +239,8 @@ class JobRepository:
             ConflictError: the scene has another current version by now.
             NotFoundError: the scene was deleted.
         """
+        options = {**claim.operation.options, RESULT: dict(result)}
         with self._writing() as connection:
-            options = {**claim.operation.options, RESULT: dict(result)}
             done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
             execute_fenced(connection, claim, done)
             _, removed = publish_within(connection, new)
@@ -371,6 +361,22 @@ class JobRepository:
         known = frozenset(job.scene_id for job in jobs)
         open_ones = (job for job in jobs if job.state in _UNFINISHED or job.updated_at >= ended_before)
         return (rest & known) - frozenset(job.scene_id for job in open_ones), rest - known
+
+    @staticmethod
+    def _publish(
+        connection: Connection,
+        claim: Claim,
+        values: Mapping[str, Any],
+        summary: SceneSummary,
+        carried: Sequence[NewVersion],
+        edited: str,
+        *,
+        draft: bool,
+    ) -> Sequence[str]:
+        scene_id, values = claim.operation.scene_id, {**values, "updated_at": time.time()}
+        execute_fenced(connection, claim, uncancelled(claim).values(values))
+        execute_fenced(connection, claim, update(scenes).where(scenes.c.id == scene_id).values(state="TRAINING"))
+        return publish_made_within(connection, scene_id, summary, carried, edited=edited, draft=draft)
 
     def _end(self, claim: Claim, state: str, error: Mapping[str, Any] | None) -> None:
         with self._writing() as connection:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,10 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.perception.capture_detection import detect_views
 from fastsplat.service.perception.class_names import TAGS
+from fastsplat.service.perception.early_look import EarlyLook
 from fastsplat.service.perception.labelling import label_capture, views_to_segment
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.perception.types import Detections
+from fastsplat.service.perception.types import Detections, Labelling
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
 
 _SETTINGS = PerceptionSettings(threads=2)
@@ -138,6 +140,13 @@ def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
     assert [(e.label, e.pixels, e.views) for e in labelling.dictionary.entries] == [("wall", 4, 1), ("lamp", 16, 1)]
     np.testing.assert_array_equal(labelling.label_maps[0], [[0, 1, 2, 2, 2, 2]] * 4)
     assert labelling.label_maps[1].shape == (4, 6) and not labelling.label_maps[1].any()
+
+
+def test_given_labels_are_seen_at_once(given_capture: Any, tmp_path: Path) -> None:
+    seen: list[tuple[Labelling, Sequence[int]]] = []
+    early = EarlyLook(1, lambda labelling, views: seen.append((labelling, views)))
+    labelling = label_capture(given_capture, _SETTINGS, tmp_path / "no models", [], silent, early=early)
+    assert seen == [(labelling, [0])]
 
 
 @pytest.mark.parametrize("fault", ["size", "id"])

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fastsplat_contract.assessments import Grade
+from fastsplat_contract.job_watching import DraftStage
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Outcome, Relation
@@ -138,6 +139,8 @@ class Found:
         alternatives: other labels that answer, best first.
         things: what answers, of `label` and the alternatives, in this order; `more_things` of them were left out.
         unnamed_things: how many things have no name: an absence was said of the named ones alone.
+        draft: what the scene is made of as long as it is not finished, points or training: answers may change; None of
+            a finished one.
     """
 
     scene: str
@@ -152,6 +155,7 @@ class Found:
     more_things: int
     unit: Unit
     unnamed_things: int
+    draft: DraftStage | None
 
 
 @dataclass(frozen=True)

@@ -180,6 +180,7 @@ def find(client: Client, text: str, scene: str) -> Found:
         more_things=max(0, len(answer.things) - _MOST_THINGS),
         unit=unit_of(shown),
         unnamed_things=answer.searched.unnamed_things,
+        draft=None if answer.provisional is None else answer.provisional.stage,
     )
 
 

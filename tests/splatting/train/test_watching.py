@@ -12,6 +12,7 @@ from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.splatting import optimization
 from fastsplat.service.splatting.previews import PREVIEW_SHARE, PreviewBudget, TrainingPreview, TrainingWatch
 from fastsplat.service.splatting.train import train
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError
 
 
@@ -45,6 +46,19 @@ def test_a_run_shows_itself_from_its_first_step_and_stays_the_same(world, quick)
     pixels = cv2.imdecode(np.frombuffer(first.jpeg, np.uint8), cv2.IMREAD_COLOR)
     assert pixels.shape == (first.height, first.width, 3) and max(pixels.shape) <= 320 and pixels.std() > 1
     assert 0 < watched.quality["preview_seconds"] < watched.quality["train_seconds"]
+    for field in dataclasses.fields(alone.gaussians):
+        assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
+
+
+def test_a_run_hands_on_what_it_has_at_the_shares_that_are_asked_for_and_stays_the_same(world, quick) -> None:
+    settings = quick(iterations=12)
+    handed: list[tuple[TrainedSplats, float]] = []
+    watch = TrainingWatch(draft=lambda splats, share: handed.append((splats, share)), drafts_at=(0.25, 0.5))
+    watched, alone = train(*world, settings, silent, watch=watch), train(*world, settings, silent)
+    assert [share for _, share in handed] == [0.25, 0.5]
+    for splats, _ in handed:
+        assert len(splats.gaussians) and np.isfinite(splats.gaussians.means).all()
+        assert splats.head.weight.shape == alone.head.weight.shape
     for field in dataclasses.fields(alone.gaussians):
         assert np.array_equal(getattr(watched.gaussians, field.name), getattr(alone.gaussians, field.name))
 

@@ -3,7 +3,8 @@ import { useEffect, useState } from "preact/hooks";
 import type { SceneState } from "../state/sceneState";
 import { followOperation } from "./followOperation";
 
-/** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew once it is done. */
+/** Follows the job of a scene that is not ready, while the page is in sight; loads the scene anew with each draft, and
+ * once it is done. */
 export function useJob(state: SceneState): void {
   const scene = state.scene.value;
   const operationId = scene && scene.state !== "READY" ? scene.operation_id : "";
@@ -12,10 +13,13 @@ export function useJob(state: SceneState): void {
   useEffect(() => {
     if (!operationId || done || !visible) return;
     const controller = new AbortController();
+    let drafts = 0;
     followOperation(operationId, controller.signal, (operation) => {
       if (controller.signal.aborted) return;
       state.operation.value = operation;
-      if (operation.done) void state.refresh();
+      const newer = (operation.draft?.number ?? 0) > drafts;
+      drafts = operation.draft?.number ?? 0;
+      if (operation.done || newer) void state.refresh();
     }).catch(() => void state.refresh()); // deleted meanwhile: the scene says so
     return () => controller.abort();
   }, [state, operationId, done, visible]);

@@ -4,6 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { go, replaceAddress, route, sceneAddress } from "../address/router";
 import { isShared } from "../address/share";
 import { deleteScene } from "../api/calls";
+import { DraftNote } from "../jobs/DraftNote";
 import { JobFigures, JobPanel } from "../jobs/JobPanel";
 import { useJob } from "../jobs/useJob";
 import { PhotosPanel } from "../photos/PhotosPanel";
@@ -68,7 +69,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     });
   });
 
-  const ready = useComputed(() => state.scene.value?.state === "READY");
+  const ready = useComputed(() => Boolean(state.scene.value?.version));
   // The version on show has come to be known, or is another one.
   useSignalEffect(() => {
     const version = state.version.value;
@@ -128,7 +129,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
       }}
     />
   );
-  if (scene.state !== "READY")
+  if (!scene.version)
     return (
       <section class="sheet">
         <SceneName scene={scene} onChange={() => state.refresh()} />
@@ -155,6 +156,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
             note();
           }}
         />
+        <DraftNote scene={scene} operation={state.operation.value} onChange={() => void state.refresh()} />
       </div>
       <ScenePanel
         state={state}

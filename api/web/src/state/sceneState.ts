@@ -93,7 +93,7 @@ export class SceneState {
     const { signal } = this.#loads;
     try {
       const scene = await calls.getScene(this.sceneId, signal);
-      const versions = scene.state === "READY" ? await calls.listVersions(this.sceneId) : [];
+      const versions = scene.version ? await calls.listVersions(this.sceneId) : [];
       const operation = scene.state === "READY" ? null : await calls.getOperation(scene.operation_id, signal);
       if (signal.aborted) return;
       batch(() => {
@@ -243,7 +243,7 @@ export class SceneState {
 
   /** Notices a version that somebody else has made; true if there was one. */
   async notice(): Promise<boolean> {
-    if (this.busy.value || this.scene.value?.state !== "READY") return false;
+    if (this.busy.value || !this.scene.value?.version) return false;
     const versions = await calls.listVersions(this.sceneId);
     const current = versions.find((version) => version.current)?.version;
     if (!current || current === this.scene.value.version) return false;

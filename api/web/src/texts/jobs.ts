@@ -27,6 +27,15 @@ export const jobsTexts = {
     minutes: (count: number) => `${count} min`,
     percent: (share: number) => `${Math.round(100 * share)} %`,
   },
+  draft: {
+    title: "Provisional.",
+    of: {
+      points: "Made of points, with what the first photos show.",
+      training: "Made of a training under way.",
+    },
+    goesOn: "You can ask, click and name: names stay when the scene is done.",
+    ended: "The job ended before the scene was done; this is what there is.",
+  },
   jobWatching: {
     left: (time: string) => `About ${time} left in all.`,
     noWorker:
