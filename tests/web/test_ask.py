@@ -151,15 +151,6 @@ def test_markup_in_a_question_stays_text(place: Place, browser: Browser) -> None
         assert visit.page.title() == "FAST-Splat" and visit.page.locator("img[src=x]").count() == 0
 
 
-def test_a_phone_shows_scene_and_answer(place: Place, webgl_browser: Browser) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
-    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?q=mug", **phone) as visit:
-        expect(visit.page.locator(".verdict.here")).to_be_visible()
-        _wait_for(visit, "answer$")
-        assert visit.fits()
-        visit.check_accessible()
-
-
 def test_the_page_works_behind_a_proxy(place: Place, webgl_browser: Browser) -> None:
     port = int(place.url.rpartition(":")[2])
     with (

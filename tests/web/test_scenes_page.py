@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from playwright.sync_api import Browser, expect
 
 from tests.scenes import queued_job
@@ -12,11 +11,10 @@ from tests.web.places import Place
 _MARKUP = '<img src=x onerror="document.title=1"><b>bold</b>'
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_scenes_have_pictures_and_states(place: Place, browser: Browser, scheme: str) -> None:
+def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None:
     job = queued_job("in the queue")
     place.service._store.scenes.create(job)
-    with visiting(browser, place.url, color_scheme=scheme) as visit:
+    with visiting(browser, place.url) as visit:
         card = visit.page.get_by_role("link", name="a table")
         expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
         expect(card.first).to_contain_text("Ready")
@@ -93,14 +91,6 @@ def test_a_scene_that_is_not_there_is_said_in_the_servers_words(place: Place, br
         visit.expected.append("404")
         expect(visit.page.get_by_role("alert").first).to_contain_text("nothing")
         visit.check_accessible()
-
-
-@pytest.mark.parametrize("address", ["", "#/new"])
-def test_a_phone_shows_all_of_it(place: Place, browser: Browser, address: str) -> None:
-    with visiting(browser, place.url, address, viewport={"width": 390, "height": 844}) as visit:
-        expect(visit.page.get_by_role("heading", level=1)).to_be_visible()
-        visit.page.wait_for_load_state("networkidle")
-        assert visit.fits()
 
 
 def test_a_scene_that_is_not_good_says_so_with_the_reason_and_the_advice(place: Place, browser: Browser) -> None:

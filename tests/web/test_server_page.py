@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from fastsplat_contract.keys import Role
@@ -77,11 +76,10 @@ def test_jobs_are_cancelled_and_retried_from_the_list(guarded: Place, browser: B
         assert visit.fits()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_a_reader_looks_and_changes_nothing(guarded: Place, browser: Browser, scheme: str) -> None:
+def test_a_reader_looks_and_changes_nothing(guarded: Place, browser: Browser) -> None:
     service = guarded.service
     name_id = add_known_name(service, guarded.scene_id, MARKUP)
-    with visiting(browser, guarded.url, color_scheme=scheme) as visit:
+    with visiting(browser, guarded.url) as visit:
         page = _signed_in(visit, guarded, "reader")
         expect(page.get_by_role("link", name=MARKUP)).to_be_visible()
         expect(page.get_by_role("main").get_by_role("button")).to_have_count(0)

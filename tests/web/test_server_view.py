@@ -127,11 +127,3 @@ def test_a_server_that_cannot_draw_is_said_and_asked_again(place: Place, browser
         page.unroute("**/*:render")
         expect(page.get_by_role("alert")).to_have_count(0)
         expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
-
-
-def test_a_phone_without_webgl_shows_the_scene(place: Place, browser: Browser) -> None:
-    phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True, "color_scheme": "dark"}
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball", **phone) as visit:
-        _shows(visit.page, "answer$")
-        assert visit.fits()
-        visit.check_accessible()

@@ -7,12 +7,13 @@ import { aspectOf, CameraBound } from "../viewer/cameraBound";
 import { CameraMotion } from "../viewer/cameraMotion";
 import { Controls } from "../viewer/controls";
 import { firstView, parseView } from "../viewer/poses";
-import { SeenField } from "../viewer/seenField";
+import { sightingsOf } from "../viewer/seenField";
 import { SplatView } from "../viewer/splatView";
 import { readSpz } from "../viewer/spz";
 import { fromBase64, statesOf } from "../viewer/states";
 import type { Sight } from "../viewer/viewpoints";
 import { viewOfSight } from "../viewer/viewpoints";
+import { webgl } from "../viewer/webgl";
 import type { SceneData } from "./data";
 import { parameter } from "./data";
 
@@ -55,18 +56,18 @@ export function OfflineViewer({ data, found, flyTo }: Properties) {
     const observer = new ResizeObserver(resize);
     observer.observe(element);
     const splat = readSpz(new Blob([fromBase64(data.splat)]).stream(), () => undefined);
-    SplatView.create(element).then(
-      async (created) => {
+    const gl = webgl(element);
+    if (!gl) setProblem(texts.offline.noWebGL);
+    else
+      void SplatView.create(element, gl).then(async (created) => {
         made = created;
         made.setView(camera.view);
         resize();
         const read = await splat;
         made.setSplat(read);
-        bound = new CameraBound(new SeenField(read, data.cameras), data.cameras, () => aspectOf(element));
+        bound = new CameraBound(sightingsOf(read, data.cameras), data.cameras, () => aspectOf(element));
         setView(made);
-      },
-      () => setProblem(texts.offline.noWebGL),
-    );
+      });
     return () => {
       observer.disconnect();
       controls.destroy();

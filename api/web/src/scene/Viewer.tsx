@@ -4,6 +4,7 @@ import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
 import { exportPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
+import type { PosedCamera } from "../api/types";
 import { Gizmo } from "../change/Gizmo";
 import { ToolMarks } from "../change/ToolNote";
 import { CropBoxLines } from "../improve/CleanUpPanel";
@@ -13,7 +14,7 @@ import { GlowLegend, Legend } from "../look/Legend";
 import { PhotoCompare } from "../look/PhotoCompare";
 import { useColors } from "../look/useColors";
 import { ServerView } from "../serverView/ServerView";
-import { hasWebGL, useServerView } from "../serverView/useServerView";
+import { useServerView } from "../serverView/useServerView";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
@@ -25,11 +26,11 @@ import { LoadedSplats } from "../viewer/loadedSplats";
 import type { LookAt } from "../viewer/poses";
 import { firstView, parseView, rescaled, viewText } from "../viewer/poses";
 import { readSplat } from "../viewer/readSplat";
-import { SeenField } from "../viewer/seenField";
 import type { SplatView } from "../viewer/splatView";
 import { statesOf } from "../viewer/states";
 import type { Sight } from "../viewer/viewpoints";
 import { viewOfSight } from "../viewer/viewpoints";
+import { webgl } from "../viewer/webgl";
 import { Pointing } from "./pointing";
 import { Walking } from "./walking";
 
@@ -132,24 +133,21 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     };
     const observer = new ResizeObserver(resize);
     observer.observe(element);
-    if (hasWebGL())
+    const gl = webgl(element);
+    if (gl)
       // The engine is large: the page is there before it.
       import("../viewer/splatView")
-        .then(({ SplatView, NoWebGLError }) =>
-          SplatView.create(element).catch((problem: unknown) => {
-            if (problem instanceof NoWebGLError) return null;
-            throw problem;
-          }),
-        )
+        .then(({ SplatView }) => SplatView.create(element, gl))
         .then(
           (made) => {
-            if (gone) made?.destroy();
-            else if (made) {
-              view = made;
-              view.setView(camera.view);
-              resize();
-              splatView.value = made;
-            } else letServerDraw();
+            if (gone) {
+              made.destroy();
+              return;
+            }
+            view = made;
+            view.setView(camera.view);
+            resize();
+            splatView.value = made;
           },
           (problem: unknown) => setError(problem),
         );
@@ -176,9 +174,10 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     const controller = new AbortController();
     setShare(0);
     setError(null);
-    const fetched = () => load(state.sceneId, version, controller.signal, setShare);
+    const cameras = state.scene.peek()?.cameras ?? [];
+    const fetched = () => load(state.sceneId, version, cameras, controller.signal, setShare);
     splats.get(`${state.sceneId}/${version}`, fetched).then(
-      (splat) => {
+      ({ splat, seen }) => {
         if (controller.signal.aborted) return;
         const unit = state.scene.peek()?.scaling?.meters_per_unit ?? 1;
         const at = motion.current;
@@ -192,9 +191,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         view.setSplat(splat);
         loaded.value = splat.count;
         setShare(null);
-        const [element, cameras] = [canvas.current, state.scene.peek()?.cameras ?? []];
+        const element = canvas.current;
         if (!element) return;
-        bound.value = new CameraBound(new SeenField(splat, cameras), cameras, () => aspectOf(element));
+        bound.value = new CameraBound(seen, cameras, () => aspectOf(element));
         setUnseen(motion.current !== null && bound.value.showsNothing(motion.current.view));
       },
       (problem: unknown) => {
@@ -283,7 +282,13 @@ function markShown(canvas: HTMLCanvasElement, geometry: string, answered: boolea
   canvas.dataset["hovered"] = String(hovered);
 }
 
-async function load(sceneId: string, version: string, signal: AbortSignal, progress: (share: number) => void) {
+async function load(
+  sceneId: string,
+  version: string,
+  cameras: readonly PosedCamera[],
+  signal: AbortSignal,
+  progress: (share: number) => void,
+) {
   const response = await send(exportPath(sceneId, "spz", version), { signal });
-  return readSplat(response.body ?? new ReadableStream(), progress, signal);
+  return readSplat(response.body ?? new ReadableStream(), cameras, progress, signal);
 }

@@ -4,11 +4,6 @@ import { useSignalEffect } from "@preact/signals";
 import type { SceneState } from "../state/sceneState";
 import type { ServerView } from "./ServerView";
 
-/** Whether this browser can draw a splat itself. */
-export function hasWebGL(): boolean {
-  return document.createElement("canvas").getContext("webgl2") !== null;
-}
-
 /** Keeps a view that the server draws up to date with what is found, pointed at and selected. */
 export function useServerView(view: Signal<ServerView | null>, state: SceneState): void {
   useSignalEffect(() => {

@@ -5,7 +5,7 @@ import { CameraBound } from "./cameraBound";
 import type { LookAt } from "./poses";
 import { axesOf, cameraOf, firstView, fly, focalLength, orbit, turn, zoom } from "./poses";
 import { random } from "./random.fixture";
-import { SeenField } from "./seenField";
+import { sightingsOf } from "./seenField";
 import type { SplatColumns } from "./spz";
 import type { Vec } from "./vectors";
 import { add, dot, length, scale, subtract, unit } from "./vectors";
@@ -138,7 +138,7 @@ function someGesture(view: LookAt, next: () => number): Gesture {
 }
 
 describe("the camera stays where pictures show what photos have seen", () => {
-  const bound = new CameraBound(new SeenField(painted(), photos), photos, () => ASPECT);
+  const bound = new CameraBound(sightingsOf(painted(), photos), photos, () => ASPECT);
 
   test("the first view and 200 gestures are covered to 60 % by what two photos show", () => {
     expect(bound.floor).toBeGreaterThan(0.5);
@@ -170,7 +170,7 @@ describe("the camera stays where pictures show what photos have seen", () => {
   });
 
   test("a scene without photos bounds nothing", () => {
-    const free = new CameraBound(new SeenField(painted(), []), [], () => ASPECT);
+    const free = new CameraBound(sightingsOf(painted(), []), [], () => ASPECT);
     const far: LookAt = { position: [0, 60, 1.5], target: [0, 0, 0], up: [0, 0, 1] };
     expect(free.bounded((share) => (share < 1 ? firstView(photos) : far))).toEqual(far);
     expect(free.showsNothing(far)).toBe(false);

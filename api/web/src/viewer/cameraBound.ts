@@ -1,7 +1,8 @@
 import type { PosedCamera } from "../api/types";
 import type { LookAt } from "./poses";
 import { centerOfAttention, rayOf } from "./poses";
-import type { SeenField } from "./seenField";
+import type { Sightings } from "./seenField";
+import { SeenField } from "./seenField";
 import { add, dot, scale, subtract } from "./vectors";
 
 /** A gesture, or a share of it: the view that it leads to. */
@@ -24,12 +25,15 @@ export class CameraBound {
   /** The least share of a picture to be covered; 0 for a scene without photos. */
   readonly floor: number;
 
+  readonly #field: SeenField;
+
   constructor(
-    private readonly field: SeenField,
+    seen: Sightings,
     cameras: readonly PosedCamera[],
     private readonly aspect: () => number,
   ) {
-    this.floor = Math.min(FLOOR, OF_PHOTOS * usual(field, cameras, aspect()));
+    this.#field = new SeenField(seen);
+    this.floor = Math.min(FLOOR, OF_PHOTOS * usual(this.#field, cameras, aspect()));
   }
 
   /** The view that a gesture leads to, or as much of it as keeps what is shown covered; it moves softly up to there. */
@@ -59,7 +63,7 @@ export class CameraBound {
   }
 
   #of(view: LookAt): number {
-    return this.field.coverage(view, this.aspect());
+    return this.#field.coverage(view, this.aspect());
   }
 }
 

@@ -1,5 +1,13 @@
-import type { SplatColumns } from "./spz";
+import type { PosedCamera } from "../api/types";
+import type { Sightings } from "./seenField";
 import type { FromWorker } from "./splatWorker";
+import type { SplatColumns } from "./spz";
+
+/** A scene's Gaussians, and what its photos saw of them. */
+export interface SeenSplat {
+  splat: SplatColumns;
+  seen: Sightings;
+}
 
 /** The file is no splat that the page can read, or ends too early. */
 export class SplatFileError extends Error {}
@@ -8,27 +16,30 @@ export class SplatFileError extends Error {}
  * Reads a scene's file in a worker, so that the page answers meanwhile.
  *
  * @param body the file's bytes.
+ * @param cameras of the scene's photos.
  * @param progress called with the share read, 0..1.
  * @param signal ends the reading.
  * @throws SplatFileError as said there.
  */
 export async function readSplat(
   body: ReadableStream<Uint8Array<ArrayBuffer>>,
+  cameras: readonly PosedCamera[],
   progress: (share: number) => void,
   signal: AbortSignal,
-): Promise<SplatColumns> {
+): Promise<SeenSplat> {
   const worker = new Worker(new URL("./splatWorker.ts", import.meta.url), { type: "module" });
   try {
-    const read = new Promise<SplatColumns>((resolve, reject) => {
+    const read = new Promise<SeenSplat>((resolve, reject) => {
       worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => {
         if ("share" in data) progress(data.share);
         else if ("problem" in data) reject(new SplatFileError(data.problem));
-        else resolve({ count: data.count, columns: new Map(data.columns) });
+        else resolve({ splat: { count: data.count, columns: new Map(data.columns) }, seen: data.seen });
       });
       worker.addEventListener("error", (event) => reject(new SplatFileError(event.message)));
       signal.addEventListener("abort", () => reject(new DOMException("given up", "AbortError")));
     });
     read.catch(() => undefined); // said below; the body may fail first
+    worker.postMessage(cameras);
     const reader = body.getReader();
     for (;;) {
       const { done, value } = await reader.read();

@@ -14,68 +14,75 @@ const ALIKE = Math.cos(Math.PI / 4); // between the direction of a photo and one
 const NEAREST = 0.3; // of a photo's distance: nearer, a surface is blurred
 const BEHIND = 0.04; // of the depth, by which a surface may lie behind the nearest and still be seen
 
-/** From where the scene's surfaces were seen: for each of a sample, the photos that show it and their directions. */
-export class SeenField {
-  readonly #surfaces: Surfaces;
-  readonly #cameras: readonly GridCamera[];
-  /** Of each sample: where its sightings begin; x, y, z of a unit vector to the photo, and the distance. */
-  readonly #starts: Uint32Array;
-  readonly #sightings: Float32Array;
+/** What photos saw of a scene: data alone, that a worker can send. */
+export interface Sightings {
+  surfaces: Surfaces;
+  photos: number;
+  /** Of each sample of the surfaces: where its sightings begin; x, y, z of a unit vector to the photo, and the distance. */
+  starts: Uint32Array;
+  sightings: Float32Array;
+}
 
-  constructor(splat: SplatColumns, cameras: readonly PosedCamera[]) {
-    const step = Math.max(1, cameras.length / MOST_CAMERAS);
-    const chosen = Array.from({ length: Math.floor(cameras.length / step) }, (_, at) => cameras[Math.floor(at * step)]);
-    this.#cameras = chosen.flatMap((camera) => (camera ? [gridCameraOf(camera)] : []));
-    this.#surfaces = surfacesOf(splat);
-    const grids = this.#cameras.map((camera) => gridOf(this.#surfaces, camera));
-    this.#starts = new Uint32Array(this.#surfaces.count + 1);
-    const sightings: number[] = [];
-    for (let sample = 0; sample < this.#surfaces.count; sample++) {
-      this.#cameras.forEach((camera, at) => {
-        const grid = grids[at];
-        if (grid && this.#isSeen(sample, camera, grid)) sightings.push(...this.#towards(sample, camera.position));
-      });
-      this.#starts[sample + 1] = sightings.length / 4;
-    }
-    this.#sightings = Float32Array.from(sightings);
+/** Which photos show each of a sample of the surfaces: some tenths of a second of work. */
+export function sightingsOf(splat: SplatColumns, cameras: readonly PosedCamera[]): Sightings {
+  const step = Math.max(1, cameras.length / MOST_CAMERAS);
+  const chosen = Array.from({ length: Math.floor(cameras.length / step) }, (_, at) => cameras[Math.floor(at * step)]);
+  const photos = chosen.flatMap((camera) => (camera ? [gridCameraOf(camera)] : []));
+  const surfaces = surfacesOf(splat);
+  const grids = photos.map((photo) => gridOf(surfaces, photo));
+  const starts = new Uint32Array(surfaces.count + 1);
+  const sightings: number[] = [];
+  for (let sample = 0; sample < surfaces.count; sample++) {
+    photos.forEach((photo, at) => {
+      const grid = grids[at];
+      if (grid && isSeen(surfaces, sample, photo, grid)) sightings.push(...towards(surfaces, sample, photo.position));
+    });
+    starts[sample + 1] = sightings.length / 4;
   }
+  return { surfaces, photos: photos.length, starts, sightings: Float32Array.from(sightings) };
+}
+
+/** From where the scene's surfaces were seen. */
+export class SeenField {
+  constructor(private readonly seen: Sightings) {}
 
   /** How much of a picture shows surfaces that two photos show from about there: 0..1. */
   coverage(view: LookAt, aspect: number): number {
     const camera = gridCameraOfView(view, aspect);
-    const { nearest } = gridOf(this.#surfaces, camera);
+    const { nearest } = gridOf(this.seen.surfaces, camera);
     let seen = 0;
     for (const sample of nearest) if (sample >= 0 && this.#isKnown(sample, view.position)) seen += 1;
     return seen / nearest.length;
   }
 
-  #isSeen(sample: number, camera: GridCamera, { depths }: Grid): boolean {
-    const at = cellOf(this.#surfaces, sample, camera);
-    if (!at) return false;
-    const front = depths[at.row * camera.width + at.column] ?? 0;
-    return at.depth <= front * (1 + BEHIND) + (this.#surfaces.radii[sample] ?? 0);
-  }
-
   #isKnown(sample: number, from: Vec): boolean {
-    const [x, y, z, distance] = this.#towards(sample, from);
-    const enough = Math.min(ENOUGH, this.#cameras.length);
+    const { surfaces, starts, sightings } = this.seen;
+    const [x, y, z, distance] = towards(surfaces, sample, from);
+    const enough = Math.min(ENOUGH, this.seen.photos);
     let photos = 0;
-    const end = this.#starts[sample + 1] ?? 0;
-    for (let at = this.#starts[sample] ?? 0; at < end && photos < enough; at++) {
-      const [a = 0, b = 0, c = 0, far = 0] = this.#sightings.subarray(4 * at, 4 * at + 4);
+    const end = starts[sample + 1] ?? 0;
+    for (let at = starts[sample] ?? 0; at < end && photos < enough; at++) {
+      const [a = 0, b = 0, c = 0, far = 0] = sightings.subarray(4 * at, 4 * at + 4);
       if (a * x + b * y + c * z >= ALIKE && distance >= NEAREST * far) photos += 1;
     }
     return photos >= enough;
   }
+}
 
-  #towards(sample: number, from: Vec): [number, number, number, number] {
-    const { positions } = this.#surfaces;
-    const x = from[0] - (positions[3 * sample] ?? 0);
-    const y = from[1] - (positions[3 * sample + 1] ?? 0);
-    const z = from[2] - (positions[3 * sample + 2] ?? 0);
-    const distance = Math.hypot(x, y, z) || 1;
-    return [x / distance, y / distance, z / distance, distance];
-  }
+function isSeen(surfaces: Surfaces, sample: number, photo: GridCamera, { depths }: Grid): boolean {
+  const at = cellOf(surfaces, sample, photo);
+  if (!at) return false;
+  const front = depths[at.row * photo.width + at.column] ?? 0;
+  return at.depth <= front * (1 + BEHIND) + (surfaces.radii[sample] ?? 0);
+}
+
+/** A unit vector from a sample to a place, and how far it is. */
+function towards({ positions }: Surfaces, sample: number, from: Vec): [number, number, number, number] {
+  const x = from[0] - (positions[3 * sample] ?? 0);
+  const y = from[1] - (positions[3 * sample + 1] ?? 0);
+  const z = from[2] - (positions[3 * sample + 2] ?? 0);
+  const distance = Math.hypot(x, y, z) || 1;
+  return [x / distance, y / distance, z / distance, distance];
 }
 
 function gridCameraOf(camera: PosedCamera): GridCamera {

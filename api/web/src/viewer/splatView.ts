@@ -71,9 +71,6 @@ void modifySplatColor(vec3 center, inout vec4 color) {
 }
 `;
 
-/** WebGL is not there, so that the browser can draw nothing. */
-export class NoWebGLError extends Error {}
-
 /** More Gaussians than this are many to a slow machine. */
 const MANY = 120_000;
 
@@ -107,18 +104,13 @@ export class SplatView {
   #onDepths: ((range: readonly [number, number]) => void) | null = null;
   #size: [number, number] = [0, 0];
 
-  /** @throws NoWebGLError the browser has no WebGL 2. */
-  static async create(canvas: HTMLCanvasElement): Promise<SplatView> {
-    const device = await createGraphicsDevice(canvas, {
-      deviceTypes: ["webgl2"],
-      antialias: false,
-    }).catch((error: unknown) => {
-      throw new NoWebGLError(String(error));
-    });
-    return new SplatView(canvas, device);
+  /** @param gl of the canvas, which the engine finds there. */
+  static async create(canvas: HTMLCanvasElement, gl: WebGL2RenderingContext): Promise<SplatView> {
+    const device = await createGraphicsDevice(canvas, { deviceTypes: ["webgl2"], antialias: false });
+    return new SplatView(canvas, device, gl);
   }
 
-  private constructor(canvas: HTMLCanvasElement, device: AppOptions["graphicsDevice"]) {
+  private constructor(canvas: HTMLCanvasElement, device: AppOptions["graphicsDevice"], gl: WebGL2RenderingContext) {
     const options = new AppOptions();
     options.graphicsDevice = device;
     options.componentSystems = [CameraComponentSystem, GSplatComponentSystem];
@@ -138,7 +130,6 @@ export class SplatView {
     this.#app.root.addChild(this.#camera);
     // The order of the splats comes from a worker; the picture is due again when it has arrived.
     this.#app.systems.gsplat?.on("frame:request", () => this.redraw());
-    const { gl } = this.#app.graphicsDevice as unknown as { gl: WebGL2RenderingContext };
     this.#pace = new Pace(gl);
     this.#app.on("postrender", () => {
       if (this.#full) this.#pace.drawn(this.#coarse);

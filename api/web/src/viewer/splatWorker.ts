@@ -1,16 +1,26 @@
+import type { PosedCamera } from "../api/types";
 import { fewerBands } from "./harmonics";
+import type { Sightings } from "./seenField";
+import { sightingsOf } from "./seenField";
 import { readSpz } from "./spz";
 
-/** Reads a scene's file beside the page, which answers meanwhile. Pieces of the file come as messages, null at its end. */
+/**
+ * Reads a scene's file beside the page, which answers meanwhile, and finds what its photos saw. The scene's cameras come
+ * as the first message, pieces of the file follow, null at its end.
+ */
 
 export type FromWorker =
-  { share: number } | { count: number; columns: [string, Float32Array<ArrayBuffer>][] } | { problem: string };
+  | { share: number }
+  | { count: number; columns: [string, Float32Array<ArrayBuffer>][]; seen: Sightings }
+  | { problem: string };
 
 const pieces = new TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>>();
 const writer = pieces.writable.getWriter();
+let cameras: readonly PosedCamera[] = [];
 
-addEventListener("message", ({ data }: MessageEvent<Uint8Array<ArrayBuffer> | null>) => {
-  (data ? writer.write(data) : writer.close()).catch(() => undefined); // the reader says what is wrong
+addEventListener("message", ({ data }: MessageEvent<readonly PosedCamera[] | Uint8Array<ArrayBuffer> | null>) => {
+  if (data && !(data instanceof Uint8Array)) cameras = data;
+  else (data ? writer.write(data) : writer.close()).catch(() => undefined); // the reader says what is wrong
 });
 
 const tell = (message: FromWorker, transfer: Transferable[] = []) => postMessage(message, { transfer });
@@ -18,9 +28,10 @@ const tell = (message: FromWorker, transfer: Transferable[] = []) => postMessage
 readSpz(pieces.readable, (share) => tell({ share })).then(
   (splat) => {
     const { count, columns } = fewerBands(splat);
+    const seen = sightingsOf({ count, columns }, cameras);
     const all = [...columns] as [string, Float32Array<ArrayBuffer>][];
     tell(
-      { count, columns: all },
+      { count, columns: all, seen },
       all.map(([, data]) => data.buffer),
     );
   },
