@@ -243,6 +243,9 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     assert home.json("keys expire", made["key"]["id"][:6], "--days", "1")["expires_at"]
     assert home.json("projects create kitchen", server=True)["name"] == "kitchen"
     assert [each["name"] for each in home.json("projects list")["projects"]] == ["default", "kitchen"]
+    sample = home.json("scenes sample", server=True)["id"]
+    assert home.json("scenes sample")["id"] == sample  # once for both
+    assert home.run("scenes delete", sample, "--yes").exit_code == 0
     assert home.run("scenes delete $failed_scene", server=True).exit_code == 1  # nobody said yes
     assert home.run("scenes delete $failed_scene --yes", server=True).exit_code == 0
     assert isinstance(home.run("scenes show", ids["failed_scene"]).exception, NotFoundError)
