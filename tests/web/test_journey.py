@@ -143,7 +143,7 @@ def _make_own(visit: Visit, client: Client, folder: Path) -> None:
     # Here the scene is to be asked while it is built, once the page can do so.
     expect(page.get_by_role("heading", name="Ask")).to_be_visible(timeout=_TRAINED_MS)
     (made,) = [scene for scene in client.scenes() if scene.name == "my table"]
-    assert made.state == "READY"
+    assert client.wait(made.operation_id).state == "SUCCEEDED" and client.scene(made.id).state == "READY"
     _ask(page, "banana")
     expect(page.locator(".verdict.here")).to_be_visible()
     page.get_by_role("link", name="Scenes", exact=True).click()
