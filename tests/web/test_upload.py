@@ -76,6 +76,7 @@ def test_photos_become_a_job_that_is_cancelled_retried_and_deleted(
         page.get_by_role("button", name="Remove unwanted.jpg").click()
         expect(page.get_by_text("4 files")).to_be_visible()
         expect(page.get_by_text("1 photo would add little or nothing.")).to_be_visible()
+        expect(page.get_by_text(re.compile(r"Takes about \d+ (s|min) on this server"))).to_be_visible()
         visit.check_accessible()
         page.get_by_label("Name", exact=True).fill("from the page")
         page.get_by_label("Quality").select_option("draft")

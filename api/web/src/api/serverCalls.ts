@@ -17,6 +17,22 @@ export function serverStatus(signal?: AbortSignal): Promise<ServerStatus> {
   return getJson<ServerStatus>("v1/server/status", signal);
 }
 
+/** How long a job of so many photos takes, seconds. */
+export interface JobEstimate {
+  seconds: number;
+  stages: Readonly<Record<string, number>>;
+}
+
+/** The estimate for photos of this size, pixels; a preset that is empty is the server's. */
+export function estimateJob(
+  of: { photos: number; width: number; height: number; preset: string },
+  signal: AbortSignal,
+): Promise<JobEstimate> {
+  const said = Object.entries(of).filter(([, value]) => value !== "" && value !== 0);
+  const query = new URLSearchParams(said.map(([name, value]): [string, string] => [name, String(value)]));
+  return getJson<JobEstimate>(`v1/estimate?${query}`, signal);
+}
+
 /** The newest `count` operations of the project, and whether there are more. */
 export async function listOperations(
   count: number,

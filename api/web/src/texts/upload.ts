@@ -41,6 +41,7 @@ export const uploadTexts = {
       balanced: "Balanced",
       best: "Best: takes longest",
     },
+    takes: (time: string) => `Takes about ${time} on this server, once it begins.`,
     submit: "Upload",
     pause: "Pause",
     resume: "Go on",

@@ -11,6 +11,7 @@ import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
 import { chosen, dropped, joined, problemOf, sorted, totalBytes } from "./choose";
 import { ChosenFiles } from "./ChosenFiles";
+import { Estimate } from "./Estimate";
 import { limitsOf, refusalOf } from "./limits";
 import { PhoneLink } from "./PhoneLink";
 import { PhotoGuide } from "./PhotoGuide";
@@ -30,6 +31,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
   const [sent, setSent] = useState<{ bytes: number; speed: number } | null>(null);
   const [stopped, setStopped] = useState(false);
   const [error, setError] = useState<unknown>(null);
+  const [preset, setPreset] = useState<Preset>("");
   const running = useRef<AbortController | null>(null);
   const requestId = useRef(newRequestId());
   const form = useRef<HTMLFormElement>(null);
@@ -141,14 +143,15 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
         </label>
         <label>
           {texts.upload.preset}
-          <select name="preset">
-            {(Object.keys(texts.upload.presets) as Preset[]).map((preset) => (
-              <option key={preset} value={preset}>
-                {texts.upload.presets[preset]}
+          <select name="preset" value={preset} onChange={(event) => setPreset(event.currentTarget.value as Preset)}>
+            {(Object.keys(texts.upload.presets) as Preset[]).map((each) => (
+              <option key={each} value={each}>
+                {texts.upload.presets[each]}
               </option>
             ))}
           </select>
         </label>
+        <Estimate files={files} checks={checks} preset={preset} />
         <WithholdPeople />
         {sent && (
           <div class="sending">
