@@ -162,7 +162,7 @@ class SceneService:
         self._quotas.check_room(self.project, 0)
         check_space = partial(check_free_space, self._store.blobs.root, self._settings.uploads.min_free_bytes)
         check_space()
-        upload_id = _new_id()
+        upload_id = uuid.uuid4().hex
         folder = self._store.blobs.upload(upload_id)
         return UploadSession(upload_id, folder, self._settings.capture, check_space)
 
@@ -200,8 +200,8 @@ class SceneService:
             self._store.blobs.keep_upload(upload.id)
             check_cancelled()  # from here on the scene is made, whether or not somebody still waits to hear of it
             job = NewJob(
-                scene_id=_new_id(),
-                operation_id=_new_id(),
+                scene_id=uuid.uuid4().hex,
+                operation_id=uuid.uuid4().hex,
                 name=name,
                 request_id=request_id,
                 request_digest=digest,
@@ -395,7 +395,3 @@ def open_service(settings: Settings, admit: Admit | None = None) -> SceneService
 def _next(records: Sequence[SceneRecord] | Sequence[OperationRecord], size: int) -> str:
     """The token of the page after the first `size` records; "" if there are no more."""
     return write_page_token(records[size - 1].created_at, records[size - 1].id) if len(records) > size else ""
-
-
-def _new_id() -> str:
-    return uuid.uuid4().hex
