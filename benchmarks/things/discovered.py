@@ -11,15 +11,15 @@ from typing import TypeVar
 import numpy as np
 from PIL import Image
 
-from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene
 from fastsplat.service.query.drawing.pictures import label_colors
+from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import Settings, load_settings
 from fastsplat.service.splatting.blending import thing_map
 
 _SHEET_VIEWS = 4
@@ -45,18 +45,18 @@ def timed(work: Callable[[], T]) -> tuple[T, dict[str, float]]:
 
 
 def draw_sheet(scene: Scene, capture: Capture, path: Path, *, scale: float = 1.0, quality: int = 85) -> None:
-    """Photos beside the things that the scene shows there, each in a color of its own; panels of 480×360 pixels times
-    `scale`, as a JPEG."""
+    """The scene where photos were taken, beside the things that it shows there, each in a color of its own; panels of
+    480×360 pixels times `scale`, as a JPEG. Photos of others are not in it: a sheet is kept with the results."""
     assert scene.things is not None
     colors = label_colors(max((thing.id for thing in scene.things.table), default=0))
     size = (round(_PANEL[0] * scale), round(_PANEL[1] * scale))
-    rows = []
+    renderer, rows = Renderer(scene, load_settings().query), []
     for position in np.linspace(0, len(capture.views) - 1, _SHEET_VIEWS).round().astype(int):
         view = capture.views[position]
-        photo = load_rgb(view.image_path)
+        picture = renderer.colors(view.posed)
         shown = thing_map(scene, view.posed)
-        mixed = (0.4 * photo + 0.6 * colors[shown]).astype(np.uint8)
-        panels = [np.asarray(Image.fromarray(panel).resize(size)) for panel in (photo, mixed)]
+        mixed = (0.4 * picture + 0.6 * colors[shown]).astype(np.uint8)
+        panels = [np.asarray(Image.fromarray(panel).resize(size)) for panel in (picture, mixed)]
         rows.append(np.hstack(panels))
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.vstack(rows)).save(path, quality=quality)
