@@ -17,9 +17,10 @@ _SURFACE_SHARE = 0.015
 """Flat things that fill this share of what is visible are surfaces."""
 _SURFACE_FLATNESS = 0.25
 """The tolerance of a surface's plane is at most this share of its extent."""
-_PIECE = 0.45
-"""What lies in the plane of a surface is a piece of it if its support, times its share outside of the surface's own
-masks, is less."""
+_PIECE_INSIDE = 0.5
+"""What lies in the plane of a surface, and this share of it in the surface's own masks, is a piece of the surface."""
+_PIECE_SUPPORT = 0.45
+"""What lies in the plane of a surface and has less support is one, too."""
 
 F64 = NDArray[np.float64]
 
@@ -152,8 +153,9 @@ def join_surfaces(
         for piece, thing in enumerate(things):
             rows = np.flatnonzero(result == piece).astype(np.int32)
             lesser = thing.support < things[number].support and thing.weight < things[number].weight
-            outside = size[rows] @ ~inside[rows] / max(size[rows].sum(), 1e-12)
-            if lesser and thing.support * outside < _PIECE and lies_in(plane, rows, gaussians, size):
+            included = size[rows] @ inside[rows] >= _PIECE_INSIDE * size[rows].sum()
+            piece_of_it = included or thing.support < _PIECE_SUPPORT
+            if lesser and piece_of_it and lies_in(plane, rows, gaussians, size):
                 joins[rows] = True
         members = np.flatnonzero(own | joins)
         part = components(gaussians, members)
