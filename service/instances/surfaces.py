@@ -17,8 +17,10 @@ _SURFACE_SHARE = 0.015
 """Flat things that fill this share of what is visible are surfaces."""
 _SURFACE_FLATNESS = 0.25
 """The tolerance of a surface's plane is at most this share of its extent."""
-_PIECE = 0.5
+_PIECE_INSIDE = 0.5
 """What lies in the plane of a surface, and this share of it in the surface's own masks, is a piece of the surface."""
+_PIECE_SUPPORT = 0.45
+"""What lies in the plane of a surface and has less support is one, too."""
 
 F64 = NDArray[np.float64]
 
@@ -128,12 +130,12 @@ def join_surfaces(
     owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:
     """The same owners, where surfaces also have what lies in their planes and is connected with them: Gaussians that
-    nobody owns, and pieces, which are smaller things that the surface's own masks include and that the views support
-    less than the surface.
+    nobody owns, and pieces, which are smaller things that the surface's own masks include, or that the views hardly
+    support, and that they support less than the surface.
 
     Prints on a cloth and lit patches of a wall are such pieces. Scissors on the cloth are none, however thin they are
-    and however few views cut them out: the masks of the cloth end at their edges. The larger surface comes first. One
-    that lies in the plane of a larger one, as a plate on a table, stays as it is.
+    and though only half of the views cut them out: the masks of the cloth end at their edges. The larger surface comes
+    first. One that lies in the plane of a larger one, as a plate on a table, stays as it is.
 
     Args:
         owners: of G Gaussians.
@@ -151,8 +153,9 @@ def join_surfaces(
         for piece, thing in enumerate(things):
             rows = np.flatnonzero(result == piece).astype(np.int32)
             lesser = thing.support < things[number].support and thing.weight < things[number].weight
-            included = size[rows] @ inside[rows] >= _PIECE * size[rows].sum()
-            if lesser and included and lies_in(plane, rows, gaussians, size):
+            included = size[rows] @ inside[rows] >= _PIECE_INSIDE * size[rows].sum()
+            piece_of_it = included or thing.support < _PIECE_SUPPORT
+            if lesser and piece_of_it and lies_in(plane, rows, gaussians, size):
                 joins[rows] = True
         members = np.flatnonzero(own | joins)
         part = components(gaussians, members)
