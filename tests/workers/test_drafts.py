@@ -43,7 +43,7 @@ def test_a_draft_is_a_version_until_the_scene_is_done(deployment: Deployment) ->
     deployment.start_worker()
     operation = deployment.post("perception:draft", "training:draft", "training:until_told")
     deployment.wait_for(lambda: deployment.service.get_scene(operation.scene_id).provisional == _TRAINING)
-    _wait_told(deployment, operation)
+    deployment.wait_for(lambda: (told := deployment.service.get_operation(operation.id).draft) and told.number == 2)
     told = deployment.service.get_operation(operation.id).draft
     scene = deployment.service.get_scene(operation.scene_id)
     assert told is not None and (told.number, told.version) == (2, scene.version)
