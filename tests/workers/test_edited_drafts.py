@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.settings import CallSettings
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import QueryRequest
@@ -27,7 +28,10 @@ def words(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Deployment
     write_words(tmp_path / "models", "Oskar", "ghost", "twin")
     with ExitStack() as opened:
         query = QuerySettings(backend="reference")
-        deployment = Deployment(tmp_path, new_database(request, opened), models=tmp_path / "models", query=query)
+        few = CallSettings(max_versions=3)  # of a finished scene: what people make of a draft all stays
+        deployment = Deployment(
+            tmp_path, new_database(request, opened), models=tmp_path / "models", query=query, calls=few
+        )
         deployment.start_worker(FASTSPLAT_MODELS=str(tmp_path / "models"))
         yield deployment
         deployment.close()

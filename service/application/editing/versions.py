@@ -29,6 +29,7 @@ from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.changes import changed_views
+from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.scene.scene_files import write_scene
@@ -279,7 +280,7 @@ class Versions:
                     scaling=scaling_to_json(edited.scaling),
                     alignment=alignment_to_json(edited.alignment),
                     quality={**record.quality, "changed_by": changes} if changes else None,
-                    max_versions=self._settings.calls.max_versions,
+                    max_versions=self._max_versions(edited),
                 )
             )
         except BaseException:
@@ -294,6 +295,10 @@ class Versions:
                 self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)
         return version_of(published)
+
+    def _max_versions(self, scene: Scene) -> int | None:
+        """All versions of a draft stay: they are made again on the scene that takes its place."""
+        return None if provisional_of(scene.quality) else self._settings.calls.max_versions
 
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
