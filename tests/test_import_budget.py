@@ -41,7 +41,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ("import fastsplat.workers.trainer", 10, set()),
         ("import fastsplat.workers.supervisor", 85, {"sqlalchemy"}),
         ("import fastsplat.service.query.scene_index", 100, {"scipy", "cv2"}),
-        ("import fastsplat.api.server", 345, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
+        ("import fastsplat.api.server", 355, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
     ],
     ids=[
         "package",

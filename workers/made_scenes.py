@@ -14,7 +14,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.records import SceneSummary
@@ -124,6 +123,8 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
         calls: how many names of people count.
         find: the folder of one of the versions in `carried`, wherever it is by now.
     """
+    from fastsplat.service.scene.scene_files import read_scene  # which a worker needs only where a draft was edited
+
     values = json.loads((folder / SUMMARY).read_text())
     summary = SceneSummary(version=version, **{name: values[name] for name in _OF_SCENE})
     carried: list[NewVersion] = []

@@ -8,13 +8,16 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import TYPE_CHECKING
 
 from sqlalchemy import ColumnElement, Connection, Engine, and_, delete, insert, literal, or_, select
 
-from fastsplat.service.scene.types import Things
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import known_names, scenes
 from fastsplat_contract.errors import NotFoundError
+
+if TYPE_CHECKING:
+    from fastsplat.service.scene.types import Things
 
 
 @dataclass(frozen=True)

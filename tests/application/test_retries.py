@@ -13,7 +13,7 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.protocol import Job, read_job
 from fastsplat.workers.results import operation_error
@@ -70,7 +70,7 @@ def _claimed(service: SceneService, operation: Operation) -> tuple[Job, Any]:
     store = service._store
     claim = store.jobs.claim(operation.id, store.scenes.operation(operation.id).retries)
     assert claim is not None
-    claimed = ClaimedJob(store, claim, 20)
+    claimed = ClaimedJob(store, claim, CallSettings())
     folder = claimed.upload()
     settings = service._settings
     job = Job("job", 1, folder, claimed.folder, claimed.options, settings, exclude=claim.operation.excluded)

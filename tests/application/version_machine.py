@@ -28,6 +28,7 @@ from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import SH_C0
+from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
@@ -222,7 +223,7 @@ class VersionMachine(RuleBasedStateMachine):
         store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", options))
         claim = store.jobs.claim(name)
         assert claim is not None
-        job = ClaimedJob(store, claim, LIMIT)
+        job = ClaimedJob(store, claim, CallSettings(max_versions=LIMIT))
         folder = job.folder / "merging"
         parent = store.blobs.fetch_version(self.scene_id, call.parent)
         if parent is None:  # a call at the same moment has removed it; it is not found below, either

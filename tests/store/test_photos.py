@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.claims import FencedError
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.workers.claimed_job import ClaimedJob
@@ -29,7 +30,7 @@ def _claimed(store: Store) -> ClaimedJob:
     store.scenes.create(job)
     claim = store.jobs.claim(job.operation_id)
     assert claim is not None
-    return ClaimedJob(store, claim, max_versions=5)
+    return ClaimedJob(store, claim, CallSettings())
 
 
 def _write(job: ClaimedJob, photos: object) -> None:
