@@ -54,6 +54,10 @@ def _shown(visit: Visit) -> None:
     visit.scene_shown()
 
 
+def _refused(visit: Visit) -> None:
+    expect(visit.page.get_by_role("alert").first).to_contain_text("nothing")
+
+
 def _answered(visit: Visit) -> None:
     visit.scene_shown()
     expect(visit.page.locator(".verdict.here")).to_be_visible()
@@ -78,7 +82,7 @@ _PAGES = {
     "home": _Look("place", "", _listed),
     "home-empty": _Look("small", "", _text("No scenes yet.")),
     "new": _Look("place", "#/new", _heading("New scene")),
-    "server": _Look("place", "#/server", _heading("What it can do")),
+    "no-scene": _Look("place", "#/scenes/nothing", _refused),
     "sign-in": _Look("guarded", "", _text("This server needs an access key.")),
     "scene": _Look("place", _SCENE, _shown),
     "answer": _Look("place", f"{_SCENE}&q=mug", _answered),
@@ -125,7 +129,7 @@ def test_a_page_looks_as_it_did(
     look = _PAGES[name]
     server = {"place": place, "small": small, "guarded": guarded}[look.place]
     with visiting(browser, server.url, look.address.format(scene=server.scene_id)) as visit:
-        visit.expected.append("401")
+        visit.expected += ["401", "404"]
         look.ready(visit)
         visit.page.mouse.move(0, 0)  # nothing is pointed at
         for scheme in ("light", "dark"):
