@@ -209,7 +209,7 @@ report = jobs.JobRepository.report
 def suspend(self, claim, stages, **more):
     if not os.path.exists({flag!r}) and any(stage["stage"] == {stage!r} and {finished} for stage in stages):
         with self._writing() as connection:
-            connection.execute(jobs._fenced(claim).values(updated_at=time.time()))
+            connection.execute(jobs.fenced(claim).values(updated_at=time.time()))
             open({flag!r}, "w").close()
             os.kill(os.getpid(), signal.SIGSTOP)
     return report(self, claim, stages, **more)

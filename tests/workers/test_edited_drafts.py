@@ -10,6 +10,7 @@ import pytest
 
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import CallSettings
+from fastsplat.workers.made_scenes import EDITS
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import QueryRequest
@@ -107,6 +108,8 @@ def test_a_draft_takes_over_edits_of_the_one_before_and_loses_none(words: Deploy
     """A later draft has the names of the one before; its things are the same, so the names hold to the end."""
     operation = _drafted(words, "training:until_told", "training:draft", "export:until_asked")
     words.service.versions.edit(operation.scene_id, [Edit("name", things=(_MIDDLE,), name="Oskar")])
+    # Until the worker has seen it: a draft made without it is not published.
+    words.wait_for(lambda: any("Oskar" in path.read_text() for path in words.settings.data_dir.rglob(EDITS)))
     _tell(words)
     words.wait_for(lambda: (told := words.service.get_operation(operation.id).draft) and told.number == 2)
     assert _names(words, operation)[_MIDDLE] == "Oskar"
