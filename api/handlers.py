@@ -260,6 +260,14 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=scene_examples.BEST_VIEWS,
         ),
         Handler(
+            calls.GET_THING_SHEET,
+            lambda service, asked: service.sheets.page(
+                asked.scene_id, asked.version, asked.page_size, asked.page_token
+            ),
+            computes=True,
+            example=scene_examples.THING_SHEET,
+        ),
+        Handler(
             calls.CREATE_KEY,
             lambda service, asked: service.keys.create(caller_role(), asked),
             example=admin_examples.NEW_KEY,

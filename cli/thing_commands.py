@@ -4,17 +4,21 @@ looking for more."""
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from fastsplat.cli.export import write_file
 from fastsplat.cli.options import SceneId, Version, Watch, service_command
 from fastsplat.cli.session import Session
 from fastsplat.cli.short_ids import LEAST, whole_id
 from fastsplat.cli.tables import Column, minute, point, table
+from fastsplat_contract import calls
 from fastsplat_contract.detection_messages import Detection
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.operations import Operation
+from fastsplat_contract.requests import GetThingSheetRequest
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, SceneThing, ThingList
 
 things_app = typer.Typer(
@@ -52,6 +56,46 @@ def list_things(
         for each in things
     ]
     session.tell(ThingList(things, "", version), table(columns, rows), nothing="the scene has no things")
+
+
+@service_command(things_app)
+def sheet(
+    session: Session,
+    scene: SceneId,
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="JPEG to write; it is not there where nothing is shown.")
+    ],
+    page: Annotated[str, typer.Option(metavar="TOKEN", help="Of the next sheet, as the one before said.")] = "",
+    version: Version = "",
+) -> None:
+    """Write a picture of at most 20 things without a name, outlined and numbered, and say which they are."""
+    scene_id = session.scene(scene)
+    asked = GetThingSheetRequest(scene_id, session.version(scene_id, version), page_token=page)
+    shown = session.client.call(calls.GET_THING_SHEET, asked)
+    if shown.picture:
+        write_file(file, shown.picture)
+    columns = (
+        Column("no.", right=True),
+        Column("id"),
+        Column("size"),
+        Column("beside", "cut"),
+        Column("suggestions", "cut"),
+    )
+    rows = [
+        (
+            str(each.number),
+            str(each.thing),
+            "" if each.size is None else " × ".join(f"{side:.3g}" for side in each.size),
+            ", ".join(f"{near.thing} {near.name}".rstrip() for near in each.neighbors),
+            ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
+        )
+        for each in shown.things
+    ]
+    session.tell(shown, table(columns, rows), nothing="no thing is without a name")
+    if shown.unseen and not session.as_json:
+        typer.echo(f"no camera shows {', '.join(map(str, shown.unseen))}", err=True)
+    if shown.next_page_token and not session.as_json:
+        typer.echo(f"there are more: --page {shown.next_page_token}", err=True)
 
 
 @service_command(things_app)

@@ -49,6 +49,7 @@ from fastsplat_contract.thing_messages import (
     ThingList,
 )
 from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 
 _POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 _DONE = datetime(2026, 1, 1, 12, 9, tzinfo=UTC)
@@ -82,13 +83,14 @@ _THING = SceneThing(
     box=_OBJECT.box,
     meters=True,
 )
+_SUGGESTED = (NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"]))
 _UNNAMED = replace(
     _THING,
     id=2,
     name="",
     source=None,
     probability=0.0,
-    suggestions=(NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"])),
+    suggestions=_SUGGESTED,
 )
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
@@ -185,6 +187,18 @@ THINGS = ThingList((_THING, _UNNAMED), "", "1")
 PICKED = PickedThing(_THING, _VIEW_MASK, "1", levels=(PickedLevel("thing", _THING.id, (), 1.0),))
 PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
+THING_SHEET = ThingSheet(
+    b"\xff\xd8\xff",
+    (
+        SheetThing(
+            1, _UNNAMED.id, "front.png", True, _OBJECT.box.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED
+        ),
+    ),
+    (),
+    True,
+    "",
+    "1",
+)
 VERSIONS = VersionList((VERSION,))
 ANSWERS = QueryOut((_ANSWER,), (SkippedScene(IDS["scene_id"], _DAMAGE.reason, _DAMAGE.message),), 1)
 

@@ -64,6 +64,7 @@ from fastsplat_contract.scenes import (
 )
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, PickedThing, SceneThing
+from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
 __all__ = [
@@ -103,6 +104,7 @@ __all__ = [
     "Measurement",
     "MissingPackageError",
     "NameSuggestion",
+    "NeighborThing",
     "NewKey",
     "NextPhoto",
     "NotFoundError",
@@ -134,10 +136,12 @@ __all__ = [
     "SceneVersion",
     "Segmentation",
     "ServerInfo",
+    "SheetThing",
     "StageProgress",
     "StandingQuestion",
     "SuggestedName",
     "Support",
+    "ThingSheet",
     "TrainMoreResult",
     "UnauthenticatedError",
     "UnreachableError",

@@ -22,6 +22,7 @@ from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.thing_sheets import ThingSheet
 from fastsplat_contract.train_more_messages import PresetName
 
 _EDITS = 100
@@ -136,6 +137,11 @@ class ThingCalls(TableCalls):
         ids = (things,) if isinstance(things, int) else tuple(things)
         edit = Edit("name", things=ids, name=name, aliases=tuple(aliases), kinds=tuple(kinds))
         return self.edit_scene(scene_id, [edit], looked_at=looked_at)
+
+    def thing_sheets(self, scene_id: str, *, version: str = "") -> Iterator[ThingSheet]:
+        """Pictures of all things without a name, of at most 20 each, see `ThingSheet`; for whoever can tell what they
+        are and says so by `suggest_names`, also between two sheets."""
+        return self._pages(calls.GET_THING_SHEET, requests.GetThingSheetRequest(scene_id, version))
 
     def suggest_names(
         self, scene_id: str, suggestions: Sequence[SuggestedName], *, request_id: str = ""

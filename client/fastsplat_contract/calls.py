@@ -48,6 +48,7 @@ from fastsplat_contract.requests import (
     GetPlacedCamerasRequest,
     GetPreviewRequest,
     GetSceneRequest,
+    GetThingSheetRequest,
     ListBestViewsRequest,
     ListDetectionsRequest,
     ListKeysRequest,
@@ -77,6 +78,7 @@ from fastsplat_contract.requests import (
 from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
+from fastsplat_contract.thing_sheets import ThingSheet
 
 READ = Rule("reader")
 SHOW = Rule("reader", shared=True)
@@ -253,6 +255,9 @@ LOCALIZE = Call(
 LIST_BEST_VIEWS = Call(
     "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
     "Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.")
+GET_THING_SHEET = Call(
+    "GetThingSheet", "queries", GetThingSheetRequest, ThingSheet, SHOW, f"GET {_SCENE}/things/sheet",
+    "Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
 
 CREATE_KEY = Call(
     "CreateKey", "keys", KeyIn, NewKey, ADMIN, "POST /v1/keys",

@@ -290,6 +290,11 @@ class ListBestViewsRequest(Request, OfVersion):
 
 
 @dataclass(frozen=True)
+class GetThingSheetRequest(Request, InPages, OfVersion):
+    """Which sheet of a scene's things without a name; it has 20 at most."""
+
+
+@dataclass(frozen=True)
 class GetGoalRequest(Request, OfVersion):
     """A place from which a robot sees which thing."""
 

@@ -22,6 +22,7 @@ from fastsplat.service.application.answering.detection_lists import Detections
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import Photos, photo_page
+from fastsplat.service.application.answering.thing_sheets import ThingSheets
 from fastsplat.service.application.base.memory import MemoryBudget, machine_bytes
 from fastsplat.service.application.base.paging import page_of, read_page_token, write_page_token
 from fastsplat.service.application.base.validate import (
@@ -98,6 +99,7 @@ class SceneService:
         self.localizing = Localizing(self._store, settings, self._scenes, self._memory)
         self.photos = Photos(self._store, settings, self._scenes, self._memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
+        self.sheets = ThingSheets(self._store, settings, self._scenes, self._memory, self.known_names)
         self.keys = ProjectKeys(self._store, settings, self.project)
         self.jobs = RunningJobs(self._store, settings)
         """What jobs show of their scenes while they run."""
@@ -129,6 +131,7 @@ class SceneService:
         other.detections = Detections(self._settings, other._scenes, other.known_names)
         other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
         other.photos = Photos(other._store, self._settings, other._scenes, self._memory, other.known_names)
+        other.sheets = ThingSheets(other._store, self._settings, other._scenes, self._memory, other.known_names)
         other.localizing = self.localizing.over(other._store, other._scenes)
         other.jobs = RunningJobs(other._store, self._settings)
         other.training = FurtherTraining(other._store, self._settings, other._scenes, self._quotas, project)

@@ -131,6 +131,8 @@ EXAMPLES = (
             {"text": "volcano", "version": "1"},
         )
     ),
+    Example("GetThingSheet"),
+    Example("GetThingSheet", {"page_size": 1}, "unnamed"),
     Example("GetGoal", {"thing_id": 1, "robot_radius": 0.15}, "upright"),
     *(Example("ListDetections", fields, "upright") for fields in ({}, {"page_size": 1})),
     *(Example("ListOperations", {"page_size": size}) for size in (0, 1)),
@@ -261,6 +263,14 @@ EXAMPLES = (
             ({"text": "x" * 2_000}, "text", "LIMIT_EXCEEDED"),
         )
     ),
+    *(
+        _bad("GetThingSheet", fields, field, reason)
+        for fields, field, reason in (
+            ({"version": "9"}, "version", "NOT_FOUND"),
+            ({"page_token": "not one of ours"}, "page_token", "INVALID_INPUT"),
+            ({"page_size": -1}, "page_size", "INVALID_INPUT"),
+        )
+    ),
     _bad("GetGoal", {"thing_id": 1}, "scene_id"),  # its z is not up
     _bad("GetGoal", {"thing_id": 1}, "scene_id", of="table"),  # its lowest level is a table top
     _bad("GetGoal", {"thing_id": 4_000}, "thing_id", "NOT_FOUND", "upright"),
@@ -275,5 +285,8 @@ EXAMPLES = (
         )
     ),
 )
-BOUNDS_OF_THE_URL = {("GetGoal", "robot_radius"), ("ListDetections", "page_size"), ("ListBestViews", "max_views")}
+BOUNDS_OF_THE_URL = {
+    *(("GetGoal", "robot_radius"), ("ListBestViews", "max_views")),
+    *((call, "page_size") for call in ("ListDetections", "GetThingSheet")),
+}
 """Where REST's own parameters are bounded, in other words."""

@@ -189,6 +189,8 @@ class _Places:
         made = add_scene(self._service, self._settings, "own")
         if of in ("edited", "undone"):
             self._service.versions.edit(made, [Edit("recolor", label="mug", color=RED)])
+        if of == "unnamed":
+            self._service.versions.edit(made, [Edit("unname", things=(1, 2, 3))])
         if of == "undone":
             self._service.versions.undo(made)
         if of == "aligned":

@@ -30,6 +30,7 @@ _SHOWN = {
     *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
+    "GetThingSheet",
     "Localize",
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""

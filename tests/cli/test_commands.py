@@ -4,6 +4,7 @@ REST, within 80 columns, and takes ids in short."""
 from __future__ import annotations
 
 import json
+from base64 import b64decode
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -223,6 +224,15 @@ def test_what_is_changed_by_a_server_is_changed_in_its_folder(home: Home) -> Non
     assert undone.exit_code == 0 and undone.stdout.endswith("is current\n")
     again = home.run("things redo $upright")
     assert again.stdout == f"version {version} is current\n"
+    home.run("things undo $upright", server=True)
+    sheet = home.folder / "sheet.jpg"
+    none = home.run("things sheet $upright", str(sheet))
+    assert none.stderr == "no thing is without a name\n" and not sheet.exists()
+    home.run("things unname $upright 1", server=True)
+    shown = home.json("things sheet $upright", str(sheet))
+    assert [each["thing"] for each in shown["things"]] == [1] and sheet.read_bytes() == b64decode(shown["picture"])
+    table = home.run("things sheet $upright", str(sheet), server=True).stdout
+    assert table.split()[:2] == ["no.", "id"] and "2 floor" in table
     home.run("things undo $upright", server=True)
     told = home.folder / "told.json"
     names = [SuggestedName(1, "moon", 0.9, "eyes"), SuggestedName(2, "carrot", 0.3, "eyes")]

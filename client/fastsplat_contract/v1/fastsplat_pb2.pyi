@@ -6471,6 +6471,168 @@ class BestView(_message.Message):
 Global___BestView: _TypeAlias = BestView  # noqa: Y015
 
 @_typing.final
+class GetThingSheetRequest(_message.Message):
+    """Which sheet of a scene's things without a name; it has 20 at most."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetThingSheetRequest: _TypeAlias = GetThingSheetRequest  # noqa: Y015
+
+@_typing.final
+class ThingSheet(_message.Message):
+    """At most 20 things without a name, by id, in one picture."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    PICTURE_FIELD_NUMBER: _builtins.int
+    THINGS_FIELD_NUMBER: _builtins.int
+    UNSEEN_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    picture: _builtins.bytes
+    """a JPEG of at most 768 pixels a side: each thing outlined, with its number; empty where none is shown"""
+    meters: _builtins.bool
+    """whether sizes are meters"""
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def things(self) -> _containers.RepeatedCompositeFieldContainer[Global___SheetThing]:
+        """what it shows, by number"""
+
+    @_builtins.property
+    def unseen(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of things of this page that no camera shows"""
+
+    def __init__(
+        self,
+        *,
+        picture: _builtins.bytes = ...,
+        things: _abc.Iterable[Global___SheetThing] | None = ...,
+        unseen: _abc.Iterable[_builtins.int] | None = ...,
+        meters: _builtins.bool = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["meters", b"meters", "next_page_token", b"next_page_token", "picture", b"picture", "things", b"things", "unseen", b"unseen", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ThingSheet: _TypeAlias = ThingSheet  # noqa: Y015
+
+@_typing.final
+class SheetThing(_message.Message):
+    """One thing on a sheet."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    NUMBER_FIELD_NUMBER: _builtins.int
+    THING_FIELD_NUMBER: _builtins.int
+    VIEW_FIELD_NUMBER: _builtins.int
+    PHOTO_FIELD_NUMBER: _builtins.int
+    SIZE_FIELD_NUMBER: _builtins.int
+    SURFACE_FIELD_NUMBER: _builtins.int
+    NEIGHBORS_FIELD_NUMBER: _builtins.int
+    SUGGESTIONS_FIELD_NUMBER: _builtins.int
+    number: _builtins.int
+    """that stands in its corner of the picture, from 1"""
+    thing: _builtins.int
+    """its id"""
+    view: _builtins.str
+    """the scene's camera that shows it best, from which it is shown"""
+    photo: _builtins.bool
+    """whether it is cut from the photo; otherwise the scene was rendered"""
+    surface: _builtins.str
+    """as of SceneThing: what kind of surface it is; empty for a thing"""
+    @_builtins.property
+    def size(self) -> Global___Vector3:
+        """of its box, along the box's own axes; absent if it is too faint to be seen"""
+
+    @_builtins.property
+    def neighbors(self) -> _containers.RepeatedCompositeFieldContainer[Global___NeighborThing]:
+        """at most three things, the nearest first"""
+
+    @_builtins.property
+    def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
+        """names that nobody has settled, likeliest first"""
+
+    def __init__(
+        self,
+        *,
+        number: _builtins.int = ...,
+        thing: _builtins.int = ...,
+        view: _builtins.str = ...,
+        photo: _builtins.bool = ...,
+        size: Global___Vector3 | None = ...,
+        surface: _builtins.str = ...,
+        neighbors: _abc.Iterable[Global___NeighborThing] | None = ...,
+        suggestions: _abc.Iterable[Global___NameSuggestion] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["size", b"size"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["neighbors", b"neighbors", "number", b"number", "photo", b"photo", "size", b"size", "suggestions", b"suggestions", "surface", b"surface", "thing", b"thing", "view", b"view"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SheetThing: _TypeAlias = SheetThing  # noqa: Y015
+
+@_typing.final
+class NeighborThing(_message.Message):
+    """A thing near another."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    THING_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    thing: _builtins.int
+    """its id"""
+    name: _builtins.str
+    """empty for a thing without one"""
+    def __init__(
+        self,
+        *,
+        thing: _builtins.int = ...,
+        name: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["name", b"name", "thing", b"thing"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NeighborThing: _TypeAlias = NeighborThing  # noqa: Y015
+
+@_typing.final
 class CreateKeyRequest(_message.Message):
     """A new key of the caller's project."""
 

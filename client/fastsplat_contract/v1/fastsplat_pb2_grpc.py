@@ -270,6 +270,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.FromString,
                 _registered_method=True)
+        self.GetThingSheet = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetThingSheet',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetThingSheetRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ThingSheet.FromString,
+                _registered_method=True)
         self.CreateKey = channel.unary_unary(
                 '/fastsplat.v1.SceneService/CreateKey',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.CreateKeyRequest.SerializeToString,
@@ -673,6 +678,13 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetThingSheet(self, request, context):
+        """Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CreateKey(self, request, context):
         """Make a key of the project, of the caller's role at most; its secret is told this once.
         """
@@ -995,6 +1007,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.ListBestViews,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.SerializeToString,
+            ),
+            'GetThingSheet': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetThingSheet,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetThingSheetRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ThingSheet.SerializeToString,
             ),
             'CreateKey': grpc.unary_unary_rpc_method_handler(
                     servicer.CreateKey,
@@ -2326,6 +2343,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/ListBestViews',
             fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetThingSheet(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetThingSheet',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetThingSheetRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ThingSheet.FromString,
             options,
             channel_credentials,
             insecure,

@@ -173,6 +173,8 @@ class SceneServiceStub:
     """
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures."""
+    GetThingSheet: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetThingSheetRequest, _fastsplat_pb2.ThingSheet]
+    """Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id."""
     CreateKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]
     """Make a key of the project, of the caller's role at most; its secret is told this once."""
     CreateUploadKey: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]
@@ -321,6 +323,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures."""
+    GetThingSheet: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetThingSheetRequest, _fastsplat_pb2.ThingSheet]  # type: ignore[assignment]
+    """Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id."""
     CreateKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
     """Make a key of the project, of the caller's role at most; its secret is told this once."""
     CreateUploadKey: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateUploadKeyRequest, _fastsplat_pb2.NewKey]  # type: ignore[assignment]
@@ -745,6 +749,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ListBestViewsResponse, _abc.Awaitable[_fastsplat_pb2.ListBestViewsResponse]]:
         """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures."""
+
+    @_abc_1.abstractmethod
+    def GetThingSheet(
+        self,
+        request: _fastsplat_pb2.GetThingSheetRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ThingSheet, _abc.Awaitable[_fastsplat_pb2.ThingSheet]]:
+        """Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id."""
 
     @_abc_1.abstractmethod
     def CreateKey(

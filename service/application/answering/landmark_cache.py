@@ -116,10 +116,19 @@ def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Bl
         )
     if blobs is not None:
         blobs.check_version(folder, *(path.relative_to(folder).as_posix() for _, path in there))
-    return [(posed, partial(_read, path, side)) for posed, path in there]
+    return [(posed, partial(read_photo, path, side)) for posed, path in there]
 
 
-def _read(path: Path, side: int) -> NDArray[np.uint8]:
+def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
+    """uint8 [H, W, 3] of a photo that is kept with a version.
+
+    Args:
+        path: of the photo.
+        side: it is reduced to so many pixels on the longer side.
+
+    Raises:
+        SceneFileError: it is damaged, or gone.
+    """
     try:
         pixels = load_rgb(path)
     except OSError as error:

@@ -7,7 +7,7 @@ import binascii
 import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from fastsplat_contract.errors import InvalidInputError
@@ -46,7 +46,7 @@ def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence
     Raises:
         InvalidInputError: no page of this sequence returned this token.
     """
-    name = hashlib.sha256(of.encode(errors="replace")).hexdigest()[:16]
+    name = _digest(of)
     start = 0
     if token:
         match _read(token):
@@ -56,6 +56,38 @@ def page_of(rows: Sequence[T], size: int, token: str, of: str) -> tuple[Sequence
                 raise _unknown()
     end = start + size
     return rows[start:end], _write([end, name]) if end < len(rows) else ""
+
+
+def page_after(
+    rows: Sequence[T], number: Callable[[T], int], size: int, token: str, of: str
+) -> tuple[Sequence[T], str]:
+    """A page of rows in the order of their numbers, and the token of the next one ("" after the last); stable while
+    rows come and go.
+
+    Args:
+        rows: all of them now, in that order.
+        number: of a row, from 1; no other has it.
+        size: at most this many.
+        token: "" or what the page before returned.
+        of: names the sequence; the token of one is not one of another.
+
+    Raises:
+        InvalidInputError: no page of this sequence returned this token.
+    """
+    last = 0
+    if token:
+        match _read(token):
+            case [int(last), str(said)] if said == _digest(of):
+                pass
+            case _:
+                raise _unknown()
+    left = [row for row in rows if number(row) > last]
+    page = left[:size]
+    return page, _write([number(page[-1]), _digest(of)]) if len(left) > size else ""
+
+
+def _digest(of: str) -> str:
+    return hashlib.sha256(of.encode(errors="replace")).hexdigest()[:16]
 
 
 def _write(value: object) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -56,14 +56,42 @@ def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) ->
         check_cancelled()
         mask = things.mask(small_view(views[number]), thing_ids)
         if mask.any():
-            edge = bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
-            seen.append(ThingView(views[number].name, float(mask.mean()), edge, mask))
-    seen.sort(key=lambda view: -view.share * (_CUT_OFF if view.cut_off else 1.0))
+            seen.append(_view(views[number].name, mask))
+    seen.sort(key=_worth, reverse=True)
     return tuple(seen[:count])
 
 
-def small_view(posed: PosedCamera) -> PosedCamera:
-    """The same view in a picture of at most 256 pixels a side."""
-    scale = min(1.0, _SIDE / max(posed.camera.width, posed.camera.height))
+def best_view_of_each(index: SceneIndex, thing_ids: Sequence[int]) -> Mapping[int, ThingView]:
+    """The one of the scene's cameras that shows each of some things best, by the thing's id; nothing of things that no
+    camera shows. Each camera is drawn once: at most five a thing.
+
+    Args:
+        index: of the scene.
+        thing_ids: of things, not of parts, that are there.
+    """
+    cameras = {posed.name: posed for posed in index.scene.cameras}
+    seen_by = index.things.best_views(thing_ids)
+    seen: dict[int, list[ThingView]] = {}
+    for name in sorted({name for each in thing_ids for name in seen_by.get(each, ())}):
+        check_cancelled()
+        shown = index.things.map(small_view(cameras[name]))
+        for each in thing_ids:
+            if name in seen_by.get(each, ()) and (mask := shown == each).any():
+                seen.setdefault(each, []).append(_view(name, mask))
+    return {each: max(views, key=_worth) for each, views in seen.items()}
+
+
+def _view(name: str, mask: NDArray[np.bool_]) -> ThingView:
+    edge = bool(mask[0].any() or mask[-1].any() or mask[:, 0].any() or mask[:, -1].any())
+    return ThingView(name, float(mask.mean()), edge, mask)
+
+
+def _worth(view: ThingView) -> float:
+    return view.share * (_CUT_OFF if view.cut_off else 1.0)
+
+
+def small_view(posed: PosedCamera, side: int = _SIDE) -> PosedCamera:
+    """The same view in a picture of at most `side` pixels a side."""
+    scale = min(1.0, side / max(posed.camera.width, posed.camera.height))
     width, height = (max(1, round(side * scale)) for side in (posed.camera.width, posed.camera.height))
     return PosedCamera(posed.camera.scaled_to(width, height), posed.world_from_camera)
