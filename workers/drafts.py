@@ -7,6 +7,7 @@ import json
 import secrets
 import shutil
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import partial
@@ -175,9 +176,11 @@ class Drafts:
             folder.rename(job.folder / DRAFTS / name)
         except CancelledError:
             raise
-        except (FastSplatError, OSError) as error:
+        except Exception as error:  # of whatever kind: the job goes on
             remove(folder)
             print(f"draft {name} is not made: {error}", file=sys.stderr, flush=True)
+            if not isinstance(error, (FastSplatError, OSError)):
+                traceback.print_exception(error)
             return
         provisional = provisional_of(scene.quality)
         assert provisional is not None

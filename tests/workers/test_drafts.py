@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import os
 import signal
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+from fastsplat.service.capture.types import Capture, CaptureReport
+from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.settings import Settings
+from fastsplat.workers import drafts
+from fastsplat.workers.progress_files import ProgressFiles
+from fastsplat.workers.protocol import Job
 from fastsplat_contract.errors import NotReadyError
 from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.operations import Operation
+from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from tests.workers.deployment import Deployment, kill, on_both_databases
 
@@ -37,6 +48,24 @@ def _wait_alone(deployment: Deployment, operation: Operation) -> None:
     deployment.wait_for(lambda: _versions_stored(deployment, operation) == [version])
 
 
+def test_a_draft_that_cannot_be_made_does_not_end_its_job(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever the reason: it is in the job's log."""
+
+    def fail(*_: object) -> Scene:
+        raise IndexError("of a view that is not there")
+
+    monkeypatch.setattr(drafts, "point_draft", fail)
+    told: list[ProgressEvent] = []
+    job = Job("operation", 1, tmp_path / "upload", tmp_path, SceneOptions(), Settings(data_dir=tmp_path))
+    made = drafts.Drafts(job, ProgressFiles(job, "perception", told.append))
+    report = CaptureReport("images", 0)
+    capture = Capture((), np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), "metric", report)
+    made.of_points(capture, Labelling(Dictionary(()), ()), ())
+    assert not told and "of a view that is not there" in capsys.readouterr().err
+
+
 @on_both_databases()
 def test_a_draft_is_a_version_until_the_scene_is_done(deployment: Deployment) -> None:
     """It can be read while the job runs, says what it is, is told, and leaves no trace in the finished scene."""
@@ -48,9 +77,9 @@ def test_a_draft_is_a_version_until_the_scene_is_done(deployment: Deployment) ->
     scene = deployment.service.get_scene(operation.scene_id)
     assert told is not None and (told.number, told.version) == (2, scene.version)
     assert (scene.state, len(scene.dictionary), len(scene.cameras), scene.assessment) == ("TRAINING", 2, 1, None)
-    drafts = deployment.service.versions.all(operation.scene_id)
-    assert [version.current for version in drafts] == [False, True]
-    assert deployment.service.answers.scene_ply(operation.scene_id, drafts[0].version)[0].is_file()
+    versions = deployment.service.versions.all(operation.scene_id)
+    assert [version.current for version in versions] == [False, True]
+    assert deployment.service.answers.scene_ply(operation.scene_id, versions[0].version)[0].is_file()
     _tell(deployment)
     assert deployment.wait_over(operation).draft is None
     scene = deployment.service.get_scene(operation.scene_id)
