@@ -33,6 +33,7 @@ from tests.api.upright_scene import add_upright_scene
 _TOOLS = {
     *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
     *("relations", "goal", "pick_thing"),
+    *("unnamed_things", "suggest_names"),
     *("name_thing", "clean_up", "photograph_next", "scene_status"),
 }
 
@@ -86,7 +87,7 @@ def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces
         assert tool.description and len(tool.description) > 40
         assert tool.output_schema is not None or tool.name == "look_from"
         assert all("description" in schema for schema in tool.input_schema["properties"].values()), tool.name
-        assert tool.annotations.read_only_hint is (tool.name not in ("name_thing", "clean_up"))
+        assert tool.annotations.read_only_hint is (tool.name not in ("name_thing", "suggest_names", "clean_up"))
         assert "context" not in tool.input_schema["properties"]
 
 

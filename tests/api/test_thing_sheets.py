@@ -146,6 +146,15 @@ def test_a_cut_holds_the_whole_thing_and_a_line_around_it(data: st.DataObject) -
     assert inside > 0.4 * (bottom - top - 1) * (right - left - 1) * scale**2 and line > 0
 
 
+def test_pixels_far_from_a_thing_do_not_make_it_small() -> None:
+    mask = np.zeros((100, 100), np.bool_)
+    mask[40:60, 40:60] = True
+    picture = np.where(mask[..., None], [0, 0, 255], [60, 60, 60]).astype(np.uint8)
+    clean = thing_cell(picture, mask, 150)
+    mask[2, 3] = mask[90:92, 97] = True
+    assert (thing_cell(picture, mask, 150) == clean).all()
+
+
 @given(st.lists(st.integers(1, 99), unique=True), st.integers(1, 5), st.data())
 def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, data: st.DataObject) -> None:
     rows, stays, seen, token = sorted(numbers), set(numbers), [], ""

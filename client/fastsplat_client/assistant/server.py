@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 from collections.abc import Callable, Iterable, Iterator
 from typing import Annotated, Any, TypeVar
 
@@ -10,10 +11,11 @@ import anyio
 from anyio import to_thread
 from mcp.server.mcpserver import Context, Image, MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
-from mcp_types import CallToolResult, InputRequiredResult, ToolAnnotations
+from mcp_types import CallToolResult, ContentBlock, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import Field, ValidationError
+from pydantic_core import to_jsonable_python
 
-from fastsplat_client.assistant import tool_results, tools
+from fastsplat_client.assistant import naming, tool_results, tools
 from fastsplat_client.assistant.clean_up import clean_up as remove_from
 from fastsplat_client.assistant.look_from import look_from as picture_from
 from fastsplat_client.client import Client
@@ -182,6 +184,38 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         """A picture of the scene: from where a thing is seen best, from one of its photos, or from any place."""
         jpeg = await answered(context, lambda client: picture_from(client, scene, thing, view, position, target))
         return Image(data=jpeg, format="jpeg")
+
+    @server.tool(annotations=_READS)
+    async def unnamed_things(
+        context: Context[Any, Any],
+        page: Annotated[str, Field(description="next_page of the answer before; empty: the first")] = "",
+        scene: _Scene = "",
+    ) -> Annotated[CallToolResult, naming.UnnamedThings]:
+        """A picture of up to 20 things that have no name, each outlined and numbered, with their ids, sizes and
+        neighbors. Say what you recognize by suggest_names, then ask for the next page."""
+        picture, told = await answered(context, lambda client: naming.unnamed_things(client, page, scene))
+        plain = to_jsonable_python(told)
+        shown: list[ContentBlock] = [Image(data=picture, format="jpeg").to_image_content()] if picture else []
+        text = TextContent(type="text", text=json.dumps(plain, ensure_ascii=False))
+        return CallToolResult(content=[*shown, text], structured_content=plain)
+
+    @server.tool(annotations=_CHANGES)
+    async def suggest_names(
+        context: Context[Any, Any],
+        names: Annotated[
+            list[naming.NameGuess],
+            Field(min_length=1, max_length=1_000, description="what you recognize; nothing of things that you do not"),
+        ],
+        source: Annotated[
+            str,
+            Field(min_length=1, max_length=60, description="who you are, the same in every call: your product's name"),
+        ],
+        model: Annotated[str, Field(description="your model and its version, if you know them")] = "",
+        scene: _Scene = "",
+    ) -> naming.Suggested:
+        """Suggest names for things by what you see in pictures of them. They can be asked for, and are shown as yours;
+        a thing bears one only after a person confirmed it. What you said of a thing before is replaced."""
+        return await answered(context, lambda client: naming.suggest_names(client, names, source, model, scene))
 
     @server.tool(annotations=_CHANGES)
     async def name_thing(

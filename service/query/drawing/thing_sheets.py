@@ -31,7 +31,8 @@ def cell_side(count: int) -> int:
 
 
 def thing_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
-    """uint8 [H, W, 3], the longer side `side` pixels: a thing with what is around it, and a line around the thing.
+    """uint8 [H, W, 3], the longer side `side` pixels: the largest connected part of a thing with what is around it, and
+    a line around what is the thing's.
 
     Args:
         picture: uint8 [H, W, 3] of a whole view.
@@ -39,7 +40,10 @@ def thing_cell(picture: U8, mask: NDArray[np.bool_], side: int) -> U8:
         side: pixels.
     """
     height, width = mask.shape
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    # Single pixels far from a thing would make its cut the whole picture.
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    largest = labels == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    rows, columns = np.flatnonzero(largest.any(axis=1)), np.flatnonzero(largest.any(axis=0))
     longer = max(rows[-1] + 1 - rows[0], columns[-1] + 1 - columns[0])
     half = max((0.5 + _MARGIN) * longer, _LEAST_SIDE / 2)
     (top, bottom), (left, right) = (

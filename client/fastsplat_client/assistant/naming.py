@@ -1,0 +1,137 @@
+"""Tools with which an assistant looks at things without a name, and suggests names for them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from fastsplat_client.assistant.tool_lengths import unit_of
+from fastsplat_client.assistant.tool_results import Point, Unit, point
+from fastsplat_client.assistant.tools import resolve_scene
+from fastsplat_client.client import Client
+from fastsplat_contract import calls
+from fastsplat_contract.name_suggestions import SuggestedName
+from fastsplat_contract.requests import GetThingSheetRequest
+
+
+@dataclass(frozen=True)
+class NearThing:
+    """A thing near another; `name` is empty for one without."""
+
+    id: int
+    name: str
+
+
+@dataclass(frozen=True)
+class ToldName:
+    """A name that is suggested for a thing, and who suggests it."""
+
+    name: str
+    probability: float
+    sources: list[str]
+
+
+@dataclass(frozen=True)
+class UnnamedThing:
+    """A thing in the picture.
+
+    Attributes:
+        number: that stands in the corner of its part of the picture.
+        id: for other tools.
+        size: of its box; None if it is too faint to be seen.
+        surface: what kind of surface it is, as floor; empty for a thing.
+        near: what is nearest to it.
+        suggestions: what others take it for.
+    """
+
+    number: int
+    id: int
+    size: Point | None
+    surface: str
+    near: list[NearThing]
+    suggestions: list[ToldName]
+
+
+@dataclass(frozen=True)
+class UnnamedThings:
+    """Things without a name, by their numbers in the picture. No photo shows those of `unseen`, given by their ids.
+    `next_page` is empty on the last page."""
+
+    scene: str
+    unit: Unit
+    things: list[UnnamedThing]
+    unseen: list[int]
+    next_page: str
+
+
+@dataclass(frozen=True)
+class NameGuess:
+    """What a thing may be."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+
+    thing: Annotated[int, Field(ge=1, le=65535, description="id of the thing, not its number in the picture")]
+    name: Annotated[str, Field(description="what it is, in a word or two")]
+    probability: Annotated[float, Field(ge=0, le=1, description="that this is right: 0.6 is wrong 4 times in 10")]
+    aliases: Annotated[list[str], Field(description="other words for the same")] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Suggested:
+    """How many names were suggested. `version` is the scene's new version, which can be undone; no thing bears any of
+    these names until a person confirms it."""
+
+    scene: str
+    suggested: int
+    version: str
+
+
+def unnamed_things(client: Client, page: str, scene: str) -> tuple[bytes, UnnamedThings]:
+    """A JPEG of at most 20 things without a name, b"" where there is none to show, and what it shows.
+
+    Args:
+        client: whom to ask.
+        page: "" or `UnnamedThings.next_page` of the page before.
+        scene: id or name; "" for the only one.
+
+    Raises:
+        InvalidInputError: no page of this scene is called so.
+    """
+    shown = resolve_scene(client, scene)
+    sheet = client.call(calls.GET_THING_SHEET, GetThingSheetRequest(shown.id, page_token=page))
+    things = [
+        UnnamedThing(
+            each.number,
+            each.thing,
+            None if each.size is None else point(each.size),
+            each.surface,
+            [NearThing(near.thing, near.name) for near in each.neighbors],
+            [
+                ToldName(told.name, round(told.probability, 3), [one.source for one in told.said_by])
+                for told in each.suggestions
+            ],
+        )
+        for each in sheet.things
+    ]
+    return sheet.picture, UnnamedThings(shown.id, unit_of(shown), things, list(sheet.unseen), sheet.next_page_token)
+
+
+def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model: str, scene: str) -> Suggested:
+    """A new version of the scene in which these names are suggested: no thing bears them until a person says so.
+
+    Args:
+        client: whom to ask.
+        names: 1 to 1,000; they replace what the source said of these things before.
+        source: who says so.
+        model: of the source; "" where it is not told.
+        scene: id or name; "" for the only one.
+    """
+    shown = resolve_scene(client, scene)
+    told = [
+        SuggestedName(each.thing, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
+    ]
+    made = client.suggest_names(shown.id, told)
+    return Suggested(shown.id, len(told), made.version)
