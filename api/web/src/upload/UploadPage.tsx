@@ -151,7 +151,7 @@ export function UploadPage({ onCreated }: { onCreated?: (operation: Operation) =
             ))}
           </select>
         </label>
-        <Estimate files={files} checks={checks} preset={preset} />
+        {status && !problem && <Estimate files={files} checks={checks} preset={preset} />}
         <WithholdPeople />
         {sent && (
           <div class="sending">
