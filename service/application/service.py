@@ -80,41 +80,46 @@ class SceneService:
     """
 
     def __init__(self, store: Store, settings: Settings, admit: Admit | None = None) -> None:
-        self.project = DEFAULT_PROJECT
-        self._store = store.in_project(self.project)
         self._settings = settings
         self._check_files = admit or admit_upload
         self._validating = ValidationSlots()
         self._memory = MemoryBudget(settings.calls, machine_bytes())
-        self._scenes = OpenScenes(self._store, settings, self._memory)
-        self.known_names = KnownNames(self._store, settings)
-        self.answers = Answers(self._store, settings, self._scenes, self._memory, self.known_names)
-        """Questions, pictures and files of finished scenes."""
-        self.exports = Exports(self._store, self._scenes, self._memory)
-        """Finished scenes as files for other programs."""
-        self.detections = Detections(settings, self._scenes, self.known_names)
         self._prompted = PromptedEdits(settings, self._memory)
-        self.versions = Versions(self._store, settings, self._scenes, self._memory, self._prompted)
-        """Edits of finished scenes."""
-        self.localizing = Localizing(self._store, settings, self._scenes, self._memory)
-        self.photos = Photos(self._store, settings, self._scenes, self._memory, self.known_names)
-        """Photos of finished scenes, and which cameras show a thing best."""
-        self.sheets = ThingSheets(self._store, settings, self._scenes, self._memory, self.known_names)
-        self.keys = ProjectKeys(self._store, settings, self.project)
-        self.jobs = RunningJobs(self._store, settings)
-        """What jobs show of their scenes while they run."""
+        self._quotas = Quotas(store.quota_usage, settings.quotas)
         self.estimates = JobEstimates(settings)
         """How long jobs would take."""
-        self._quotas = Quotas(store.quota_usage, settings.quotas)
-        self.training = FurtherTraining(self._store, settings, self._scenes, self._quotas, self.project)
-        """Finished scenes trained further."""
         files = settings.uploads
         self.resumable = ResumableUploads(
             store.blobs, settings.capture.max_upload_bytes, files.expiry_s, self._quotas, files.min_free_bytes
         )
         """Files that come in pieces, to be adopted by an upload once they are whole."""
-        self.admin = Admin(store, settings, self._scenes.count)
+        mine = store.in_project(DEFAULT_PROJECT)
+        scenes = OpenScenes(mine, settings, self._memory)
+        self.known_names = KnownNames(mine, settings)
+        self.exports = Exports(mine, scenes, self._memory)
+        """Finished scenes as files for other programs."""
+        self.localizing = Localizing(mine, settings, scenes, self._memory)
+        self.admin = Admin(store, settings, scenes.count)
         """What those who run the service ask of it."""
+        self._bind(DEFAULT_PROJECT, mine, scenes)
+
+    def _bind(self, project: str, store: Store, scenes: OpenScenes) -> None:
+        """Make each part that belongs to one project; what keeps something open over projects is there already."""
+        settings, memory = self._settings, self._memory
+        self.project, self._store, self._scenes = project, store, scenes
+        self.answers = Answers(store, settings, scenes, memory, self.known_names)
+        """Questions, pictures and files of finished scenes."""
+        self.detections = Detections(settings, scenes, self.known_names)
+        self.versions = Versions(store, settings, scenes, memory, self._prompted)
+        """Edits of finished scenes."""
+        self.photos = Photos(store, settings, scenes, memory, self.known_names)
+        """Photos of finished scenes, and which cameras show a thing best."""
+        self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
+        self.keys = ProjectKeys(store, settings, project)
+        self.jobs = RunningJobs(store, settings)
+        """What jobs show of their scenes while they run."""
+        self.training = FurtherTraining(store, settings, scenes, self._quotas, project)
+        """Finished scenes trained further."""
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,
@@ -122,20 +127,12 @@ class SceneService:
         if (project, scene_id) == (self.project, self._store.only_scene):
             return self
         other = copy.copy(self)
-        other.project = project
-        other._store = self._store.in_project(project, scene_id)
-        other._scenes = self._scenes.over(other._store)
-        other.known_names = self.known_names.over(other._store)
-        other.answers = Answers(other._store, self._settings, other._scenes, self._memory, other.known_names)
-        other.exports = self.exports.over(other._store, other._scenes)
-        other.detections = Detections(self._settings, other._scenes, other.known_names)
-        other.versions = Versions(other._store, self._settings, other._scenes, self._memory, self._prompted)
-        other.photos = Photos(other._store, self._settings, other._scenes, self._memory, other.known_names)
-        other.sheets = ThingSheets(other._store, self._settings, other._scenes, self._memory, other.known_names)
-        other.localizing = self.localizing.over(other._store, other._scenes)
-        other.jobs = RunningJobs(other._store, self._settings)
-        other.training = FurtherTraining(other._store, self._settings, other._scenes, self._quotas, project)
-        other.keys = ProjectKeys(other._store, self._settings, project)
+        store = self._store.in_project(project, scene_id)
+        scenes = self._scenes.over(store)
+        other.known_names = self.known_names.over(store)
+        other.exports = self.exports.over(store, scenes)
+        other.localizing = self.localizing.over(store, scenes)
+        other._bind(project, store, scenes)
         return other
 
     def __enter__(self) -> Self:
