@@ -27,7 +27,7 @@ from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
-from fastsplat.service.perception.early_look import EarlyLook
+from fastsplat.service.perception.early_look import ShowEarly
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -150,7 +150,7 @@ def label_views(
     progress: Progress = silent,
     *,
     time_budget_s: float | None = None,
-    early: EarlyLook | None = None,
+    early: ShowEarly | None = None,
 ) -> LabelledViews:
     """Label maps of the capture's views, from the capture itself or from detection.
 
