@@ -133,6 +133,8 @@ known_names = Table(
     Column("named_at", Double, nullable=False),
     Column("appearance", LargeBinary, nullable=False),
     Column("picture", LargeBinary, nullable=False),
+    # What sources of suggestions had said of it: [source, probability, right] of each.
+    Column("said", JSON, nullable=False, default=list, server_default="[]"),
     Index("known_names_of_version", "scene_id", "version"),
 )
 
