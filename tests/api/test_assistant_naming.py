@@ -21,6 +21,7 @@ from PIL import Image
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
+from fastsplat_contract.errors import PermissionDeniedError
 from fastsplat_contract.scenes import Edit
 from tests.api.clients import client_of
 from tests.api.guarded import Guarded
@@ -153,6 +154,24 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
         refusal = _refusal(_call(guarded, "editor", "suggest_names", **(arguments | {"names": [wrong]})))
         assert "INVALID_INPUT" in refusal and f"names.0.{field}" in refusal
     assert guarded.service.get_scene(scene_id).version == version
+
+
+def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
+    guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))])
+    said = _said(_call(guarded, "suggester", "unnamed_things", scene=scene_id))
+    assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
+    arguments = {"names": [{"thing": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
+    assert _said(_call(guarded, "suggester", "suggest_names", **arguments))["suggested"] == 1
+    for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
+        assert "PERMISSION_DENIED" in _refusal(_call(guarded, "suggester", tool, **more))
+    with client_of(guarded.faces, key=guarded.keys["suggester"]) as client:
+        status = client.server_status()
+        assert (status.role, status.models, status.quotas, status.addresses) == ("suggester", (), (), ())
+        with pytest.raises(PermissionDeniedError):
+            client.confirm_names(scene_id)
+        with pytest.raises(PermissionDeniedError):
+            client.name_things(scene_id, 1, "moon")
 
 
 def _shown(client: Client, scene_id: str) -> list[int]:

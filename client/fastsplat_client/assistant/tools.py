@@ -91,6 +91,12 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     )
 
 
+def resolve_id(client: Client, scene: str) -> str:
+    """The id of the scene of that id or name, as `resolve_scene`; an id is taken as it is, for callers that may not
+    look at scenes."""
+    return scene if _ID.fullmatch(scene) else resolve_scene(client, scene).id
+
+
 def list_scenes(client: Client) -> Scenes:
     """The scenes of the project, newest first."""
     every = list(client.scenes())
