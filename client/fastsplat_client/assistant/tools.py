@@ -60,7 +60,7 @@ _MOST_IDS = 500
 _MOST_CHARS = 80
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
-_ID = re.compile("[0-9a-f]{32}")
+SCENE_ID = re.compile("[0-9a-f]{32}")
 
 
 def resolve_scene(client: Client, scene: str) -> Scene:
@@ -70,7 +70,7 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     Raises:
         InvalidInputError: none, or several, fit.
     """
-    if _ID.fullmatch(scene):
+    if SCENE_ID.fullmatch(scene):
         with suppress(NotFoundError):
             return client.scene(scene)
     listed: list[SceneSummary] = []
@@ -89,12 +89,6 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     raise InvalidInputError(
         what, field="scene", hint=f"Name one by its id: {names}." if names else "Make a scene first."
     )
-
-
-def resolve_id(client: Client, scene: str) -> str:
-    """The id of the scene of that id or name, as `resolve_scene`; an id is taken as it is, for callers that may not
-    look at scenes."""
-    return scene if _ID.fullmatch(scene) else resolve_scene(client, scene).id
 
 
 def list_scenes(client: Client) -> Scenes:
