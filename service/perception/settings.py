@@ -58,6 +58,8 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     lexicon: str = "wordnet"
     """Stands beside the text encoder in judging what a question and a name have to do with each other. Empty, or where
     it was never fetched: the encoder judges alone; answers say so in `method`, and the server's status names it."""
+    reader: str = "ppocr_v6_small"
+    """Reads what is written on things. Empty, or where it was never fetched: only printed codes are read."""
     closed_set_detector: str = "picodet_416"
     """Detects objects of a fixed list of classes."""
     open_set_detector: str = ""
