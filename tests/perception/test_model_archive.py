@@ -180,7 +180,7 @@ def test_a_model_without_a_known_digest_is_tried_out(models: Path, manifest: Pat
 @pytest.mark.parametrize("cut", [0, 10, -30])
 def test_an_archive_that_is_not_whole_is_said_to_be(manifest: Path, archive: Path, tmp_path: Path, cut: int) -> None:
     archive.write_bytes(archive.read_bytes()[:cut])
-    with pytest.raises(InvalidInputError, match="not whole|no list") as caught:
+    with pytest.raises(InvalidInputError, match=r"not whole|no list") as caught:
         unpack(archive, tmp_path / "there", report=lambda step: None, manifest=manifest)
     assert caught.value.field == "archive"
 
