@@ -42,6 +42,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.operations import Movers, Privacy, UpAxis
@@ -134,8 +135,10 @@ def build_views(
         exclude: as for `build_capture`.
 
     Raises:
+        ModelUnavailableError: the device of the training is not there, said before anything else is done.
         FastSplatError: as `build_capture`, `open_withholding` and `render_views`.
     """
+    device_of(settings.training.backend)
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
         return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding, exclude)
@@ -224,10 +227,11 @@ def build_scene(
         progress: hears of every stage; may raise `CancelledError`.
 
     Raises:
-        ModelUnavailableError: the text encoder, or the segmenter that discovery needs, is missing, said before anything
-            else is done.
+        ModelUnavailableError: the device of the training, the text encoder, or the segmenter that discovery needs, is
+            missing, said before anything else is done.
         FastSplatError: whatever the stages raise.
     """
+    device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
     if settings.discovery.things == "on":
         open_segmenter(settings.perception, settings.models)
