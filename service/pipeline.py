@@ -1,8 +1,6 @@
 """Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
 
-A splat of another tool takes the same way: pictures are rendered around one that came without posed photos, and labels
-are lifted onto its Gaussians in place of training.
-
+Around a splat of another tool pictures are rendered where it has none, and labels are lifted onto it, not trained.
 A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
 benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
@@ -135,14 +133,13 @@ def build_views(
         exclude: as for `build_capture`.
 
     Raises:
-        ModelUnavailableError: the device of the training is not there, said before anything else is done.
-        FastSplatError: as `build_capture`, `open_withholding` and `render_views`.
+        FastSplatError: the training's device is missing, said before all else; as `build_capture`, `open_withholding` and `render_views`.
     """
-    device_of(settings.training.backend)
+    backend = settings.training.backend
+    device_of(backend)
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
         return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding, exclude)
-    backend = settings.training.backend
     return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
 
 
@@ -227,8 +224,7 @@ def build_scene(
         progress: hears of every stage; may raise `CancelledError`.
 
     Raises:
-        ModelUnavailableError: the device of the training, the text encoder, or the segmenter that discovery needs, is
-            missing, said before anything else is done.
+        ModelUnavailableError: the training's device or a model that is needed is missing, said before all else.
         FastSplatError: whatever the stages raise.
     """
     device_of(settings.training.backend)
