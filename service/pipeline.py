@@ -133,7 +133,7 @@ def build_views(
         exclude: as for `build_capture`.
 
     Raises:
-        FastSplatError: the training's device is missing, said before all else; as `build_capture`, `open_withholding` and `render_views`.
+        FastSplatError: the device is missing, said first; as `build_capture`, `open_withholding`, `render_views`.
     """
     backend = settings.training.backend
     device_of(backend)
