@@ -81,20 +81,44 @@ def suggest(
 def ask_namer(
     session: Session,
     scene: SceneId,
-    url: Annotated[str, typer.Argument(help="Of its OpenAI-compatible interface, e.g. http://localhost:11434/v1.")],
-    model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")],
+    url: Annotated[
+        str,
+        typer.Argument(
+            help="Of a model's OpenAI-compatible interface, e.g. http://localhost:11434/v1, to which pictures go from "
+            "here; left out: the server's own namer is asked."
+        ),
+    ] = "",
+    model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")] = "",
     namer_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
+    agree: Annotated[
+        str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's namer.")
+    ] = "",
 ) -> None:
-    """Suggest names that a model of yours sees; pictures of things without a name go to its address, from here."""
+    """Suggest names that a model sees in pictures of the things without a name; they go to its host."""
     from fastsplat_client.namer import Namer, suggest_by
 
+    if not url:
+        if agree:
+            session.client.agree_to_namer(agree)
+        told = session.client.ask_namer(session.scene(scene))
+        session.tell(told, _asked(told.suggested, told.shown, told.refused, "the server's namer"))
+        _tell_problem(session, told.problem)
+        return
     namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
     said = suggest_by(session.client, session.scene(scene), namer)
-    lines = [f"{len(said.names)} names suggested for {said.shown} things by {namer.model} at {namer.host}"]
-    lines += [f"{said.refused} refused: unusable, or the same for too many things"] if said.refused else []
-    session.tell(SuggestIn(said.names), "\n".join(lines))
-    if said.problem and not session.as_json:
-        typer.echo(f"not all things were asked about: {said.problem}", err=True)
+    asked = _asked(len(said.names), said.shown, said.refused, f"{namer.model} at {namer.host}")
+    session.tell(SuggestIn(said.names), asked)
+    _tell_problem(session, said.problem)
+
+
+def _asked(names: int, shown: int, refused: int, who: str) -> str:
+    told = f"{names} names suggested for {shown} things by {who}"
+    return f"{told}\n{refused} refused: unusable, or the same for too many things" if refused else told
+
+
+def _tell_problem(session: Session, problem: str) -> None:
+    if problem and not session.as_json:
+        typer.echo(f"not all things were asked about: {problem}", err=True)
 
 
 @service_command(things_app)

@@ -19,8 +19,7 @@ from urllib.parse import urlsplit
 import httpx
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastsplat_client.errors import UnreachableError
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, PermissionDeniedError
+from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.thing_sheets import ThingSheet
 
@@ -64,13 +63,6 @@ _SCHEMA: Mapping[str, Any] = {
     "required": ["names"],
     "additionalProperties": False,
 }
-
-
-class NamerError(FastSplatError):
-    """A namer that answers no sheet, or with something else than was asked for."""
-
-    kind = UnreachableError.kind
-    reason = "NAMER_FAILED"
 
 
 @dataclass(frozen=True)
@@ -159,8 +151,7 @@ def ask_namer(namer: Namer, sheets: Iterable[ThingSheet]) -> NamedSheets:
         sheets: of one scene; each is fetched as it is needed.
 
     Raises:
-        NamerError: it answered no sheet at all, or a redirect.
-        PermissionDeniedError: it refuses the key.
+        NamerError: it refused the key, or answered no sheet at all.
         FastSplatError: whatever `sheets` raises.
     """
     ends = time.monotonic() + namer.total_s
@@ -238,7 +229,7 @@ def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -
     with http.stream("POST", url, json=_request(namer, sheet), headers=headers, timeout=seconds) as response:
         status = response.status_code
         if status in (401, 403):
-            raise PermissionDeniedError(f"the namer at {namer.host} refuses the key", field="key")
+            raise NamerError(f"the namer at {namer.host} refuses the key", field="key")
         if status in _AGAIN or status >= 500:
             raise _AgainError(f"status {status}")
         content = b""

@@ -21,6 +21,7 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKey
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.operations import JobEstimate, Operation, OperationList
@@ -29,6 +30,7 @@ from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
+    AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
     DeleteKnownNameRequest,
@@ -142,6 +144,11 @@ SUGGEST_NAMES = Call(
     f"POST {_SCENE}/name-suggestions",
     "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
+ASK_NAMER = Call(
+    "AskNamer", "scenes", AskNamerRequest, NamerResult, EDIT, f"POST {_SCENE}:askNamer",
+    "Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.\n"
+    "Refused where the server has none, and before the project agreed to its host; minutes may pass.",
+    repeatable=False)
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
@@ -286,6 +293,11 @@ ESTIMATE_JOB = Call(
 GET_SERVER_STATUS = Call(
     "GetServerStatus", "server", NoneType, ServerStatus, READ._replace(also=APART), "GET /v1/server/status",
     "What the server can do, and how much room the project has left, as the caller may know it.")
+
+AGREE_TO_NAMER = Call(
+    "AgreeToNamer", "server", AgreeIn, NamerStatus, ADMIN, "POST /v1/namer:agree",
+    "Agree, once for the project, that pictures of its things without a name go to the host of the server's namer\n"
+    "when somebody asks it; or take that back.")
 
 LIST_PROJECTS = Call(
     "ListProjects", "server", NoneType, ProjectList, OPERATE, "GET /v1/projects",

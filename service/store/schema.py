@@ -32,6 +32,8 @@ projects = Table(
     metadata,
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
+    # The host of a namer to which pictures of its things may go; "": none.
+    Column("namer_host", String(300), nullable=False, default="", server_default=""),
 )
 
 scenes = Table(

@@ -56,7 +56,8 @@ _LOOKING = re.compile(
 
 def _least_role(name: str) -> str | None:
     """What a call should need, by what it does: what is looked at needs a reader, what changes something an editor,
-    what deletes it for ever, keys, and what a trainer wrote, an admin; what is of the server, an operator."""
+    what deletes it for ever or lets pictures go elsewhere, keys, and what a trainer wrote, an admin; what is of the
+    server, an operator."""
     if name in _OPEN:
         return None
     if name.startswith("/"):
@@ -65,13 +66,17 @@ def _least_role(name: str) -> str | None:
             return "editor"
         if "Project" in rpc:
             return "operator"
-        if rpc.startswith("Delete") or rpc.endswith(("Key", "Keys", "Log")):
+        if rpc.startswith(("Delete", "Agree")) or rpc.endswith(("Key", "Keys", "Log")):
             return "admin"
         return "reader" if _LOOKING.match(rpc) or rpc == "ServerReflectionInfo" else "editor"
     method, path = name.split(" ")
     if path == "/v1/projects":
         return "operator"
-    if path.startswith("/v1/keys") or path.endswith("/log") or (method == "DELETE" and "/uploads" not in path):
+    if (
+        path.startswith(("/v1/keys", "/v1/namer"))
+        or path.endswith("/log")
+        or (method == "DELETE" and "/uploads" not in path)
+    ):
         return "admin"
     if path == "/v1/uploads/{upload_id}":
         return "editor"
@@ -181,8 +186,9 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         error = guarded.call(name, caller, guarded.shared)
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
-    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up
+    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer
         expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
+        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer"), "FAILED_PRECONDITION")
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
         assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal")
     if "suggester" in rule.also:

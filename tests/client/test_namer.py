@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from fastsplat_client.namer import MAX_REQUESTS, Namer, NamerError, ask_namer
-from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
+from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
+from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from tests.client.replay_namer import named, replayed
@@ -130,7 +130,7 @@ def test_a_redirect_is_not_followed(scripted_namer: Scripted) -> None:
 
 def test_a_refused_key_is_asked_with_once(scripted_namer: Scripted) -> None:
     scripted_namer.script = [(401, {}, b"")]
-    with pytest.raises(PermissionDeniedError) as raised:
+    with pytest.raises(NamerError) as raised:
         ask_namer(Namer(scripted_namer.url, "eyes", "old"), [_sheet(1)])
     assert raised.value.field == "key"
 

@@ -4180,6 +4180,66 @@ class SuggestNamesRequest(_message.Message):
 Global___SuggestNamesRequest: _TypeAlias = SuggestNamesRequest  # noqa: Y015
 
 @_typing.final
+class AskNamerRequest(_message.Message):
+    """The server's namer shall say what the things of which scene are."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AskNamerRequest: _TypeAlias = AskNamerRequest  # noqa: Y015
+
+@_typing.final
+class NamerResult(_message.Message):
+    """What the namer said of the things of a scene that had no name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SUGGESTED_FIELD_NUMBER: _builtins.int
+    SHOWN_FIELD_NUMBER: _builtins.int
+    REFUSED_FIELD_NUMBER: _builtins.int
+    PROBLEM_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    suggested: _builtins.int
+    """names that are suggested now, at most one for a thing"""
+    shown: _builtins.int
+    """things that its pictures showed"""
+    refused: _builtins.int
+    """names that were left out: unusable, of no thing shown, or the same for too many things"""
+    problem: _builtins.str
+    """why things were not asked about; empty if all were"""
+    version: _builtins.str
+    """the scene's current one, which has the suggestions"""
+    def __init__(
+        self,
+        *,
+        suggested: _builtins.int = ...,
+        shown: _builtins.int = ...,
+        refused: _builtins.int = ...,
+        problem: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["problem", b"problem", "refused", b"refused", "shown", b"shown", "suggested", b"suggested", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NamerResult: _TypeAlias = NamerResult  # noqa: Y015
+
+@_typing.final
 class AlignSceneRequest(_message.Message):
     """A new version of a scene in the frame of a map."""
 
@@ -6992,6 +7052,7 @@ class ServerStatus(_message.Message):
     MAX_UPLOAD_BYTES_FIELD_NUMBER: _builtins.int
     MAX_IMAGES_FIELD_NUMBER: _builtins.int
     ADDRESSES_FIELD_NUMBER: _builtins.int
+    NAMER_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """the release that runs"""
     project: _builtins.str
@@ -7028,6 +7089,10 @@ class ServerStatus(_message.Message):
         and for a server that listens on its own machine alone
         """
 
+    @_builtins.property
+    def namer(self) -> Global___NamerStatus:
+        """absent where the settings name none, for readers, and for keys that do one thing"""
+
     def __init__(
         self,
         *,
@@ -7044,10 +7109,11 @@ class ServerStatus(_message.Message):
         max_upload_bytes: _builtins.int = ...,
         max_images: _builtins.int = ...,
         addresses: _abc.Iterable[_builtins.str] | None = ...,
+        namer: Global___NamerStatus | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at", "namer", b"namer"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "namer", b"namer", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -7121,6 +7187,58 @@ class QuotaStatus(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__limit) -> _WhichOneofReturnType__limit | None: ...
 
 Global___QuotaStatus: _TypeAlias = QuotaStatus  # noqa: Y015
+
+@_typing.final
+class NamerStatus(_message.Message):
+    """The namer that a server's settings name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HOST_FIELD_NUMBER: _builtins.int
+    MODEL_FIELD_NUMBER: _builtins.int
+    AGREED_FIELD_NUMBER: _builtins.int
+    host: _builtins.str
+    """where pictures of things without a name would go: host, and port if given"""
+    model: _builtins.str
+    """as the host calls it; also the source of what it suggests"""
+    agreed: _builtins.bool
+    """whether the project agreed to this host; nothing is sent before"""
+    def __init__(
+        self,
+        *,
+        host: _builtins.str = ...,
+        model: _builtins.str = ...,
+        agreed: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["agreed", b"agreed", "host", b"host", "model", b"model"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NamerStatus: _TypeAlias = NamerStatus  # noqa: Y015
+
+@_typing.final
+class AgreeToNamerRequest(_message.Message):
+    """Whether pictures of a project's things may go to the server's namer."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HOST_FIELD_NUMBER: _builtins.int
+    host: _builtins.str
+    """of the server's namer, as GetServerStatus tells it; empty: the agreement is taken back"""
+    def __init__(
+        self,
+        *,
+        host: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["host", b"host"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AgreeToNamerRequest: _TypeAlias = AgreeToNamerRequest  # noqa: Y015
 
 @_typing.final
 class ListProjectsResponse(_message.Message):

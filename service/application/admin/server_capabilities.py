@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import get_args
 
+from fastsplat.service.application.admin.namer_agreement import namer_status
 from fastsplat.service.application.admin.project_keys import as_key
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
@@ -62,6 +63,7 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         ),
         max_upload_bytes=settings.capture.max_upload_bytes,
         max_images=settings.capture.max_images,
+        namer=None if role in (*APART, "reader") else namer_status(store, settings, project),
         addresses=() if role in (*APART, "reader") else page_addresses(settings),
     )
 
