@@ -17,7 +17,7 @@ PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constrai
 # come first.
 TESTS := $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
-.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures
+.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures first-gpu
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -97,6 +97,11 @@ docker-check: setup  ## build and run the images in a clean Debian, without Dock
 
 bench: setup  ## run the benchmark NAME=..., with ARGS="..."; without a name the list
 	$(BIN)/python -m benchmarks $(NAME) $(ARGS)
+
+# The tests that a GPU alone can run come last: what they say is a yes or no, and a lent GPU may be gone by then.
+first-gpu: setup  ## on a machine with an NVIDIA GPU: kernels, parity with the CPU, joint against RGB-only training; into build/first-gpu
+	DRAFT=build/first-gpu $(BIN)/python -m benchmarks gpu --rounds 20 $(ARGS)
+	$(BIN)/pytest --numprocesses 0 tests/splatting/raster/test_raster_cuda.py tests/splatting/train/test_train_backends.py
 
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture

@@ -22,6 +22,7 @@ _MADE = (
     ".venv",
     ".models/",
     "api/web/dist/",
+    "build/",
     "demo-output/",
     "fastsplat-data",
     "benchmarks/results/",

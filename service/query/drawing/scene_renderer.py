@@ -68,7 +68,8 @@ class Renderer:
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
-        return np.asarray(self._label(posed, self._means.new_zeros(len(self._means), 0), None).classes, dtype=np.uint16)
+        drawn = self._label(posed, self._means.new_zeros(len(self._means), 0), None)
+        return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable thing of each pixel, 0 for none or where alpha is below `alpha_min`.
