@@ -54,34 +54,34 @@ class ChangedPiece:
 
 
 def changed_pieces(
-    comparisons: Sequence[Comparison], found: Sequence[tuple[Bools, Bools]], place: F64
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64
 ) -> tuple[ChangedPiece, ...]:
     """Pieces of space that are changed in three of four photos that see them, at least two, as a visual hull is carved
     (Laurentini 1994); only before the scene's surfaces, or on them.
 
     Args:
         comparisons: of the photos.
-        found: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
+        differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
         place: float64 [2, 3], which space.
     """
     width = float((place[1] - place[0]).max() / _CELLS)
     pieces = []
-    for rough, _ in _carved(comparisons, found, place, width, wide=True)[:_MOST_PIECES]:
+    for rough, _ in _carved(comparisons, differing, place, width, wide=True)[:_MOST_PIECES]:
         around = rough + np.array([[-width], [width]])
-        fine = _carved(comparisons, found, around, width / _FINER, wide=False)
+        fine = _carved(comparisons, differing, around, width / _FINER, wide=False)
         own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
-        piece = _piece(comparisons, found, np.concatenate(own), width / _FINER) if own else None
+        piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
         pieces += [] if piece is None else [piece]
     return tuple(_unexplained(pieces, len(comparisons)))
 
 
 def _carved(
-    comparisons: Sequence[Comparison], found: Sequence[tuple[Bools, Bools]], place: F64, width: float, *, wide: bool
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, width: float, *, wide: bool
 ) -> list[tuple[F64, F64]]:
     """Box and centers of each piece of touching cubes, the largest first.
 
     Args:
-        comparisons, found: as for `changed_pieces`.
+        comparisons, differing: as for `changed_pieces`.
         place: float64 [2, 3].
         width: of a cube.
         wide: whether a cube counts as changed where any of its picture is, or where its middle is.
@@ -91,7 +91,7 @@ def _carved(
     axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
     centers = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
     seen, changed = np.zeros((2, len(centers)), np.int32)
-    for comparison, (differs, unknown) in zip(comparisons, found, strict=True):
+    for comparison, (differs, unknown) in zip(comparisons, differing, strict=True):
         rows, pixels, depth = projected(comparison.posed, centers)
         if not len(rows):
             continue
@@ -114,11 +114,11 @@ def _carved(
 
 
 def _piece(
-    comparisons: Sequence[Comparison], found: Sequence[tuple[Bools, Bools]], points: F64, width: float
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], points: F64, width: float
 ) -> ChangedPiece | None:
     """The piece of some cubes; None where fewer than two photos show enough of it."""
     views, own, shares = [], [], []
-    for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, found, strict=True)):
+    for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
         _, pixels, _ = projected(comparison.posed, points)
         covered = np.zeros(differs.shape, np.bool_)
         covered.ravel()[pixels] = True
