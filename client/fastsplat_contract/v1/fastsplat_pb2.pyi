@@ -925,6 +925,27 @@ DIFFERENCE_KIND_MISSING: DifferenceKind.ValueType  # 2
 DIFFERENCE_KIND_CHANGED: DifferenceKind.ValueType  # 3
 Global___DifferenceKind: _TypeAlias = DifferenceKind  # noqa: Y015
 
+class _ChangeKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ChangeKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ChangeKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    CHANGE_KIND_UNSPECIFIED: _ChangeKind.ValueType  # 0
+    CHANGE_KIND_GONE: _ChangeKind.ValueType  # 1
+    CHANGE_KIND_MOVED: _ChangeKind.ValueType  # 2
+    CHANGE_KIND_NEW: _ChangeKind.ValueType  # 3
+    CHANGE_KIND_CHANGED: _ChangeKind.ValueType  # 4
+
+class ChangeKind(_ChangeKind, metaclass=_ChangeKindEnumTypeWrapper): ...
+
+CHANGE_KIND_UNSPECIFIED: ChangeKind.ValueType  # 0
+CHANGE_KIND_GONE: ChangeKind.ValueType  # 1
+CHANGE_KIND_MOVED: ChangeKind.ValueType  # 2
+CHANGE_KIND_NEW: ChangeKind.ValueType  # 3
+CHANGE_KIND_CHANGED: ChangeKind.ValueType  # 4
+Global___ChangeKind: _TypeAlias = ChangeKind  # noqa: Y015
+
 class _Role:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -6241,6 +6262,8 @@ class Localization(_message.Message):
     PHOTOS_FIELD_NUMBER: _builtins.int
     METERS_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
+    CHANGES_FIELD_NUMBER: _builtins.int
+    LOOKED_AT_FIELD_NUMBER: _builtins.int
     meters: _builtins.bool
     """whether a scene unit is a meter"""
     version: _builtins.str
@@ -6249,16 +6272,26 @@ class Localization(_message.Message):
     def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___LocalizedPhoto]:
         """in the order of the request"""
 
+    @_builtins.property
+    def changes(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneChange]:
+        """since the scene was made, the surest first; of two photos with a place at least"""
+
+    @_builtins.property
+    def looked_at(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that two photos should show: of the others these photos say nothing"""
+
     def __init__(
         self,
         *,
         photos: _abc.Iterable[Global___LocalizedPhoto] | None = ...,
         meters: _builtins.bool = ...,
         version: _builtins.str = ...,
+        changes: _abc.Iterable[Global___SceneChange] | None = ...,
+        looked_at: _abc.Iterable[_builtins.int] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["meters", b"meters", "photos", b"photos", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["changes", b"changes", "looked_at", b"looked_at", "meters", b"meters", "photos", b"photos", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -6321,7 +6354,7 @@ class LocalizedPhoto(_message.Message):
 
     @_builtins.property
     def differences(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoDifference]:
-        """where the photo does not show what the scene has, the largest first, at most 16"""
+        """the changes of the answer that this photo shows, where it shows them"""
 
     def __init__(
         self,
@@ -6396,7 +6429,7 @@ Global___ThingInView: _TypeAlias = ThingInView  # noqa: Y015
 
 @_typing.final
 class PhotoDifference(_message.Message):
-    """A region in which a photo does not show what the scene has."""
+    """A region in which a photo shows a change that another photo of the request agrees on."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -6404,9 +6437,9 @@ class PhotoDifference(_message.Message):
     BOX_FIELD_NUMBER: _builtins.int
     STRENGTH_FIELD_NUMBER: _builtins.int
     kind: Global___DifferenceKind.ValueType
-    """new: only the photo has an outline there; missing: only the scene has; changed: both have, or neither"""
+    """new: only the photo has something there; missing: only the scene has; changed: both have, but another"""
     strength: _builtins.float
-    """mean difference of the color beyond exposure, 0..1"""
+    """the probability of the change, 0..1"""
     @_builtins.property
     def box(self) -> Global___PixelBox:
         """in pixels of the photo"""
@@ -6425,6 +6458,68 @@ class PhotoDifference(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___PhotoDifference: _TypeAlias = PhotoDifference  # noqa: Y015
+
+@_typing.final
+class SceneChange(_message.Message):
+    """What is not as it was when the scene was made; at least two photos agree on it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    BEFORE_FIELD_NUMBER: _builtins.int
+    AFTER_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    SENTENCE_FIELD_NUMBER: _builtins.int
+    kind: Global___ChangeKind.ValueType
+    """gone: a thing is not where it was; moved: it is somewhere else now; new: something stands where nothing stood;
+    changed: something else stands where the thing was
+    """
+    thing_id: _builtins.int
+    """which thing of the scene; 0 for what is new"""
+    name: _builtins.str
+    """of the thing; empty without one, or for what is new"""
+    probability: _builtins.float
+    """that this changed, 0..1"""
+    distance: _builtins.float
+    """how far it moved, scene units; 0 for what did not"""
+    sentence: _builtins.str
+    """the same in words"""
+    @_builtins.property
+    def before(self) -> Global___Box:
+        """where it was; absent for what is new"""
+
+    @_builtins.property
+    def after(self) -> Global___Box:
+        """where it is; absent for what is gone"""
+
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """numbers of the photos that agree, from 0"""
+
+    def __init__(
+        self,
+        *,
+        kind: Global___ChangeKind.ValueType = ...,
+        thing_id: _builtins.int = ...,
+        name: _builtins.str = ...,
+        probability: _builtins.float = ...,
+        distance: _builtins.float = ...,
+        before: Global___Box | None = ...,
+        after: Global___Box | None = ...,
+        photos: _abc.Iterable[_builtins.int] | None = ...,
+        sentence: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["after", b"after", "before", b"before"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["after", b"after", "before", b"before", "distance", b"distance", "kind", b"kind", "name", b"name", "photos", b"photos", "probability", b"probability", "sentence", b"sentence", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneChange: _TypeAlias = SceneChange  # noqa: Y015
 
 @_typing.final
 class ListBestViewsRequest(_message.Message):
