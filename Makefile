@@ -49,10 +49,10 @@ models: $(VENV)/.product $(PAGE)  ## fetch and verify the default models
 	$(BIN)/fastsplat models pull
 
 demo: $(VENV)/.product  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
-	$(BIN)/python -m demo $(if $(PHOTOS),--photos "$(PHOTOS)")
+	$(BIN)/fastsplat demo --train $(if $(PHOTOS),--photos "$(PHOTOS)")
 
 look: page-can-be-built $(VENV)/.product $(PAGE)  ## the page with a trained scene, without keys: the sample's, or that of `make demo`
-	$(BIN)/python -m demo.look
+	$(BIN)/fastsplat demo
 
 page-can-be-built:
 	@test -f $(PAGE) || demo/check_machine.sh "$(PYTHON)" page
@@ -105,4 +105,4 @@ figures: setup  ## write the tables of figures in README and docs from benchmark
 	$(BIN)/python -m benchmarks.figure_tables
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output sample-scene site $(WEB)/dist $(WEB)/node_modules
+	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -78,6 +78,26 @@ def suggest(
 
 
 @service_command(things_app)
+def ask_namer(
+    session: Session,
+    scene: SceneId,
+    url: Annotated[str, typer.Argument(help="Of its OpenAI-compatible interface, e.g. http://localhost:11434/v1.")],
+    model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")],
+    namer_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
+) -> None:
+    """Suggest names that a model of yours sees; pictures of things without a name go to its address, from here."""
+    from fastsplat_client.namer import Namer, suggest_by
+
+    namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
+    said = suggest_by(session.client, session.scene(scene), namer)
+    lines = [f"{len(said.names)} names suggested for {said.shown} things by {namer.model} at {namer.host}"]
+    lines += [f"{said.refused} refused: unusable, or the same for too many things"] if said.refused else []
+    session.tell(SuggestIn(said.names), "\n".join(lines))
+    if said.problem and not session.as_json:
+        typer.echo(f"not all things were asked about: {said.problem}", err=True)
+
+
+@service_command(things_app)
 def confirm(
     session: Session,
     scene: SceneId,

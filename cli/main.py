@@ -22,6 +22,7 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
 from fastsplat.cli.ask_command import ask
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.check import check
+from fastsplat.cli.demo.command import demo
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
@@ -63,7 +64,7 @@ for _name, _group in {
 service_command(app)(ask)
 service_command(app)(status)
 service_command(app, json=False)(mcp)
-for _command in (train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
+for _command in (demo, train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
     app.command()(_command)
 
 

@@ -185,6 +185,7 @@ def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
         "picodet_416",
         "mobile_sam",
         "wordnet",
+        "ppocr_v6_small",
     }
     for entry in entries:
         assert entry.license in PERMISSIVE

@@ -937,6 +937,7 @@ class _RoleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Role.ValueType],
     ROLE_ADMIN: _Role.ValueType  # 3
     ROLE_OPERATOR: _Role.ValueType  # 4
     ROLE_UPLOADER: _Role.ValueType  # 5
+    ROLE_SUGGESTER: _Role.ValueType  # 6
 
 class Role(_Role, metaclass=_RoleEnumTypeWrapper): ...
 
@@ -946,6 +947,7 @@ ROLE_EDITOR: Role.ValueType  # 2
 ROLE_ADMIN: Role.ValueType  # 3
 ROLE_OPERATOR: Role.ValueType  # 4
 ROLE_UPLOADER: Role.ValueType  # 5
+ROLE_SUGGESTER: Role.ValueType  # 6
 Global___Role: _TypeAlias = Role  # noqa: Y015
 
 class _KeyState:
@@ -6645,8 +6647,9 @@ class CreateKeyRequest(_message.Message):
     name: _builtins.str
     """whose key it is, for people"""
     role: Global___Role.ValueType
-    """uploader: post one scene and watch its job; reader: query and view; editor: also create and change; admin: also
-    delete, and keys of the project; operator: all that in any project. At most the caller's own
+    """uploader: post one scene and watch its job; suggester: see things without a name and suggest names; reader: query
+    and view; editor: also create and change; admin: also delete, and keys of the project; operator: all that in any
+    project. At most the caller's own
     """
     lifetime_s: _builtins.float
     """seconds until it expires; absent: never"""

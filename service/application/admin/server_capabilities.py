@@ -16,6 +16,7 @@ from fastsplat.service.query.language.calibration import Score, calibration_for,
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
+from fastsplat_contract.call import APART
 from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.keys import Role
 from fastsplat_contract.server_status import ModelRole, ModelStatus, QuotaStatus, ServerStatus
@@ -48,12 +49,12 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         role=role,
         key_expires_at=None if key is None else key.expires_at,
         upload_operation="" if key is None else key.operation_id,
-        models=() if role == "uploader" else _models(settings),
+        models=() if role in APART else _models(settings),
         backend=settings.query.backend,
         training_backend=settings.training.backend,
         workers=sum(worker.heartbeat_at >= live_since for worker in store.workers.list_workers()),
         quotas=()
-        if role == "uploader"
+        if role in APART
         else (
             QuotaStatus("scenes", usage.scenes, quotas.scenes or None),
             QuotaStatus("bytes", usage.stored_bytes, quotas.stored_bytes or None),
@@ -61,7 +62,7 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         ),
         max_upload_bytes=settings.capture.max_upload_bytes,
         max_images=settings.capture.max_images,
-        addresses=() if role in ("uploader", "reader") else page_addresses(settings),
+        addresses=() if role in (*APART, "reader") else page_addresses(settings),
     )
 
 
