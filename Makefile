@@ -17,7 +17,7 @@ PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constrai
 # come first.
 TESTS := $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
-.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures first-gpu
+.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -91,6 +91,16 @@ stubs: setup  ## regenerate the types of the C++ extension
 
 protos: setup  ## write the .proto from the contract's types, and its Python
 	$(BIN)/python -m protos.generate
+
+# The C++ library goes into the extension, so that the wheel runs where it is older than here; what must be as new as
+# here is glibc alone, and auditwheel writes which one into the name.
+dist: setup page-can-be-built  ## wheels of the product and the client in dist/, and a check that they run without compiler and Node.js
+	$(PIP_INSTALL) $$($(BIN)/python docker/requirements.py release)
+	rm -rf dist build/wheels
+	LDFLAGS="-static-libstdc++ -Wl,--exclude-libs,ALL" $(BIN)/python -m build --wheel --outdir build/wheels .
+	$(BIN)/python -m build --wheel --outdir dist client
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --strip --wheel-dir dist build/wheels/fastsplat-*.whl
+	$(BIN)/python release/check_wheels.py dist
 
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py

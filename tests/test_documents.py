@@ -24,6 +24,7 @@ _MADE = (
     "api/web/dist/",
     "build/",
     "demo-output/",
+    "dist/",
     "fastsplat-data",
     "benchmarks/results/",
     "docker/secrets",
