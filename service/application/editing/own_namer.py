@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 
-from fastsplat.service.application.admin.namer_agreement import agree_to_namer, namer_status, the_namer
+from fastsplat.service.application.admin.server_capabilities import agree_to_namer, namer_status, the_namer
 from fastsplat.service.application.answering.thing_sheets import ThingSheets
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.common.cancellation import check_cancelled
