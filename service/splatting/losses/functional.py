@@ -74,7 +74,8 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
 
         if codes_image.shape[2] <= fused.MAX_CODE_SIZE:
             return _fused_semantic(codes_image, weight, bias, labels, class_weights)
-    if labels.numel() and (int(labels.max()) >= classes or int(labels.min()) < 0):
+    least, most = torch.stack(labels.aminmax()).tolist() if labels.numel() else (0, 0)
+    if least < 0 or most >= classes:
         raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
     if not _single(codes_image, weight, bias, class_weights):
         return torch_losses.semantic_loss(codes_image, weight, bias, labels, class_weights)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
 from torch import Tensor
 
@@ -10,18 +12,20 @@ SIGMA = 1.5
 C1 = 0.01**2
 C2 = 0.03**2
 LOGIT_LIMIT = 1e30
+_CPU = torch.device("cpu")
 
 
-def window(dtype: torch.dtype) -> Tensor:
-    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1."""
+@cache  # made anew for each step, it would be sent to the GPU each time
+def window(dtype: torch.dtype, device: torch.device = _CPU) -> Tensor:
+    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1. Not to be changed in place."""
     offsets = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
     weights = torch.exp(-0.5 * (offsets / SIGMA) ** 2)
-    return (weights / weights.sum()).to(dtype)
+    return (weights / weights.sum()).to(device, dtype)
 
 
 def _blur(image: Tensor) -> Tensor:
     """Separable window with zero padding; [B, 1, H, W] in and out."""
-    taps = window(image.dtype).to(image.device)
+    taps = window(image.dtype, image.device)
     image = torch.nn.functional.conv2d(image, taps.reshape(1, 1, 1, -1), padding=(0, WINDOW // 2))
     return torch.nn.functional.conv2d(image, taps.reshape(1, 1, -1, 1), padding=(WINDOW // 2, 0))
 
