@@ -42,6 +42,8 @@ class PerceptionOptions(Options):
     """Masks without a name count from this predicted intersection over union; see `mask_proposals`."""
     proposal_stability: float = Field(0.88, ge=0, le=1)
     """Masks without a name count from this stability score."""
+    reader: str = "ppocr_v6_small"
+    """Reads what is written on things. Empty, or where it was never fetched: only printed codes are read."""
     proposal_points: int = Field(24, ge=0)
     """Prompts in each of these views where no box and no mask explains the pixels, at most."""
 
@@ -58,8 +60,6 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     lexicon: str = "wordnet"
     """Stands beside the text encoder in judging what a question and a name have to do with each other. Empty, or where
     it was never fetched: the encoder judges alone; answers say so in `method`, and the server's status names it."""
-    reader: str = "ppocr_v6_small"
-    """Reads what is written on things. Empty, or where it was never fetched: only printed codes are read."""
     closed_set_detector: str = "picodet_416"
     """Detects objects of a fixed list of classes."""
     open_set_detector: str = ""
