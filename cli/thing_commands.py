@@ -43,6 +43,7 @@ def list_things(
         Column("name", "cut"),
         Column("source"),
         Column("suggestions", "cut"),
+        Column("says", "cut"),
         Column("Gaussians", right=True),
     )
     rows = [
@@ -51,6 +52,7 @@ def list_things(
             each.name,
             f"{_said_by(each)} {each.probability:.0%}" if each.source else each.surface,
             ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in each.suggestions),
+            _said_on(each),
             f"{each.gaussian_count:,}",
         )
         for each in things
@@ -200,9 +202,14 @@ def _said_by(thing: SceneThing) -> str:
     return "a guess," if thing.guess else str(thing.source)
 
 
+def _said_on(thing: SceneThing) -> str:
+    return " | ".join(read.text for read in thing.reads)
+
+
 def _picked(picked: PickedThing) -> str:
     maybe = ", ".join(f"{name} {probability:.0%}" for name, probability, *_ in picked.thing.suggestions)
-    lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else ""]
+    said = _said_on(picked.thing)
+    lines = [thing_name(picked.thing), f"maybe {maybe}" if maybe else "", f"says {said}" if said else ""]
     if picked.part is not None:
         lines.append(f"there its part: {thing_name(picked.part)}")
     for each in picked.levels:

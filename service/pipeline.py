@@ -20,10 +20,6 @@ from fastsplat.service.capture.sfm.placed_cameras import PlacedViews
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import Progress, ProgressEvent, silent
-from fastsplat.service.instances.scene_things import find_scene_things
-from fastsplat.service.instances.thing_appearances import with_appearances
-from fastsplat.service.perception.appearance import open_appearance_encoder
-from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.early_look import ShowEarly
 from fastsplat.service.perception.labelling import label_capture
@@ -34,7 +30,7 @@ from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import PresetName
 from fastsplat.service.planning.time_budget import clock_tradeoff, plan_perception, plan_training, with_tradeoffs
 from fastsplat.service.query.language.embeddings import embed_labels
-from fastsplat.service.scene.types import TAKEN_AT, Gaussians, Scene, SemanticHead, Things
+from fastsplat.service.scene.types import TAKEN_AT, Scene, SemanticHead
 from fastsplat.service.scene.upright import vertical_figures
 from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
@@ -43,11 +39,8 @@ from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
+from fastsplat.service.things_of_photos import THINGS_SHARE, find_things, is_private
 from fastsplat_contract.operations import Movers, Privacy, UpAxis
-
-_THINGS_SHARE = 0.3
-_LOOKING_SHARE = 0.9
-"""Of the export's progress, for discovery."""
 
 LabelSource = Literal["none", "given", "detected"]
 """Where a scene's labels come from: it has none, label maps came with the capture, models detected them."""
@@ -278,10 +271,10 @@ def assemble_scene(
     Raises:
         ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
     """
-    things, gaussians = _things(trained, labelling, capture, settings, progress)
+    things, gaussians = find_things(trained, labelling, capture, settings, progress)
     learnt = labelling.learnt() is labelling and (things is None or things.head is None)
     count, code = len(labelling.dictionary), gaussians.codes.shape[1]
-    progress(ProgressEvent("export", _THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
+    progress(ProgressEvent("export", THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     templates = settings.query.templates
     return Scene(
@@ -302,9 +295,7 @@ def assemble_scene(
 
 def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
     """When photos were taken, by name, if they say it; of none where no photo is to stay, or people are withheld."""
-    report = capture.report
-    private = report.withheld is not None and report.withheld.privacy is not None
-    if settings.photos.keep == "off" or private:
+    if is_private(capture, settings):
         return {}
     times = {view.posed.name: view.taken_at for view in capture.views if view.taken_at is not None}
     return {TAKEN_AT: times} if times else {}
@@ -313,37 +304,6 @@ def _photo_times(capture: Capture, settings: Settings) -> dict[str, Any]:
 def _searched(labelling: Labelling) -> dict[str, Any]:
     names = [entry.label for entry in labelling.dictionary.entries] if labelling.exact else labelling.searched
     return {} if names is None else {"searched_names": len(names), "searched_for": list(names)}
-
-
-def _things(
-    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
-) -> tuple[Things | None, Gaussians]:
-    """Discovered things, and the Gaussians with their codes; no things where the objects of given label maps are."""
-    looked_for, detected = labelling.masks, [regions.masks() for regions in labelling.regions]
-    if not detected and settings.discovery.things != "on":
-        return None, trained.gaussians
-
-    def tell(what: str, begin: float, end: float) -> Callable[[int, int], None]:
-        def on_view(done: int, total: int) -> None:
-            fraction = _THINGS_SHARE * (begin + (end - begin) * done / total)
-            progress(ProgressEvent("export", fraction, f"{what}, view {done}/{total}"))
-
-        return on_view
-
-    masks, begin = looked_for or detected, 0.0
-    if not masks:
-        looking, begin = tell("looking for things", 0, _LOOKING_SHARE), _LOOKING_SHARE
-        masks = propose_capture_masks(capture.views, settings.perception, settings.models, looking)
-    on_view, training, discovery = tell("discovering things", begin, 1.0), settings.training, settings.discovery
-    found = find_scene_things(trained.gaussians, capture, labelling, masks, discovery, on_view, training=training)
-    things, gaussians = found
-    if not things.table and not detected:
-        return None, trained.gaussians
-    look = discovery.things != "off"
-    if look and (encoder := open_appearance_encoder(settings.perception, settings.models)):
-        side, backend = settings.discovery.max_side, training.backend
-        things = with_appearances(things, gaussians, capture.views, encoder, side, backend=backend)
-    return things, gaussians
 
 
 def scene_quality(

@@ -50,6 +50,7 @@ from fastsplat_contract.thing_messages import (
     ThingList,
 )
 from fastsplat_contract.thing_prompts import ThingPrompt
+from fastsplat_contract.thing_reads import ThingRead
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 
 _POSTED = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
@@ -92,6 +93,7 @@ _UNNAMED = replace(
     source=None,
     probability=0.0,
     suggestions=_SUGGESTED,
+    reads=(ThingRead("text", "oat milk", 0.97, 3),),
 )
 NAMED_BY_NAMER = NamerResult(suggested=17, shown=20, refused=0, problem="", version=IDS["version"])
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")

@@ -65,6 +65,7 @@ from fastsplat_contract.scenes import (
 )
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, PickedThing, SceneThing
+from fastsplat_contract.thing_reads import ThingRead
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from fastsplat_contract.train_more_messages import TrainMoreResult
 
@@ -143,6 +144,7 @@ __all__ = [
     "StandingQuestion",
     "SuggestedName",
     "Support",
+    "ThingRead",
     "ThingSheet",
     "TrainMoreResult",
     "UnauthenticatedError",

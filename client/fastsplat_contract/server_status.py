@@ -12,7 +12,9 @@ from fastsplat_contract.keys import Role
 from fastsplat_contract.name_suggestions import NamerStatus
 from fastsplat_contract.wire import Int64, Many, Response
 
-ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
+ModelRole = Literal[
+    "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader"
+]
 ModelState = Literal["ready", "missing", "unset"]
 QuotaKind = Literal["scenes", "bytes", "jobs"]
 

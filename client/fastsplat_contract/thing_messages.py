@@ -15,6 +15,7 @@ from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.scenes import NextPageToken
 from fastsplat_contract.thing_prompts import Pixel as Pixel
 from fastsplat_contract.thing_prompts import PixelBox as PixelBox
+from fastsplat_contract.thing_reads import ThingRead
 from fastsplat_contract.wire import Base64, Int64, Many, OneOf, Request, Response, travels
 
 NameSource = Literal["given", "detected", "person"]
@@ -88,6 +89,10 @@ class SceneThing(Response):
             description="ids of the groups of things that it is in; where things are shown or taken away, a group's id "
             "stands for its members"
         ),
+    ] = ()
+    reads: Annotated[
+        Many[ThingRead],
+        Field(description="what photos show written on it, the surest first, at most 24"),
     ] = ()
 
 

@@ -21,12 +21,13 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 11
+SCHEMA = 12
 """Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
 confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
 no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
-what answers by a label mode. 10 had no groups of things, and did not say who suggests a name."""
+what answers by a label mode. 10 had no groups of things, and did not say who suggests a name. 11 did not
+say what is written on things."""
 
 _READABLE = range(1, SCHEMA + 1)
 

@@ -8,8 +8,10 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from fastsplat.service.scene.reads import MAX_READ_CHARS, MOST_READS
 from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing, ThingGroup
+from fastsplat_contract.thing_reads import ReadKind, ThingRead
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 _Words = Annotated[tuple[str, ...], Field(strict=False)]
@@ -18,6 +20,8 @@ _Told = Annotated[tuple[str, _Share, str, str, _Words], Field(strict=False)]
 _Suggestion = _Pair | _Told
 """Who says so is left out of what the scene's own models suggest."""
 
+_Line = Annotated[str, Field(min_length=1, max_length=MAX_READ_CHARS)]
+_Read = Annotated[tuple[ReadKind, _Line, _Share, Annotated[int, Field(ge=1)]], Field(strict=False)]
 _Cameras = Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(strict=False)]
 
 
@@ -50,6 +54,7 @@ class ThingRow(StrictRow):
     picture: _Base64 = ""
     proposed_in: _Cameras = ()
     missed_in: _Cameras = ()
+    reads: Annotated[tuple[_Read, ...], Field(strict=False, max_length=MOST_READS)] = ()
 
     @model_validator(mode="after")
     def _names_have_a_source(self) -> ThingRow:
@@ -115,12 +120,12 @@ class ThingsRow(StrictRow):
 
 
 def thing_row(thing: Thing) -> dict[str, Any]:
-    """A thing as JSON; bytes as base64. They, and numbers of cameras, are left out where there are none."""
+    """A thing as JSON; bytes as base64. They, numbers of cameras and reads are left out where there are none."""
     row = asdict(thing)
     for name in ("appearance", "picture"):
         if coded := base64.b64encode(row.pop(name)).decode():
             row[name] = coded
-    for name in ("proposed_in", "missed_in"):
+    for name in ("proposed_in", "missed_in", "reads"):
         if not row[name]:
             del row[name]
     row["suggestions"] = [tuple(each) if each.source else each[:2] for each in thing.suggestions]
@@ -131,7 +136,8 @@ def thing_of_row(row: ThingRow) -> Thing:
     """The thing that `thing_row` wrote."""
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     suggestions = tuple(Suggestion(*each) for each in row.suggestions)
-    return Thing(**{**vars(row), **decoded, "suggestions": suggestions})
+    reads = tuple(ThingRead(*each) for each in row.reads)
+    return Thing(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads})
 
 
 def group_of_row(row: GroupRow) -> ThingGroup:

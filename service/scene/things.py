@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
+from fastsplat.service.scene.reads import bounded_reads
 from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
@@ -87,8 +88,8 @@ def rename_thing(
 
 
 def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
-    """The scene in which several things are one, under the id and the name of the first; it has the parts of all, and
-    is in the groups of all that are left with two members.
+    """The scene in which several things are one, under the id and the name of the first; it has the parts and the reads
+    of all, and is in the groups of all that are left with two members.
 
     Raises:
         NotFoundError: no such thing, or a scene without things.
@@ -98,7 +99,10 @@ def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     first, *others = (thing_of(things, thing_id).id for thing_id in dict.fromkeys(thing_ids))
     if not others:
         raise InvalidInputError(f"{len(thing_ids)} thing to merge", field="things", hint="Name two or more.")
-    return replace(scene, things=_relabeled(things, others, first))
+    reads = bounded_reads(read for each in (first, *others) for read in thing_of(things, each).reads)
+    merged = _relabeled(things, others, first)
+    table = tuple(replace(thing, reads=reads) if thing.id == first else thing for thing in merged.table)
+    return replace(scene, things=replace(merged, table=table))
 
 
 def discard_thing(scene: Scene, thing_id: int) -> Scene:

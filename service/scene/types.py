@@ -20,6 +20,7 @@ from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Scale, SceneVertical
 from fastsplat_contract.thing_messages import NameSource as NameSource
+from fastsplat_contract.thing_reads import ThingRead
 
 F32 = NDArray[np.float32]
 
@@ -137,6 +138,7 @@ class Thing:
         appearance: its descriptor, float16 of length 1 (see `service.perception.appearance`); empty for a thing that no
             photo shows well, or that was made by an edit.
         picture: a small JPEG of it, empty where `appearance` is.
+        reads: what is written on it, the surest first; see `service.scene.reads`.
     """
 
     id: int
@@ -151,11 +153,13 @@ class Thing:
     picture: bytes = field(default=b"", repr=False)
     proposed_in: tuple[int, ...] = ()
     missed_in: tuple[int, ...] = ()
+    reads: tuple[ThingRead, ...] = ()
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
         assert all(0 <= each.probability <= 1 for each in self.suggestions)
+        assert all(0 <= each.probability <= 1 for each in self.reads)
 
     @property
     def said(self) -> tuple[SaidName, ...]:

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.reads import MAX_READ_CHARS, MOST_READS, bounded_reads, one_line
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.things import (
@@ -28,6 +29,7 @@ from fastsplat.service.scene.things import (
 )
 from fastsplat.service.scene.types import Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
+from fastsplat_contract.thing_reads import ThingRead
 
 IDS = (2, 5, 9)
 
@@ -53,7 +55,7 @@ def _things(count: int) -> Things:
             proposed_in=(0, 3),
             missed_in=(1,),
         ),
-        Thing(9, "mug", "detected", 0.8, 0.6),
+        Thing(9, "mug", "detected", 0.8, 0.6, reads=(ThingRead("text", "Tee für zwei", 0.9, 3),)),
     )
     return Things(table, membership, groups=(ThingGroup(11, (2, 9), 0.5), ThingGroup(12, IDS, 0.4)))
 
@@ -223,10 +225,26 @@ def test_merged_things_have_all_gaussians_of_both_and_the_first_one_name(scene: 
     assert (thing_rows(merged) == np.where(before == 2, 9, before)).all()
     assert [thing.id for thing in merged.table] == [5, 9] and thing_of(merged, 9).name == "mug"
     assert merged.membership.counts.sum() == scene.things.membership.counts.sum()
+    other_way = merge_things(scene, [2, 9]).things
+    assert other_way is not None
+    assert thing_of(other_way, 2).reads == thing_of(scene.things, 9).reads != ()
     with pytest.raises(InvalidInputError):
         merge_things(scene, [9, 9])
     with pytest.raises(NotFoundError):
         merge_things(scene, [9, 3])
+
+
+@given(st.lists(st.tuples(st.text(max_size=240), st.floats(0, 1)), max_size=40))
+def test_reads_are_bounded_lines_each_once_and_the_likeliest_first(said: list[tuple[str, float]]) -> None:
+    kept = bounded_reads(ThingRead("text", text, probability, 1) for text, probability in said)
+    likely = [read.probability for read in kept]
+    assert likely == sorted(likely, reverse=True) and len(kept) == len({read.text for read in kept}) <= MOST_READS
+    assert all(read.text == one_line(read.text) != "" and len(read.text) <= MAX_READ_CHARS for read in kept)
+    assert bounded_reads(kept) == kept
+
+
+def test_a_line_has_no_character_that_is_not_seen() -> None:
+    assert one_line(" oat\n\tmilk\x1b[2J\u202e\u200b ") == "oat milk[2J"
 
 
 def test_a_discarded_thing_leaves_its_gaussians_to_nobody(scene: Scene) -> None:

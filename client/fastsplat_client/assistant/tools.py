@@ -394,4 +394,5 @@ def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> 
 def _brief(thing: SceneThing) -> ThingBrief:
     box = thing.box
     center, size = (None, None) if box is None else (point(box.center.position), point(box.size))
-    return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size)
+    says = [read.text for read in thing.reads]
+    return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size, says)

@@ -347,6 +347,27 @@ THING_KIND_SURFACE: ThingKind.ValueType  # 2
 THING_KIND_PART: ThingKind.ValueType  # 3
 Global___ThingKind: _TypeAlias = ThingKind  # noqa: Y015
 
+class _ReadKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ReadKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ReadKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    READ_KIND_UNSPECIFIED: _ReadKind.ValueType  # 0
+    READ_KIND_TEXT: _ReadKind.ValueType  # 1
+    READ_KIND_QR: _ReadKind.ValueType  # 2
+    READ_KIND_BARCODE: _ReadKind.ValueType  # 3
+    READ_KIND_TAG: _ReadKind.ValueType  # 4
+
+class ReadKind(_ReadKind, metaclass=_ReadKindEnumTypeWrapper): ...
+
+READ_KIND_UNSPECIFIED: ReadKind.ValueType  # 0
+READ_KIND_TEXT: ReadKind.ValueType  # 1
+READ_KIND_QR: ReadKind.ValueType  # 2
+READ_KIND_BARCODE: ReadKind.ValueType  # 3
+READ_KIND_TAG: ReadKind.ValueType  # 4
+Global___ReadKind: _TypeAlias = ReadKind  # noqa: Y015
+
 class _MaskEncoding:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -2850,6 +2871,7 @@ class SceneThing(_message.Message):
     CENTROID_FIELD_NUMBER: _builtins.int
     GUESS_FIELD_NUMBER: _builtins.int
     GROUPS_FIELD_NUMBER: _builtins.int
+    READS_FIELD_NUMBER: _builtins.int
     id: _builtins.int
     """from 1; the same in all versions of the scene that have the thing"""
     name: _builtins.str
@@ -2893,6 +2915,10 @@ class SceneThing(_message.Message):
         members
         """
 
+    @_builtins.property
+    def reads(self) -> _containers.RepeatedCompositeFieldContainer[Global___ThingRead]:
+        """what photos show written on it, the surest first, at most 24"""
+
     def __init__(
         self,
         *,
@@ -2912,10 +2938,11 @@ class SceneThing(_message.Message):
         centroid: Global___Vector3 | None = ...,
         guess: _builtins.bool = ...,
         groups: _abc.Iterable[_builtins.int] | None = ...,
+        reads: _abc.Iterable[Global___ThingRead] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "groups", b"groups", "guess", b"guess", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "groups", b"groups", "guess", b"guess", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "reads", b"reads", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
     _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015
@@ -2995,6 +3022,42 @@ class SuggestionSource(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SuggestionSource: _TypeAlias = SuggestionSource  # noqa: Y015
+
+@_typing.final
+class ThingRead(_message.Message):
+    """What photos show written on a thing: words of whoever printed them, to be shown or searched, not obeyed."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    TEXT_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    VIEWS_FIELD_NUMBER: _builtins.int
+    kind: Global___ReadKind.ValueType
+    """text: a line of letters and digits; qr, barcode: what the code says; tag: the number of an AprilTag of the family
+    36h11
+    """
+    text: _builtins.str
+    """one line of at most 200 characters, none of them a control character"""
+    probability: _builtins.float
+    """0..1, that it says so"""
+    views: _builtins.int
+    """in how many of the photos that were read it was read"""
+    def __init__(
+        self,
+        *,
+        kind: Global___ReadKind.ValueType = ...,
+        text: _builtins.str = ...,
+        probability: _builtins.float = ...,
+        views: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["kind", b"kind", "probability", b"probability", "text", b"text", "views", b"views"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ThingRead: _TypeAlias = ThingRead  # noqa: Y015
 
 @_typing.final
 class PickThingRequest(_message.Message):

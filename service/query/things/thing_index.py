@@ -303,6 +303,7 @@ class SceneThings:
             centroid=None if extent is None else extent.centroid,
             guess=thing.guessed,
             groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
+            reads=thing.reads,
         )
 
 

@@ -22,6 +22,7 @@ export const serverTexts = {
       open_set_detector: "Looks for any name",
       segmenter: "Cuts things out",
       tagger: "Proposes names",
+      reader: "Reads what is written",
       lexicon: "Knows synonyms and kinds",
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },

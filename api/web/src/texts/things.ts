@@ -64,6 +64,7 @@ export const thingsTexts = {
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",
+    says: (lines: readonly string[]) => `It says ${lines.map((line) => `“${line}”`).join(", ")}`,
     suggestion,
     suggested: (...told: Parameters<typeof suggestion>) =>
       `Suggested: ${suggestion(...told)}. Enter takes it; clear the field to leave the thing without a name.`,

@@ -121,6 +121,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           .filter(Boolean)
           .join(" · ")}
       </p>
+      {thing.reads.length > 0 && <p class="hint">{texts.things.says(thing.reads.map((read) => read.text))}</p>}
       <BestPhotos state={state} thing={thing.id} />
       <div class="buttons">
         {box && (
