@@ -17,7 +17,7 @@ PIP_INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constrai
 # come first.
 TESTS := $(BIN)/pytest --numprocesses auto --dist loadgroup --no-loadscope-reorder
 
-.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures
+.PHONY: help setup page page-can-be-built look lock models demo test test-rest test-all lint lint-api protos stubs bench page-picture sample docker-check clean sample-scene docs figures dist first-gpu
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -49,10 +49,10 @@ models: $(VENV)/.product $(PAGE)  ## fetch and verify the default models
 	$(BIN)/fastsplat models pull
 
 demo: $(VENV)/.product  ## the main job on the sample capture, or on PHOTOS=folder, zip or video
-	$(BIN)/python -m demo $(if $(PHOTOS),--photos "$(PHOTOS)")
+	$(BIN)/fastsplat demo --train $(if $(PHOTOS),--photos "$(PHOTOS)")
 
 look: page-can-be-built $(VENV)/.product $(PAGE)  ## the page with a trained scene, without keys: the sample's, or that of `make demo`
-	$(BIN)/python -m demo.look
+	$(BIN)/fastsplat demo
 
 page-can-be-built:
 	@test -f $(PAGE) || demo/check_machine.sh "$(PYTHON)" page
@@ -92,11 +92,26 @@ stubs: setup  ## regenerate the types of the C++ extension
 protos: setup  ## write the .proto from the contract's types, and its Python
 	$(BIN)/python -m protos.generate
 
+# The C++ library goes into the extension, so that the wheel runs where it is older than here; what must be as new as
+# here is glibc alone, and auditwheel writes which one into the name.
+dist: setup page-can-be-built  ## wheels of the product and the client in dist/, and a check that they run without compiler and Node.js
+	$(PIP_INSTALL) $$($(BIN)/python docker/requirements.py release)
+	rm -rf dist build/wheels
+	LDFLAGS="-static-libstdc++ -Wl,--exclude-libs,ALL" $(BIN)/python -m build --wheel --outdir build/wheels .
+	$(BIN)/python -m build --wheel --outdir dist client
+	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --strip --wheel-dir dist build/wheels/fastsplat-*.whl
+	$(BIN)/python release/check_wheels.py dist
+
 docker-check: setup  ## build and run the images in a clean Debian, without Docker (root; see docker/check.py)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python docker/check.py
 
 bench: setup  ## run the benchmark NAME=..., with ARGS="..."; without a name the list
 	$(BIN)/python -m benchmarks $(NAME) $(ARGS)
+
+# The tests that a GPU alone can run come last: what they say is a yes or no, and a lent GPU may be gone by then.
+first-gpu: setup  ## on a machine with an NVIDIA GPU: kernels, parity with the CPU, joint against RGB-only training; into build/first-gpu
+	DRAFT=build/first-gpu $(BIN)/python -m benchmarks gpu --rounds 20 $(ARGS)
+	$(BIN)/pytest --numprocesses 0 tests/splatting/raster/test_raster_cuda.py tests/splatting/train/test_train_backends.py
 
 page-picture: setup  ## docs/page.jpg of the trained sample of `make demo` with an answer glowing
 	$(BIN)/python -m benchmarks.page.picture
@@ -105,4 +120,4 @@ figures: setup  ## write the tables of figures in README and docs from benchmark
 	$(BIN)/python -m benchmarks.figure_tables
 
 clean:  ## remove what make made (models stay)
-	rm -rf $(VENV) build demo-output sample-scene site $(WEB)/dist $(WEB)/node_modules
+	rm -rf $(VENV) build demo-output site $(WEB)/dist $(WEB)/node_modules

@@ -137,6 +137,17 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=change_examples.SUGGESTED,
         ),
         Handler(
+            calls.ASK_NAMER,
+            lambda service, asked: service.namer.ask(asked.scene_id, caller_id()),
+            example=scene_examples.NAMED_BY_NAMER,
+        ),
+        Handler(
+            calls.AGREE_TO_NAMER,
+            lambda service, asked: service.namer.agree(asked.host),
+            example=admin_examples.NAMER,
+            bodies=admin_examples.AGREEMENTS,
+        ),
+        Handler(
             calls.ALIGN_SCENE,
             lambda service, asked: service.versions.edit(
                 asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()

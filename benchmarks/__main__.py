@@ -38,6 +38,7 @@ BENCHMARKS = {
     "calibration": Benchmark(
         "fits query/calibration.json, with --lexicon meaning.json", _MODELS, "calibration.calibrate"
     ),
+    "changes": Benchmark("what changed in drawn rooms, told by ten photos of another day", _TEST),
     "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
     "fairness": Benchmark("what one key's load costs another", module="serve.fairness"),
     "flipped_bits": Benchmark(

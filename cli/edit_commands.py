@@ -78,6 +78,50 @@ def suggest(
 
 
 @service_command(things_app)
+def ask_namer(
+    session: Session,
+    scene: SceneId,
+    url: Annotated[
+        str,
+        typer.Argument(
+            help="Of a model's OpenAI-compatible interface, e.g. http://localhost:11434/v1, to which pictures go from "
+            "here; left out: the server's own namer is asked."
+        ),
+    ] = "",
+    model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")] = "",
+    namer_key: Annotated[Path | None, typer.Option(help="File with the interface's key.", exists=True)] = None,
+    agree: Annotated[
+        str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's namer.")
+    ] = "",
+) -> None:
+    """Suggest names that a model sees in pictures of the things without a name; they go to its host."""
+    from fastsplat_client.namer import Namer, suggest_by
+
+    if not url:
+        if agree:
+            session.client.agree_to_namer(agree)
+        told = session.client.ask_namer(session.scene(scene))
+        session.tell(told, _asked(told.suggested, told.shown, told.refused, "the server's namer"))
+        _tell_problem(session, told.problem)
+        return
+    namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
+    said = suggest_by(session.client, session.scene(scene), namer)
+    asked = _asked(len(said.names), said.shown, said.refused, f"{namer.model} at {namer.host}")
+    session.tell(SuggestIn(said.names), asked)
+    _tell_problem(session, said.problem)
+
+
+def _asked(names: int, shown: int, refused: int, who: str) -> str:
+    told = f"{names} names suggested for {shown} things by {who}"
+    return f"{told}\n{refused} refused: unusable, or the same for too many things" if refused else told
+
+
+def _tell_problem(session: Session, problem: str) -> None:
+    if problem and not session.as_json:
+        typer.echo(f"not all things were asked about: {problem}", err=True)
+
+
+@service_command(things_app)
 def confirm(
     session: Session,
     scene: SceneId,

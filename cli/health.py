@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import ssl
-import urllib.error
-import urllib.request
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
@@ -28,6 +25,10 @@ def health(role: Annotated[Literal["api", "worker"], typer.Argument(help="What s
 
 
 def _api_problem(settings: Settings) -> str:
+    import ssl
+    import urllib.error
+    import urllib.request
+
     encrypted = settings.tls_cert is not None
     url = f"http{'s' if encrypted else ''}://127.0.0.1:{settings.http_port}/readyz"
     # The certificate names the host that clients know, not this loopback address.

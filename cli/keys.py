@@ -28,8 +28,9 @@ def create(
     role: Annotated[
         Role,
         typer.Option(
-            help="uploader: post one scene and watch its job; reader: query and view; editor: also create and change; "
-            "admin: also delete, and keys of the project; operator: all that in any project."
+            help="uploader: post one scene and watch its job; suggester: see things without a name and suggest names; "
+            "reader: query and view; editor: also create and change; admin: also delete, and keys of the project; "
+            "operator: all that in any project."
         ),
     ] = "editor",
     days: Annotated[float | None, typer.Option(help="It expires after so many days. Default: never.")] = None,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated
 
 import typer
 
+from fastsplat.cli.browser import serve_in_browser
 from fastsplat.cli.connection import SAMPLE, is_sample
 from fastsplat.cli.create_commands import Labels, Preset, names_of
-from fastsplat.cli.serve_command import serve
 
 Folder = Annotated[
     Path,
@@ -47,12 +46,6 @@ def view(folder: Folder) -> None:
 
     if is_sample(str(folder)):
         with sample_folder() as sample:
-            _serve(sample)
+            serve_in_browser(sample)
     open_scene(folder).close()  # says what is wrong before anything starts
-    _serve(folder)
-
-
-def _serve(folder: Path) -> NoReturn:
-    os.environ["FASTSPLAT_DATA_DIR"] = str(folder.resolve())
-    serve(no_auth=True)
-    raise typer.Exit
+    serve_in_browser(folder)

@@ -35,8 +35,8 @@ def localize(
     ] = None,
     version: Version = "",
 ) -> None:
-    """Say where photos were taken, what is seen from there and what has changed; status 1 if a photo has no sure
-    place."""
+    """Say where photos were taken, what is seen from there, and of two or more what has changed; status 1 if a photo
+    has no sure place."""
     rough = () if poses is None else _poses(poses)
     contents = [_bytes(path) for path in photos]
     scene_id = session.scene(scene)
@@ -44,6 +44,7 @@ def localize(
     answer = session.client.localize(scene_id, contents, focals=focal, poses=rough, version=version)
     unit = "m" if answer.meters else "scene units"
     lines = [_line(path.name, photo, unit) for path, photo in zip(photos, answer.photos, strict=True)]
+    lines += [f"{change.sentence} ({change.probability:.0%}, {len(change.photos)} photos)" for change in answer.changes]
     session.tell(answer, "\n".join(lines))
     if any(photo.refusal is not None for photo in answer.photos):
         raise typer.Exit(1)
@@ -53,9 +54,8 @@ def _line(name: str, photo: LocalizedPhoto, unit: str) -> str:
     if photo.camera is None:
         return f"{name}: {photo.explanation}"
     seen = ", ".join(thing.name or f"thing {thing.thing_id}" for thing in photo.things[:5])
-    changed = f"; {len(photo.differences)} places have changed" if photo.differences else ""
     where = point(photo.camera.world_from_camera[:3, 3].tolist())
-    return f"{name}: at {where} {unit}" + (f"; shows {seen}" if seen else "") + changed
+    return f"{name}: at {where} {unit}" + (f"; shows {seen}" if seen else "")
 
 
 def _bytes(path: Path) -> bytes:

@@ -22,6 +22,7 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
 from fastsplat.cli.ask_command import ask
 from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.check import check
+from fastsplat.cli.demo.command import demo
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
 from fastsplat.cli.health import health
@@ -40,7 +41,7 @@ from fastsplat.cli.settings import load_settings
 from fastsplat.cli.status import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
-from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent
+from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 
 logger = logging.getLogger(__name__)
@@ -63,7 +64,7 @@ for _name, _group in {
 service_command(app)(ask)
 service_command(app)(status)
 service_command(app, json=False)(mcp)
-for _command in (train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
+for _command in (demo, train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
     app.command()(_command)
 
 
@@ -81,7 +82,8 @@ def _options(
 @app.command()
 def api() -> None:
     """Run the REST and gRPC APIs alone."""
-    from fastsplat.api.server import run
+    with loading_modules():
+        from fastsplat.api.server import run
 
     _start("api")
     run(load_settings())
@@ -96,7 +98,8 @@ def worker(devices: Devices = "", workers: Workers = 1) -> None:
 
         log_to_stderr("serve")
         raise typer.Exit(serve(worker_roles(devices, workers, load_settings().jobs.threads_per_job)))
-    from fastsplat.workers.worker_process import run
+    with loading_modules():
+        from fastsplat.workers.worker_process import run
 
     _start("worker")
     run(load_settings())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from fastsplat.cli.settings import load_settings
-from fastsplat.cli.tables import Column, table
+from fastsplat.cli.tables import Column, size, table
 from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
@@ -79,10 +81,67 @@ def pull(
     ] = None,
 ) -> None:
     """Fetch models, verify them, convert them where needed, try them out, and only then put them in place."""
+    with _errors(Console()):
+        pull_with_progress(
+            models or load_settings().models,
+            names or (),
+            manifest=manifest,
+            allow_licenses=allow_license or (),
+            revision=revision,
+        )
+
+
+def pull_with_progress(
+    directory: Path,
+    names: Sequence[str] = (),
+    *,
+    manifest: Path | None = None,
+    allow_licenses: Sequence[str] = (),
+    revision: str | None = None,
+) -> None:
+    """`service.perception.model_pull.pull.pull` with a line a model that says how far it is."""
     from fastsplat.service.perception.model_pull.pull import pull as pull_models
 
-    directory = models or load_settings().models
-    console = Console()
+    with _progress() as report:
+        pull_models(
+            directory,
+            names,
+            report=report,
+            manifest=manifest,
+            allow_licenses=allow_licenses,
+            revision=revision,
+        )
+
+
+@models_app.command("pack")
+def pack(
+    archive: Annotated[Path, typer.Argument(metavar="FILE", help="To write; what is there is replaced.")],
+    names: Annotated[list[str] | None, typer.Argument(help="Models; none: all that are there.")] = None,
+    models: _Directory = None,
+) -> None:
+    """Write models into one file, for a machine without a network."""
+    from fastsplat.service.perception.model_pull.model_archive import pack as pack_models
+
+    with _errors(Console()):
+        packed = pack_models(models or load_settings().models, archive, names or ())
+        typer.echo(f"{archive}: {', '.join(packed)}, {size(archive.stat().st_size)}")
+
+
+@models_app.command("unpack")
+def unpack(
+    archive: Annotated[Path, typer.Argument(metavar="FILE", help="That models pack has written.")],
+    models: _Directory = None,
+) -> None:
+    """Put the models of a file in place, verified and tried out as if they had been pulled."""
+    from fastsplat.service.perception.model_pull.model_archive import unpack as unpack_models
+
+    with _errors(Console()), _progress() as report:
+        unpack_models(archive, models or load_settings().models, report=report)
+
+
+@contextmanager
+def _progress() -> Iterator[Callable[[Step], None]]:
+    """A line a model that says how far it is; yields what hears each step."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.fields[model]}"),
@@ -91,7 +150,7 @@ def pull(
         TextColumn("{task.description}"),
     )
     tasks: dict[str, TaskID] = {}
-    with _errors(console), Progress(*columns, console=console) as progress:
+    with Progress(*columns) as progress:
 
         def report(step: Step) -> None:
             if step.model not in tasks:
@@ -100,14 +159,7 @@ def pull(
             total, done = (1, 1) if finished else (step.total or None, step.done)
             progress.update(tasks[step.model], description=step.what, total=total, completed=done)
 
-        pull_models(
-            directory,
-            names or (),
-            report=report,
-            manifest=manifest,
-            allow_licenses=allow_license or (),
-            revision=revision,
-        )
+        yield report
 
 
 class _errors:  # noqa: N801 - reads as a phrase after "with"

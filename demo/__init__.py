@@ -1,1 +1,1 @@
-"""The demonstration: a newcomer's first five minutes with the product, through its wire protocols alone."""
+"""The sample capture, and the programs that draw it and train the scene which the package brings."""

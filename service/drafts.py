@@ -16,8 +16,6 @@ from fastsplat.service.splatting.early_splats import point_splats
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.job_watching import Provisional
 
-EARLY_VIEWS = 6
-"""Views that a draft knows masks of."""
 _SIDE = 320
 _ROUNDS = 1
 

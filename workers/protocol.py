@@ -65,7 +65,7 @@ class Job:
             "upload": str(self.upload),
             "folder": str(self.folder),
             "options": to_plain(self.options),
-            "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password"}),
+            "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password", "namer"}),
             "stages": self.stages,
             "order": dict(self.order),
             "version": self.version,

@@ -103,8 +103,8 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    # A trainer reads untrusted data, and needs neither the database nor the object store.
-    secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password"))
+    # A trainer reads untrusted data, and needs neither the database nor the object store, nor a namer.
+    secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "namer"))
     for name in list(environment):
         if name.startswith((*secrets, "AWS_")):
             del environment[name]

@@ -13,7 +13,7 @@ from fastsplat_contract.v1 import fastsplat_pb2
 
 _OPEN = Rule(None)
 _WATCH = Rule("reader", long_lived=True)
-_MANAGE_UPLOAD = Rule("editor", one_upload=True)
+_MANAGE_UPLOAD = Rule("editor", also=("uploader",))
 
 UNMATCHED = Rule("reader", long_lived=True)
 """A path that no route has, or not with this method: with any key one learns that there is none."""
@@ -32,7 +32,9 @@ _ONE_PROTOCOL: Mapping[str, Rule] = {
     "/grpc.health.v1.Health/Watch": _OPEN,
     "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo": _WATCH,
     "GET /v1/server": SHOW,
-    "POST /mcp": FETCH,  # each tool then makes calls of the table above, with the same key
+    "POST /mcp": FETCH._replace(
+        also=("suggester",)
+    ),  # each tool then makes calls of the table above, with the same key
     # tus, by which CreateScene's files may come over HTTP
     "OPTIONS /v1/uploads": FOLLOW,
     "POST /v1/uploads": UPLOAD,

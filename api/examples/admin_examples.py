@@ -8,6 +8,7 @@ from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, UploadKeyIn
 from fastsplat_contract.known_names import KnownName, KnownNameList
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
 from fastsplat_contract.operating_messages import CreateProjectRequest, Project
 from fastsplat_contract.server_status import ModelStatus, QuotaStatus, ServerStatus
 
@@ -39,6 +40,11 @@ KNOWN_NAMES = KnownNameList(
     ),
     PAGE_TOKEN,
 )
+NAMER = NamerStatus("localhost:11434", "model-of-your-choice", agreed=True)
+AGREEMENTS: Bodies = {
+    "yes": ("pictures of things without a name may go there", AgreeIn("localhost:11434")),
+    "no": ("nothing is sent any more", AgreeIn("")),
+}
 STATUS = ServerStatus(
     version="0.1.0",
     project="default",
@@ -56,6 +62,7 @@ STATUS = ServerStatus(
     max_upload_bytes=10_000_000_000,
     max_images=2_000,
     addresses=("http://192.168.1.20:8000/",),
+    namer=NAMER,
 )
 
 NEW_KEYS: Bodies = {

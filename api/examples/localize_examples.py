@@ -10,8 +10,8 @@ import numpy as np
 
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, ThingInView
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, SceneChange, ThingInView
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.thing_prompts import PixelBox
 
 _ROUGH = (
@@ -42,7 +42,7 @@ LOCALIZATION = Localization(
             agreement=0.81,
             refined=True,
             things=(ThingInView(2, "ball", 0.043, PixelBox(1690.0, 1310.0, 2310.0, 1930.0)),),
-            differences=(PhotoDifference("new", PixelBox(310.0, 1840.0, 820.0, 2410.0), 0.31),),
+            differences=(PhotoDifference("new", PixelBox(310.0, 1840.0, 820.0, 2410.0), 0.97),),
         ),
         LocalizedPhoto(
             refusal="few_matches",
@@ -61,6 +61,20 @@ LOCALIZATION = Localization(
             differences=(),
         ),
     ),
+    changes=(
+        SceneChange(
+            kind="moved",
+            thing_id=2,
+            name="ball",
+            probability=0.97,
+            distance=0.42,
+            before=Box(Pose(Vector3(0.1, 0.2, 0.1), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.2, 0.2, 0.2)),
+            after=Box(Pose(Vector3(0.52, 0.2, 0.1), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.2, 0.2, 0.2)),
+            photos=(0, 1),
+            sentence='The "ball" has moved by 0.42 m.',
+        ),
+    ),
+    looked_at=(1, 2),
     meters=True,
     version="1",
 )

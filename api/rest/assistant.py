@@ -10,15 +10,17 @@ import asyncio
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib.metadata import version
+from typing import TYPE_CHECKING
 
 from starlette.requests import ClientDisconnect, Request
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.access.authenticator import Credentials
-from fastsplat.api.rest.in_process import InProcess
 from fastsplat.api.rest.problem_answers import BodyTooLargeError
-from fastsplat_client import Client, Retry
+
+if TYPE_CHECKING:
+    from fastsplat_client import Client
 
 _MAX_REQUEST_BYTES = 2**18  # a tool's arguments are a few lines
 _CALL_S = 60.0
@@ -66,6 +68,8 @@ class _Endpoint:
         self._handle = handle
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from fastsplat.api.rest.in_process import InProcess
+
         body = await _whole_body(receive)
         gone = asyncio.Event()
         unread: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
@@ -118,6 +122,8 @@ async def _whole_body(receive: Receive) -> bytes:
 @contextmanager
 def _client_of(request: Request) -> Iterator[Client]:
     """A client of this very process, with the caller's key, project and address."""
+    from fastsplat_client import Client, Retry
+
     credentials = Credentials.of(request.headers)
     with Client(
         "http://localhost",

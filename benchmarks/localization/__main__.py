@@ -33,7 +33,6 @@ from benchmarks.splits import add_split, add_training_bounds, bounded_settings, 
 from fastsplat.service.capture.formats.kept_capture import kept_lenses
 from fastsplat.service.capture.uploads.sent_photos import SparePhotoDecoder
 from fastsplat.service.common.radial_lens import middle_lens
-from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -116,7 +115,6 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
             "size_percent_median": _median([one["size_percent"] for one in found]),
             "degrees_median": _median([one["degrees"] for one in found]),
             "inside_95": round(float(np.mean([one["inside_95"] for one in found])), 4) if found else None,
-            "differences_a_photo": round(float(np.mean([one["differences"] for one in found])), 2) if found else None,
         },
         "others": {"photos": len(wrong), "accepted": len(accepted), "names": accepted, "outcomes": dict(refused)},
         "seconds_a_photo": {
@@ -171,7 +169,6 @@ def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any
         "refined": one.refined,
         "mahalanobis_squared": round(distance, 2),
         "inside_95": bool(distance <= chi2.ppf(0.95, 6)),
-        "differences": len(find_differences(one.comparison, (1, 1))),
     }
 
 

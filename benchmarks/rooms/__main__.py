@@ -38,7 +38,7 @@ from benchmarks.rooms.drawing import KINDS, ROOMS, write_room
 from benchmarks.rooms.figures import figures_of, measured, worst_of
 from benchmarks.rooms.truth import read_truth
 from benchmarks.splits import results_file
-from benchmarks.things.discovered import draw_sheet, timed, trained_scene
+from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
@@ -49,10 +49,9 @@ from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.types import Labelling
-from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene, SemanticHead
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.quality import color_corrected, psnr
 
 _SHEET_SCALE, _SHEET_QUALITY = 0.5, 60
@@ -72,8 +71,7 @@ def _main() -> None:
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--sheets", action="store_true")
     options = parser.parse_args()
-    bounds = {"iterations": options.iterations, "max_gaussians": options.gaussians}
-    settings = override_training(load_settings(), **bounds, time_budget_s=None, held_out_every=0)
+    settings = settings_by_steps(options.iterations, options.gaussians)
     known = ROOMS[options.split]
     rooms = [name for name in known if not options.rooms or {name, name.split("-")[0]} & set(options.rooms)]
     unknown = [word for word in options.rooms if word not in (*known, *KINDS)]

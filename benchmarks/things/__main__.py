@@ -24,7 +24,7 @@ from typing import Any
 
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
-from benchmarks.things.discovered import draw_sheet, timed, trained_scene
+from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
@@ -39,10 +39,9 @@ from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import capture_folder
-from fastsplat.service.planning.presets import override_training
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Scene, SemanticHead
-from fastsplat.service.settings import Settings, load_settings
+from fastsplat.service.settings import Settings
 
 _MASK_LABELS = {"skull": "skull"}
 _WITHOUT_TRUTH = ("kitchen", "plush")
@@ -60,13 +59,7 @@ def _main() -> None:
     parser.add_argument("--quality-only", action="store_true")
     add_split(parser)
     options = parser.parse_args()
-    settings = override_training(
-        load_settings(),
-        iterations=options.iterations,
-        time_budget_s=None,
-        max_gaussians=options.gaussians,
-        held_out_every=0,
-    )
+    settings = settings_by_steps(options.iterations, options.gaussians)
     for name in options.names or _NAMES:
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
             keep = (options.keep or Path(work) / "scenes") / options.split

@@ -28,6 +28,14 @@ _PANEL = (480, 360)
 T = TypeVar("T")
 
 
+def settings_by_steps(iterations: int, gaussians: int) -> Settings:
+    """The service's settings for a run of so many steps and Gaussians, whatever time it takes, so that figures do not
+    depend on how busy the machine is; no view is held out."""
+    settings = load_settings()
+    bounds = {"iterations": iterations, "max_gaussians": gaussians, "time_budget_s": None, "held_out_every": 0}
+    return settings.model_copy(update={"training": settings.training.model_copy(update=bounds)})
+
+
 def trained_scene(folder: Path, capture: Capture, settings: Settings) -> Scene:
     """The scene that lies in `folder`; it is trained without labels, and written there, if it does not."""
     if not folder.is_dir():

@@ -17,6 +17,7 @@ from fastsplat_client.errors import RemoteError, UnreachableError
 from fastsplat_client.job_calls import Placed
 from fastsplat_client.keys import share_link
 from fastsplat_client.pending_queries import StandingQuestion
+from fastsplat_client.releases import ReleaseWarning
 from fastsplat_client.stream import PoseAnswer, Reconnect
 from fastsplat_client.transport import Retry
 from fastsplat_contract.assessments import Assessment, Finding
@@ -125,6 +126,7 @@ __all__ = [
     "QueryRequest",
     "RateLimitedError",
     "Reconnect",
+    "ReleaseWarning",
     "RemoteError",
     "Retry",
     "Scene",

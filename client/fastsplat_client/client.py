@@ -22,6 +22,7 @@ from fastsplat_client.job_calls import JobCalls
 from fastsplat_client.keys import ClientKeys
 from fastsplat_client.known_name_calls import ClientKnownNames
 from fastsplat_client.photo_calls import PhotoCalls
+from fastsplat_client.releases import fitting
 from fastsplat_client.resumable import PIECE_BYTES, dropped_if_refused, send_resumable
 from fastsplat_client.stream import Grpc, grpc_address
 from fastsplat_client.stream_calls import StreamCalls
@@ -119,12 +120,12 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         self._transport.close()
 
     def server(self) -> ServerInfo:
-        """The server's release, and where its gRPC interface is."""
-        return read(ServerInfo, self._transport.call("GET", "/v1/server"))
+        """The server's release, and where its gRPC interface is; warns by `ReleaseWarning` where that does not fit."""
+        return fitting(read(ServerInfo, self._transport.call("GET", "/v1/server")))
 
     def server_status(self) -> ServerStatus:
         """What the server can do, and how much room the project has left, as the caller may know it."""
-        return self.call(calls.GET_SERVER_STATUS, None)
+        return fitting(self.call(calls.GET_SERVER_STATUS, None))
 
     def create_scene(
         self,

@@ -15,7 +15,7 @@ from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import SuggestedName
+from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus, SuggestedName
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
@@ -27,6 +27,8 @@ from fastsplat_contract.train_more_messages import PresetName
 
 _EDITS = 100
 """In one request, as the server takes them."""
+_NAMER_S = 600.0
+"""Of the server's namer, drawing what it is shown included: as long as the server lets a call run."""
 
 
 class ThingCalls(TableCalls):
@@ -156,6 +158,22 @@ class ThingCalls(TableCalls):
         """
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
+
+    def ask_namer(self, scene_id: str) -> NamerResult:
+        """Ask the server's namer about all things without a name, and suggest what it says; see `NamerResult`. The
+        project agrees to the namer's host first, see `agree_to_namer`.
+
+        Raises:
+            ModelUnavailableError: the server has no namer.
+            PermissionDeniedError: the project did not agree; nothing was sent.
+            NamerError: it answers nothing usable at all.
+        """
+        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id), timeout_s=_NAMER_S)
+
+    def agree_to_namer(self, host: str) -> NamerStatus:
+        """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer
+        (`server_status().namer.host`) when somebody asks it; "" takes that back."""
+        return self.call(calls.AGREE_TO_NAMER, AgreeIn(host))
 
     def confirm_names(self, scene_id: str, *, least: float = 0.8) -> tuple[SceneThing, ...]:
         """Give every thing without a name the likeliest one that is suggested for it, from a probability on: a person's

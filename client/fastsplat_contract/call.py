@@ -11,6 +11,8 @@ Asked = TypeVar("Asked")
 Answered = TypeVar("Answered")
 Tag = Literal["server", "scenes", "operations", "queries", "keys", "known names"]
 _ROLES: tuple[Role, ...] = get_args(Role)
+APART: tuple[Role, ...] = ("uploader", "suggester")
+"""They do one thing, and nothing else but to ask what they are."""
 
 
 class Rule(NamedTuple):
@@ -21,19 +23,19 @@ class Rule(NamedTuple):
         long_lived: it waits or streams for long: it counts among its key's calls, not among those that compute.
         upload: it brings files, for as long as its sender takes.
         shared: a key of one scene may make it; that scene is then all that there is.
-        one_upload: a key for one upload will do, too; it does nothing else.
+        also: of the roles that do one thing and nothing else, "uploader" and "suggester", those that will do, too.
     """
 
     role: Role | None
     long_lived: bool = False
     upload: bool = False
     shared: bool = False
-    one_upload: bool = False
+    also: tuple[Role, ...] = ()
 
     def allows(self, role: Role) -> bool:
         """Whether a caller of this role may make the call."""
-        if role == "uploader":
-            return self.role is None or self.one_upload
+        if role in APART:
+            return self.role is None or role in self.also
         return self.role is None or _ROLES.index(role) >= _ROLES.index(self.role)
 
 

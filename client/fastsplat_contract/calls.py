@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from types import NoneType
 from typing import Any
 
-from fastsplat_contract.call import Call, Rule
+from fastsplat_contract.call import APART, Call, Rule
 from fastsplat_contract.detection_messages import DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.exports import ExportRequest
@@ -21,6 +21,7 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKey
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.operations import JobEstimate, Operation, OperationList
@@ -29,6 +30,7 @@ from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
+    AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
     DeleteKnownNameRequest,
@@ -86,9 +88,9 @@ FETCH = Rule("reader", long_lived=True, shared=True)
 EDIT = Rule("editor")
 ADMIN = Rule("admin")
 OPERATE = Rule("operator")
-UPLOAD = Rule("editor", long_lived=True, upload=True, one_upload=True)
-FOLLOW = Rule("reader", one_upload=True)
-FOLLOW_LONG = Rule("reader", long_lived=True, one_upload=True)
+UPLOAD = Rule("editor", long_lived=True, upload=True, also=("uploader",))
+FOLLOW = Rule("reader", also=("uploader",))
+FOLLOW_LONG = Rule("reader", long_lived=True, also=("uploader",))
 
 _SCENE, _JOB = "/v1/scenes/{scene_id}", "/v1/operations/{operation_id}"
 
@@ -138,9 +140,15 @@ PREVIEW_EDIT = Call(
     "PreviewEdit", "scenes", PreviewEditRequest, EditPreview, READ, f"POST {_SCENE}:previewEdit",
     "Which Gaussians edits would remove from a scene; nothing is changed.")
 SUGGEST_NAMES = Call(
-    "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT, f"POST {_SCENE}/name-suggestions",
+    "SuggestNames", "scenes", SuggestNamesRequest, SceneVersion, EDIT._replace(also=("suggester",)),
+    f"POST {_SCENE}/name-suggestions",
     "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
+ASK_NAMER = Call(
+    "AskNamer", "scenes", AskNamerRequest, NamerResult, EDIT, f"POST {_SCENE}:askNamer",
+    "Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.\n"
+    "Refused where the server has none, and before the project agreed to its host; minutes may pass.",
+    repeatable=False)
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
@@ -256,7 +264,8 @@ LIST_BEST_VIEWS = Call(
     "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
     "Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.")
 GET_THING_SHEET = Call(
-    "GetThingSheet", "queries", GetThingSheetRequest, ThingSheet, SHOW, f"GET {_SCENE}/things/sheet",
+    "GetThingSheet", "queries", GetThingSheetRequest, ThingSheet, SHOW._replace(also=("suggester",)),
+    f"GET {_SCENE}/things/sheet",
     "Things without a name in one picture, 20 at most, each from the photo that shows it best, in pages, by id.")
 
 CREATE_KEY = Call(
@@ -282,8 +291,13 @@ ESTIMATE_JOB = Call(
     "How long photos would take to become a scene on this server, before they are sent. Waiting for a worker is not in "
     "it.")
 GET_SERVER_STATUS = Call(
-    "GetServerStatus", "server", NoneType, ServerStatus, FOLLOW, "GET /v1/server/status",
+    "GetServerStatus", "server", NoneType, ServerStatus, READ._replace(also=APART), "GET /v1/server/status",
     "What the server can do, and how much room the project has left, as the caller may know it.")
+
+AGREE_TO_NAMER = Call(
+    "AgreeToNamer", "server", AgreeIn, NamerStatus, ADMIN, "POST /v1/namer:agree",
+    "Agree, once for the project, that pictures of its things without a name go to the host of the server's namer\n"
+    "when somebody asks it; or take that back.")
 
 LIST_PROJECTS = Call(
     "ListProjects", "server", NoneType, ProjectList, OPERATE, "GET /v1/projects",

@@ -27,6 +27,7 @@
     ├── UnauthenticatedError                UNAUTHENTICATED       UNAUTHENTICATED
     ├── PermissionDeniedError               PERMISSION_DENIED     PERMISSION_DENIED
     ├── NotReadyNowError                    UNAVAILABLE           UNAVAILABLE
+    ├── NamerError                          UNAVAILABLE           NAMER_FAILED
     ├── DatabaseError                       UNAVAILABLE           DATABASE_UNAVAILABLE
     ├── ObjectStoreError                    UNAVAILABLE           OBJECT_STORE_UNAVAILABLE
     ├── ArtefactError                       INTERNAL              ARTEFACT_DAMAGED
@@ -286,6 +287,13 @@ class NotReadyNowError(FastSplatError):
 
     kind = Kind.UNAVAILABLE
     reason = "UNAVAILABLE"
+
+
+class NamerError(FastSplatError):
+    """A model that was asked for names answers nothing, or something else than was asked for."""
+
+    kind = Kind.UNAVAILABLE
+    reason = "NAMER_FAILED"
 
 
 class DatabaseError(FastSplatError):

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from fastsplat_contract.wire import Many, Request, Response, travels
 
-Role = Literal["uploader", "reader", "editor", "admin", "operator"]
+Role = Literal["uploader", "suggester", "reader", "editor", "admin", "operator"]
 KeyState = Literal["VALID", "EXPIRED", "REVOKED"]
 
 MAX_LIFETIME_S = 3.2e9
@@ -27,9 +27,9 @@ class KeyIn(Request):
     role: Annotated[
         Role,
         Field(
-            description="uploader: post one scene and watch its job; reader: query and view; editor: also create and "
-            "change; admin: also delete, and keys of the project; operator: all that in any project. At most the "
-            "caller's own"
+            description="uploader: post one scene and watch its job; suggester: see things without a name and suggest "
+            "names; reader: query and view; editor: also create and change; admin: also delete, and keys of the "
+            "project; operator: all that in any project. At most the caller's own"
         ),
     ] = "editor"
     lifetime_s: Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.poses import Pose
+from fastsplat_contract.poses import Box, Pose
 from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.thing_prompts import PixelBox
 from fastsplat_contract.wire import Base64, Many, Request, Response, travels
@@ -16,6 +16,7 @@ from fastsplat_contract.wire import Base64, Many, Request, Response, travels
 LocalizeRefusal = Literal["no_keypoints", "few_matches", "narrow", "looks_different"]
 FocalSource = Literal["given", "metadata", "scene", "estimated"]
 DifferenceKind = Literal["new", "missing", "changed"]
+ChangeKind = Literal["gone", "moved", "new", "changed"]
 
 
 @dataclass(frozen=True)
@@ -54,17 +55,17 @@ class ThingInView(NamedTuple):
 
 @travels(request=False)
 class PhotoDifference(NamedTuple):
-    """A region in which a photo does not show what the scene has."""
+    """A region in which a photo shows a change that another photo of the request agrees on."""
 
     kind: Annotated[
         DifferenceKind,
         Field(
-            description="new: only the photo has an outline there; missing: only the scene has; changed: both have, or "
-            "neither"
+            description="new: only the photo has something there; missing: only the scene has; changed: both have, but "
+            "another"
         ),
     ]
     box: Annotated[PixelBox, Field(description="in pixels of the photo")]
-    strength: Annotated[float, Field(description="mean difference of the color beyond exposure, 0..1")]
+    strength: Annotated[float, Field(description="the probability of the change, 0..1")]
 
 
 @dataclass(frozen=True)
@@ -120,8 +121,29 @@ class LocalizedPhoto(Response):
     things: Annotated[Many[ThingInView], Field(description="seen from there, those with most pixels first")]
     differences: Annotated[
         Many[PhotoDifference],
-        Field(description="where the photo does not show what the scene has, the largest first, at most 16"),
+        Field(description="the changes of the answer that this photo shows, where it shows them"),
     ]
+
+
+@travels(request=False)
+class SceneChange(NamedTuple):
+    """What is not as it was when the scene was made; at least two photos agree on it."""
+
+    kind: Annotated[
+        ChangeKind,
+        Field(
+            description="gone: a thing is not where it was; moved: it is somewhere else now; new: something stands "
+            "where nothing stood; changed: something else stands where the thing was"
+        ),
+    ]
+    thing_id: Annotated[int, Field(description="which thing of the scene; 0 for what is new")]
+    name: Annotated[str, Field(description="of the thing; empty without one, or for what is new")]
+    probability: Annotated[float, Field(description="that this changed, 0..1")]
+    distance: Annotated[float, Field(description="how far it moved, scene units; 0 for what did not")]
+    before: Annotated[Box | None, Field(description="where it was; absent for what is new")]
+    after: Annotated[Box | None, Field(description="where it is; absent for what is gone")]
+    photos: Annotated[Many[int], Field(description="numbers of the photos that agree, from 0")]
+    sentence: Annotated[str, Field(description="the same in words")]
 
 
 @dataclass(frozen=True)
@@ -129,5 +151,13 @@ class Localization(Response):
     """Where photos were taken."""
 
     photos: Annotated[Many[LocalizedPhoto], Field(description="in the order of the request")]
+    changes: Annotated[
+        Many[SceneChange],
+        Field(description="since the scene was made, the surest first; of two photos with a place at least"),
+    ]
+    looked_at: Annotated[
+        Many[int],
+        Field(description="ids of the things that two photos should show: of the others these photos say nothing"),
+    ]
     meters: Annotated[bool, Field(description="whether a scene unit is a meter")]
     version: Annotated[str, Field(description="which version was read")]

@@ -1,4 +1,4 @@
-"""Names that somebody suggests for things of a scene."""
+"""Names that somebody suggests for things of a scene, and the server's own namer: a model that is asked for them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from fastsplat_contract.wire import Many, Request
+from fastsplat_contract.wire import Many, Request, Response
 
 
 @dataclass(frozen=True)
@@ -36,3 +36,36 @@ class SuggestIn(Request):
         ),
     ]
     request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
+
+
+@dataclass(frozen=True)
+class NamerStatus(Response):
+    """The namer that a server's settings name."""
+
+    host: Annotated[str, Field(description="where pictures of things without a name would go: host, and port if given")]
+    model: Annotated[str, Field(description="as the host calls it; also the source of what it suggests")]
+    agreed: Annotated[bool, Field(description="whether the project agreed to this host; nothing is sent before")]
+
+
+@dataclass(frozen=True)
+class AgreeIn(Request):
+    """Whether pictures of a project's things may go to the server's namer."""
+
+    proto: ClassVar[str] = "AgreeToNamerRequest"
+
+    host: Annotated[
+        str, Field(description="of the server's namer, as GetServerStatus tells it; empty: the agreement is taken back")
+    ]
+
+
+@dataclass(frozen=True)
+class NamerResult(Response):
+    """What the namer said of the things of a scene that had no name."""
+
+    suggested: Annotated[int, Field(description="names that are suggested now, at most one for a thing")]
+    shown: Annotated[int, Field(description="things that its pictures showed")]
+    refused: Annotated[
+        int, Field(description="names that were left out: unusable, of no thing shown, or the same for too many things")
+    ]
+    problem: Annotated[str, Field(description="why things were not asked about; empty if all were")]
+    version: Annotated[str, Field(description="the scene's current one, which has the suggestions")]

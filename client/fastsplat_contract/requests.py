@@ -132,6 +132,11 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 
 
 @dataclass(frozen=True)
+class AskNamerRequest(Request, OfScene):
+    """The server's namer shall say what the things of which scene are."""
+
+
+@dataclass(frozen=True)
 class AlignSceneRequest(AlignIn, OfScene):
     """A new version of a scene in the frame of a map."""
 

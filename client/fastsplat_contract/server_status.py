@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from fastsplat_contract.keys import Role
+from fastsplat_contract.name_suggestions import NamerStatus
 from fastsplat_contract.wire import Int64, Many, Response
 
 ModelRole = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
@@ -67,4 +68,8 @@ class ServerStatus(Response):
             description="where other machines reach the web page, as far as the server knows; empty for readers, for a "
             "key for one upload, and for a server that listens on its own machine alone"
         ),
+    ]
+    namer: Annotated[
+        NamerStatus | None,
+        Field(description="absent where the settings name none, for readers, and for keys that do one thing"),
     ]

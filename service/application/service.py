@@ -33,6 +33,7 @@ from fastsplat.service.application.base.validate import (
     check_scene_name,
     check_splat_options,
 )
+from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
@@ -115,6 +116,7 @@ class SceneService:
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
+        self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""

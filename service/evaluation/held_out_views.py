@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, SemanticHead
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.training_views import load_views
@@ -82,7 +84,7 @@ def evaluate_views(
         frame = view.frames[0]
         posed = PosedCamera(frame.camera, capture.views[index].posed.world_from_camera, name)
         rgb, predicted = render_view(gaussians, head, posed, backend=backend)
-        image, target = rgb.clamp(0, 1).numpy(), frame.target().numpy()
+        image, target = rgb.clamp(0, 1).cpu().numpy(), frame.target().numpy()
         valid = None if frame.valid is None else frame.valid.numpy()
         for quality, result in (
             ("psnr", psnr(image, target, valid)),
@@ -109,12 +111,15 @@ def evaluate_views(
 def render_view(
     gaussians: Gaussians, head: SemanticHead, posed: PosedCamera, *, backend: Backend = "cpu"
 ) -> tuple[Tensor, NDArray[np.int32]]:
-    """float32 [H, W, 3] colors on black, and int32 [H, W] most probable classes (0 undetected)."""
-    means = torch.from_numpy(np.ascontiguousarray(gaussians.means))
-    origin = torch.from_numpy(posed.world_from_camera[:3, 3].astype(np.float32))
-    colors = sh_to_rgb(means, torch.from_numpy(gaussians.sh), origin, gaussians.sh_degree, backend=backend)
-    splats = splats_of(gaussians, torch.cat([colors, torch.from_numpy(gaussians.codes)], dim=1))
-    viewmat = torch.from_numpy(posed.camera_from_world().astype(np.float32))
-    image = rasterize(splats, viewmat, posed.camera, backend=backend).image.float()
-    logits = image[..., 3:] @ torch.from_numpy(head.weight).T + torch.from_numpy(head.bias)
-    return image[..., :3], logits.argmax(dim=2).to(torch.int32).numpy()
+    """float32 [H, W, 3] colors on black, on the backend's device; int32 [H, W] most probable classes, 0 undetected."""
+    device = device_of(backend)
+
+    def there(values: NDArray[Any]) -> Tensor:
+        return torch.from_numpy(np.ascontiguousarray(values, dtype=np.float32)).to(device)
+
+    origin = there(posed.world_from_camera[:3, 3])
+    colors = sh_to_rgb(there(gaussians.means), there(gaussians.sh), origin, gaussians.sh_degree, backend=backend)
+    splats = splats_of(gaussians, torch.cat([colors, there(gaussians.codes)], dim=1), device=device)
+    image = rasterize(splats, there(posed.camera_from_world()), posed.camera, backend=backend).image.float()
+    logits = image[..., 3:] @ there(head.weight).T + there(head.bias)
+    return image[..., :3], logits.argmax(dim=2).to(torch.int32).cpu().numpy()

@@ -12,6 +12,9 @@ from fastsplat.service.instances.settings import DiscoverySettings
 
 _LEAST_SUPPORT = 0.35
 """Candidates with less are chance."""
+_LEAST_CONSENSUS = 0.4
+"""Share of the views that see most of a candidate that must propose it for it to be a thing. What fewer propose is a
+patch of a floor, or two things that were once seen as one; in a thing it may be a part."""
 _INSIDE = 0.8
 """Share of a candidate's weight inside a larger one from which it is the larger one's child."""
 _SMALLER = 0.8
@@ -38,10 +41,11 @@ class Hierarchy:
 def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: DiscoverySettings) -> Hierarchy:
     """Parts, things and groups among candidates.
 
-    From the smallest up, each candidate is compared with the things that lie in it. Where these cover most of it, and
-    what they cover, weighed by their support, is worth more than all of it weighed by its own, it is a group of them
-    (nothing where that is one alone), and they stay things. Otherwise it is a thing; of those in it the ones whose
-    edges the masks miss by less than its own stay things, as an apple in a bowl, and the others are its parts.
+    From the smallest up, each candidate that enough views propose is compared with the things that lie in it. Where
+    these cover most of it, and what they cover, weighed by their support, is worth more than all of it weighed by its
+    own, it is a group of them (nothing where that is one alone), and they stay things. Otherwise it is a thing; of
+    those in it the ones whose edges the masks miss by less than its own stay things, as an apple in a bowl, and the
+    others are its parts. Candidates that too few views propose are parts of the smallest thing that they lie in.
 
     Args:
         candidates: see `find_candidates`.
@@ -55,14 +59,15 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
     ]
     common = common_weights([candidates[number] for number in sure], size)
     weight = np.diag(common)
-    inside = common / np.maximum(weight[:, None], 1e-12)
+    lies_in = (common > _INSIDE * weight[:, None]) & (weight[:, None] < _SMALLER * weight)
     support = np.array([candidates[number].support for number in sure])
     error = (1 - support) * np.sqrt(weight)  # of the edge: a rim of one width costs a small thing more of its overlap
+    agreed = np.array([candidates[number].consensus for number in sure]) >= _LEAST_CONSENSUS
     things: list[int] = []
     whole: dict[int, int] = {}
     groups: dict[int, tuple[int, ...]] = {}
-    for one in np.argsort(weight, kind="stable").tolist():
-        children = [n for n in things if inside[n, one] > _INSIDE and weight[n] < _SMALLER * weight[one]]
+    for one in [n for n in np.argsort(weight, kind="stable").tolist() if agreed[n]]:
+        children = [n for n in things if lies_in[n, one]]
         own = np.zeros(len(size))
         for child in reversed(children):  # the smaller, which came first, owns
             own[candidates[sure[child]].rows] = support[child]
@@ -76,6 +81,7 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
             if error[child] >= error[one]:
                 things.remove(child)
                 whole[child] = one
+        whole.update((piece, one) for piece in np.flatnonzero(~agreed & lies_in[:, one]).tolist() if piece not in whole)
         things.append(one)
     part_of = {}
     for part in whole:

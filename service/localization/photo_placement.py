@@ -90,6 +90,7 @@ class PlacedPhoto:
         refined: whether the comparison with the scene's picture has improved the pose.
         comparison: photo and scene from there; None where it is refused.
         radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.
+        photo: without it; None where it is refused.
     """
 
     refusal: LocalizeRefusal | None
@@ -100,6 +101,7 @@ class PlacedPhoto:
     refined: bool = False
     comparison: Comparison | None = None
     radial: float = 0.0
+    photo: Photo | None = None
 
 
 @dataclass(frozen=True)
@@ -202,7 +204,7 @@ def _placed(one: _Matched, pose: SolvedPose | None, geometry: Geometry, of_group
     evidence = replace(evidence, agreement=agreement)
     if (refusal := refusal_of(replace(counted, agreement=agreement))) is not None:
         return PlacedPhoto(refusal, evidence)
-    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial)
+    return PlacedPhoto(None, evidence, posed, covariance, pose.focal_source, refined, comparison, radial, one.photo)
 
 
 def _straightened(one: _Matched, pose: SolvedPose) -> tuple[_Matched, SolvedPose, float]:

@@ -68,6 +68,7 @@ def compared(
     geometry: Geometry,
     scale: float | None = None,
     valid: NDArray[np.bool_] | None = None,
+    side: int = COMPARED_SIDE,
 ) -> Comparison:
     """A photo beside what the scene shows from a pose.
 
@@ -77,8 +78,9 @@ def compared(
         geometry: what a camera sees of the scene.
         scale: of gray values that are likely, for Huber's loss; None: by their median.
         valid: bool [H, W], where the photo shows something; None: everywhere.
+        side: pixels on the longer side, at most.
     """
-    small = small_camera(posed)
+    small = small_camera(posed, side)
     size = small.camera.width, small.camera.height
     target = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32) / np.float32(255)
     seen = geometry(small)

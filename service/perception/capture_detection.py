@@ -33,15 +33,12 @@ OnView = Callable[[int, str], None]
 """Called with the number of views done in this pass and a line for people; may raise `CancelledError`."""
 
 
-def detect_views(
-    load: LoadImage, count: int, labels: Sequence[str], settings: PerceptionSettings, models: Path, on_view: OnView
-) -> tuple[list[Detections], tuple[str, ...]]:
-    """Raw detections of every view, scoring the settings' floor at least, with one name for each class; and the names
-    that were looked for.
+class CaptureDetector:
+    """Detects the objects of a capture's views, each view once, in whatever order they are asked for.
 
     With an open-set detector: prompted by the user's labels, else by what the tagger proposes, else by what
-    `settings.prompt_source` says. Without: what the closed-set detector detects, of the user's labels only if there are
-    any.
+    `settings.prompt_source` says; what it is prompted by is found out in all views before the first one is detected.
+    Without: what the closed-set detector detects, of the user's labels only if there are any.
 
     Args:
         load: loads the image of a view.
@@ -51,22 +48,58 @@ def detect_views(
         models: the model directory.
         on_view: called after every view.
 
+    Attributes:
+        searched: the names that are looked for.
+
     Raises:
         InvalidInputError: the closed-set detector cannot know some of the labels; names them.
         ModelUnavailableError: see the detectors.
     """
-    names = [entry.label for entry in dictionary_of(labels).entries]
-    if not settings.open_set_detector:
-        check_labels_known(names, settings)
-        closed = open_closed_set_detector(settings, models)
-        return _closed_set_pass(closed, load, count, names, settings, on_view), tuple(names) or closed.labels
-    prompts = names or _prompts(load, count, settings, models, on_view)
-    detector = open_open_set_detector(settings, models)
-    detections = []
-    for view in range(count):
-        detections.append(detector.detect(load(view), prompts, settings.open_score_floor))
-        on_view(view + 1, f"looking for {len(prompts)} classes of objects, view {view + 1}/{count}")
-    return merge_spellings(detections, prompts), tuple(prompts)
+
+    def __init__(
+        self,
+        load: LoadImage,
+        count: int,
+        labels: Sequence[str],
+        settings: PerceptionSettings,
+        models: Path,
+        on_view: OnView,
+    ) -> None:
+        self._load, self._count, self._on_view = load, count, on_view
+        self._found: dict[int, Detections] = {}
+        names = [entry.label for entry in dictionary_of(labels).entries]
+        if not settings.open_set_detector:
+            check_labels_known(names, settings)
+            closed = open_closed_set_detector(settings, models)
+            self._spellings: Sequence[str] = names
+            self.searched = tuple(names) or closed.labels
+            self._message = "looking for objects"
+            self._detect: Callable[[Image], Detections] = lambda image: _detect_named(closed, image, names, settings)
+            return
+        prompts = names or _prompts(load, count, settings, models, on_view)
+        detector = open_open_set_detector(settings, models)
+        self._spellings = prompts
+        self.searched = tuple(prompts)
+        self._message = f"looking for {len(prompts)} classes of objects"
+        self._detect = lambda image: detector.detect(image, prompts, settings.open_score_floor)
+
+    @property
+    def done(self) -> int:
+        """The number of views that were looked at."""
+        return len(self._found)
+
+    def detections(self, views: Sequence[int]) -> list[Detections]:
+        """Raw detections of these views, scoring the settings' floor at least, with one name for each class; those that
+        were not looked at yet are.
+
+        Raises:
+            CancelledError: `on_view` says so.
+        """
+        for view in views:
+            if view not in self._found:
+                self._found[view] = self._detect(self._load(view))
+                self._on_view(len(self._found), f"{self._message}, view {len(self._found)}/{self._count}")
+        return merge_spellings([self._found[view] for view in views], self._spellings)
 
 
 def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: Path, on_view: OnView) -> list[str]:
@@ -75,32 +108,22 @@ def _prompts(load: LoadImage, count: int, settings: PerceptionSettings, models: 
         if texts:
             return texts
     if settings.prompt_source == "closed_set":
-        closed = open_closed_set_detector(settings, models)
-        detections = _closed_set_pass(closed, load, count, [], settings, on_view)
-        resolved, _ = resolve_detections(detections, settings, named=False)
+        closed_set = settings.model_copy(update={"open_set_detector": ""})
+        detector = CaptureDetector(load, count, (), closed_set, models, on_view)
+        resolved, _ = resolve_detections(detector.detections(range(count)), settings, named=False)
         classes = dict.fromkeys(label for view in resolved for label in view.labels)
         if classes:
             return list(classes)
     return list(settings.tags or TAGS)
 
 
-def _closed_set_pass(
-    detector: ClosedSetDetector,
-    load: LoadImage,
-    count: int,
-    names: Sequence[str],
-    settings: PerceptionSettings,
-    on_view: OnView,
-) -> list[Detections]:
+def _detect_named(
+    detector: ClosedSetDetector, image: Image, names: Sequence[str], settings: PerceptionSettings
+) -> Detections:
+    """What the detector detects of these names; without names, everything."""
     keys = {label_key(name) for name in names}
-    detections = []
-    for view in range(count):
-        image = load(view)
-        everything = detect_closed_set(detector, image, settings)
-        rows = [row for row, label in enumerate(everything.labels) if not keys or label_key(label) in keys]
-        detections.append(everything.take(rows))
-        on_view(view + 1, f"looking for objects, view {view + 1}/{count}")
-    return merge_spellings(detections, names)
+    everything = detect_closed_set(detector, image, settings)
+    return everything.take([row for row, label in enumerate(everything.labels) if not keys or label_key(label) in keys])
 
 
 def detect_closed_set(detector: ClosedSetDetector, image: Image, settings: PerceptionSettings) -> Detections:

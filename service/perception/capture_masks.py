@@ -10,10 +10,10 @@ from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.capture_detection import detect_closed_set, spread
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
-from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import ClosedSetDetector, Segmenter, ViewMasks
+from fastsplat.service.perception.view_answers import look_at_view
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""
@@ -44,10 +44,7 @@ def propose_view_masks(
     for done, position in enumerate(positions, start=1):
         image = load_image(views[position])
         detections = detect_closed_set(detector, image, settings)
-        boxes = boxes_to_prompt(detections.take([]), detections, settings)
-        embedding = segmenter.embed(image)
-        answer = answer_boxes(segmenter, embedding, boxes)
-        proposed = propose_masks(segmenter, embedding, answer, (image.shape[0], image.shape[1]), settings)
+        proposed = look_at_view(segmenter, image, detections.take([]), detections, settings).masks
         content = load_content(views[position])
         masks[position] = proposed if content is None else proposed.within(content)
         on_view(done, len(positions))

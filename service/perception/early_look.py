@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +15,12 @@ _TIMES = 2
 _MOST_POINTS = 4_000
 
 
-@dataclass(frozen=True)
-class EarlyLook:
-    """Who wants to see labels before all views are labelled.
+EARLY_VIEWS = 6
+"""Views that are looked at before all others, and that a draft of the scene knows."""
 
-    Attributes:
-        views: after how many views.
-        show: is given the labelling as far as it has come, and the numbers of these views.
-    """
-
-    views: int
-    show: Callable[[Labelling, Sequence[int]], None]
+ShowEarly = Callable[[Labelling, Sequence[int]], None]
+"""Who wants to see labels before all views are labelled: is given the labelling as far as it has come, and the numbers
+of the views that were looked at, `EARLY_VIEWS` at most."""
 
 
 def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:

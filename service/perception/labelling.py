@@ -14,15 +14,15 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.formats.capture_files import load_content
 from fastsplat.service.capture.types import Capture, GivenLabels, View
 from fastsplat.service.common.progress import Progress, ProgressEvent
-from fastsplat.service.perception.capture_detection import detect_views, spread
+from fastsplat.service.perception.capture_detection import CaptureDetector, spread
 from fastsplat.service.perception.detection_voting import detection_weights, region_votes, resolve_detections
-from fastsplat.service.perception.early_look import EarlyLook, covering_order
-from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps, upsampled
-from fastsplat.service.perception.mask_proposals import answer_boxes, boxes_to_prompt, propose_masks
+from fastsplat.service.perception.early_look import EARLY_VIEWS, ShowEarly, covering_order
+from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions, ViewMasks
+from fastsplat.service.perception.view_answers import ViewAnswers, look_at_view
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 from fastsplat_contract.errors import InvalidInputError
 
@@ -65,14 +65,16 @@ def label_capture(
     progress: Progress,
     *,
     masks: bool = False,
-    early: EarlyLook | None = None,
+    early: ShowEarly | None = None,
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
-    Label maps that came with the capture are taken as they are, and no model runs. Otherwise objects are detected in
-    every view first (`detect_views`), then the views together decide which detections stand (`resolve_detections`),
-    then boxes become masks and masks the regions of a view (`_segment_regions`), overlaps going to the smaller mask.
-    With each region stays what its rivals were called (`region_votes`): once there is geometry, the views vote again.
+    Label maps that came with the capture are taken as they are, and no model runs. Otherwise views are looked at in the
+    order in which they show most of the capture's points (`covering_order`). In the first of them objects are detected
+    and masks without names looked for, so that `early` sees them; then objects are detected in all others. The views
+    together decide which detections stand (`resolve_detections`), then boxes become masks and masks the regions of a
+    view (`_segment_regions`), overlaps going to the smaller mask. With each region stays what its rivals were called
+    (`region_votes`): once there is geometry, the views vote again.
 
     Args:
         capture: registered images.
@@ -82,8 +84,9 @@ def label_capture(
         progress: called for every view; may raise `CancelledError`.
         masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
             images; never where label maps came with the capture.
-        early: sees the labelling once its first views are done: those that together show most, of those whose masks
-            without names are looked for; None for nobody.
+        early: sees the labelling once its first views are done: with `masks` those that together show most, of those
+            whose masks without names are looked for; None for nobody. What it is shown costs nothing twice, and the
+            result is the same without it.
 
     Returns:
         One label map per view, in order. Views that were not looked at (`settings.max_views`) are undetected
@@ -97,7 +100,7 @@ def label_capture(
     if capture.given_labels is not None:
         given = _read_labels(capture, capture.given_labels, progress)
         if early is not None:
-            early.show(given, covering_order(capture, range(len(capture.views)))[: early.views])
+            early(given, covering_order(capture, range(len(capture.views)))[:EARLY_VIEWS])
         return given
     positions = spread(len(capture.views), settings.max_views)
     # Opened first: a missing model should fail before minutes of detection.
@@ -107,66 +110,108 @@ def label_capture(
         return load_image(capture.views[positions[position]])
 
     proposing = set(spread(len(positions), settings.proposal_views)) if masks else set()
-    segmenting = _SEGMENTED_VIEW["open" if settings.open_set_detector else "closed"] * len(proposing or positions)
-    work = len(positions) + segmenting
+    rate = _SEGMENTED_VIEW["open" if settings.open_set_detector else "closed"]
+    work, looked_at = len(positions) + rate * len(proposing or positions), 0
 
     def on_view(done: int, message: str) -> None:
-        progress(ProgressEvent("perception", done / work, message))
+        progress(ProgressEvent("perception", (done + rate * looked_at) / work, message))
 
-    detections, searched = detect_views(load, len(positions), labels, settings, models, on_view)
-    resolved = _resolve(detections, bool(labels), settings, models)
-    maps = [_blank(view) for view in capture.views]
-    regions = [Regions(blank, ()) for blank in maps]
-    proposed: list[ViewMasks | None] = [None] * (len(maps) if masks else 0)
-    segmented = sorted(views_to_segment(resolved.objects, proposing) if masks else range(len(positions)))
+    proposed: list[ViewMasks | None] = [None] * (len(capture.views) if masks else 0)
 
-    def labelled() -> Labelling:
-        labelling = build_labelling(
-            list(resolved.ids),
-            maps,
-            resolved.aliases,
-            min_pixels=settings.min_pixels,
-            regions=regions,
-            expected=bool(labels),
+    def look(position: int, objects: Detections, candidates: Detections) -> ViewAnswers:
+        answers = look_at_view(segmenter, load(position), objects, candidates, settings)
+        content = load_content(capture.views[positions[position]])
+        proposed[positions[position]] = answers.masks if content is None else answers.masks.within(content)
+        return answers
+
+    detector = CaptureDetector(load, len(positions), labels, settings, models, on_view)
+
+    def labelled(maps: _LabelMaps) -> Labelling:
+        return replace(maps.labelling(expected=bool(labels)), masks=tuple(proposed), searched=detector.searched)
+
+    order = [positions.index(number) for number in covering_order(capture, positions)]
+    first: dict[int, ViewAnswers] = {}
+    for position in [each for each in order if each in proposing][:EARLY_VIEWS]:
+        (raw,) = detector.detections([position])
+        candidates = raw.take(np.flatnonzero(raw.scores >= _thresholds(settings).score_floor))
+        first[position] = look(position, candidates.take([]), candidates)
+        looked_at = len(first)
+        fraction = (detector.done + rate * looked_at) / work
+        progress(ProgressEvent("perception", fraction, f"segmenting a first view, {looked_at}"))
+    if early is not None and 0 < len(first) < len(positions):
+        under_way = _LabelMaps(
+            capture, _resolve(detector.detections(list(first)), bool(labels), settings, models), settings
         )
-        return replace(labelling, masks=tuple(proposed), searched=searched)
-
-    order = segmented
-    if early is not None:
-        first = covering_order(capture, [positions[position] for position in sorted(proposing) or segmented])
-        first = [positions.index(view_index) for view_index in first]
-        order = [*first, *(position for position in segmented if position not in first)]
-    for done, position in enumerate(order, start=1):
-        view_index, objects = positions[position], resolved.objects[position]
-        if len(objects) or position in proposing:
-            view, image = capture.views[view_index], load(position)
-            content = load_content(view)
-            embedding = segmenter.embed(image)
-            if position in proposing:
-                boxes = boxes_to_prompt(objects, resolved.candidates[position], settings)
-                answer, size = answer_boxes(segmenter, embedding, boxes), (image.shape[0], image.shape[1])
-                masks_of_view = propose_masks(segmenter, embedding, answer, size, settings)
-                proposed[view_index] = masks_of_view if content is None else masks_of_view.within(content)
-                of_objects = answer.logits[: len(objects), 0]
-                object_masks = upsampled(of_objects, answer.scale, size, size[1], size[0])
-            else:
-                object_masks = segmenter.masks(embedding, objects.boxes)
-        if len(objects) and content is not None:  # what is withheld is no object, whatever its outline looks like
-            inside = 2 * (object_masks & content).sum((1, 2)) >= object_masks.sum((1, 2))
-            objects, object_masks = objects.take(np.flatnonzero(inside)), object_masks[inside]
-        if len(objects):
-            region_ids, rows = _segment_regions(object_masks, objects, resolved.support, settings)
-            _blank_outside(region_ids, content)
-            votes = region_votes(objects, resolved.candidates[position], resolved.ids, settings.rival_iou)
-            regions[view_index] = Regions(region_ids, tuple(tuple(votes[row].items()) for row in rows))
-            region_labels = np.array([0, *(resolved.ids[objects.labels[row]] for row in rows)], np.uint16)
-            maps[view_index] = region_labels[region_ids]
-        fraction = (len(positions) + segmenting * done / len(order)) / work
+        for row, (position, answers) in enumerate(first.items()):
+            under_way.add(positions[position], row, answers)
+        early(labelled(under_way), [positions[position] for position in first])
+    resolved = _resolve(detector.detections(range(len(positions))), bool(labels), settings, models)
+    maps = _LabelMaps(capture, resolved, settings)
+    for position, answers in first.items():
+        maps.add(positions[position], position, answers)
+    segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
+    rest, begin = (
+        [each for each in order if each in segmented and each not in first],
+        (len(positions) + rate * looked_at) / work,
+    )
+    for done, position in enumerate(rest, start=1):
+        objects = resolved.objects[position]
+        if position in proposing:
+            maps.add(positions[position], position, look(position, objects, resolved.candidates[position]))
+        elif len(objects):
+            image = load(position)
+            maps.add(positions[position], position, segmenter.masks(segmenter.embed(image), objects.boxes))
         count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
-        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(order)}"))
-        if early is not None and done == early.views < len(order):
-            early.show(labelled(), [positions[position] for position in order[:done]])
-    return labelled()
+        fraction = begin + (1 - begin) * done / len(rest)
+        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(rest)}"))
+        if early is not None and not first and done == EARLY_VIEWS < len(rest):
+            early(labelled(maps), [positions[each] for each in rest[:done]])
+    return labelled(maps)
+
+
+class _LabelMaps:
+    """Regions and labels of a capture's views, of one after another.
+
+    Args:
+        capture: registered images.
+        resolved: of the views that are labelled.
+        settings: the bounds.
+    """
+
+    def __init__(self, capture: Capture, resolved: _ResolvedViews, settings: PerceptionSettings) -> None:
+        self._views, self._resolved, self._settings = capture.views, resolved, settings
+        self._maps = [_blank(view) for view in capture.views]
+        self._regions = [Regions(blank, ()) for blank in self._maps]
+
+    def add(self, number: int, row: int, answers: ViewAnswers | NDArray[np.bool_]) -> None:
+        """Label view `number` of the capture, which is `row` of those that were resolved; `answers` has the masks of
+        its objects, or is them: bool [K, H, W]."""
+        objects, resolved, settings = self._resolved.objects[row], self._resolved, self._settings
+        masks = answers.masks_of(objects.boxes) if isinstance(answers, ViewAnswers) else answers
+        content = load_content(self._views[number])
+        if len(objects) and content is not None:  # what is withheld is no object, whatever its outline looks like
+            inside = 2 * (masks & content).sum((1, 2)) >= masks.sum((1, 2))
+            objects, masks = objects.take(np.flatnonzero(inside)), masks[inside]
+        if not len(objects):
+            return
+        region_ids, rows = _segment_regions(masks, objects, resolved.support, settings)
+        _blank_outside(region_ids, content)
+        votes = region_votes(objects, resolved.candidates[row], resolved.ids, settings.rival_iou)
+        self._regions[number] = Regions(region_ids, tuple(tuple(votes[each].items()) for each in rows))
+        labels = np.array([0, *(resolved.ids[objects.labels[each]] for each in rows)], np.uint16)
+        self._maps[number] = labels[region_ids]
+
+    def labelling(self, *, expected: bool) -> Labelling:
+        """As far as it has come; `expected`: whether the user gave the names."""
+        resolved = self._resolved
+        return build_labelling(
+            list(resolved.ids),
+            self._maps,
+            resolved.aliases,
+            min_pixels=self._settings.min_pixels,
+            regions=self._regions,
+            expected=expected,
+        )
 
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:
@@ -198,7 +243,7 @@ def _resolve(
         settings: thresholds.
         models: the model directory.
     """
-    thresholds = settings.of_open_set() if settings.open_set_detector else settings
+    thresholds = _thresholds(settings)
     aliases: dict[str, str] = {}
     if settings.open_set_detector and not named:
         encoder = open_text_encoder(settings.text_encoder, models, threads=settings.threads)
@@ -217,6 +262,10 @@ def _resolve(
         ids={label: label_id for label_id, label in enumerate(classes, start=1)},
         aliases=aliases,
     )
+
+
+def _thresholds(settings: PerceptionSettings) -> PerceptionSettings:
+    return settings.of_open_set() if settings.open_set_detector else settings
 
 
 def _segment_regions(

@@ -42,6 +42,8 @@ class PerceptionOptions(Options):
     """Masks without a name count from this predicted intersection over union; see `mask_proposals`."""
     proposal_stability: float = Field(0.88, ge=0, le=1)
     """Masks without a name count from this stability score."""
+    reader: str = "ppocr_v6_small"
+    """Reads what is written on things. Empty, or where it was never fetched: only printed codes are read."""
     proposal_points: int = Field(24, ge=0)
     """Prompts in each of these views where no box and no mask explains the pixels, at most."""
 

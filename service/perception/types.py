@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,28 @@ from fastsplat.service.common.dictionary import Dictionary
 
 Image = NDArray[np.uint8]
 """uint8 [H, W, 3] RGB."""
+
+
+WritingKind = Literal["text", "qr", "barcode", "tag"]
+"""How something is written: as a line of letters and digits, or as a code for machines: a QR code, a bar code, an
+AprilTag of the family 36h11, whose text is its number."""
+
+
+@dataclass(frozen=True)
+class Writing:
+    """Something that a picture shows written.
+
+    Attributes:
+        kind: see `WritingKind`.
+        text: what it says.
+        probability: 0..1, that it says exactly that, as the reader believes; codes check themselves.
+        corners: float32 [4, 2] pixels, clockwise from the text's or code's top left where that is known.
+    """
+
+    kind: WritingKind
+    text: str
+    probability: float
+    corners: NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -62,12 +62,12 @@ class RankedScene:
         """What it weighs in memory, estimated; it does not depend on the number of Gaussians."""
         things = (*self.names.present, *self.names.parts)
         looks = sum(len(thing.appearance) for thing in things)
-        rankers = 2 if looks else 1  # names of other scenes make another one
+        rankers = 2 if looks or self.names.sources else 1  # what is known of other scenes makes another one
         return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
 
     def suggesting(self, known: Sequence[KnownThing], scene_id: str) -> RankedScene:
-        """This scene with what other scenes suggest for its things. What came of the last `known` is kept, as long as
-        that very sequence is passed.
+        """This scene with what other scenes suggest for its things, its sources weighed by what people named there,
+        too. What came of the last `known` is kept, as long as that very sequence is passed.
 
         Args:
             known: what people named in the project's scenes; those of this scene do not count.
@@ -75,13 +75,16 @@ class RankedScene:
         """
         seen, other = self._suggesting
         if seen is not known:
-            elsewhere = names_by_looks(self.names.present, [one for one in known if one.scene_id != scene_id])
-            if elsewhere and (other is None or other.elsewhere != elsewhere):
-                names = self.names.suggesting(elsewhere)
+            others = [one for one in known if one.scene_id != scene_id]
+            elsewhere = names_by_looks(self.names.present, others)
+            said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
+            needed = bool(elsewhere or said)
+            if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):
+                names = self.names.suggesting(elsewhere, said)
                 other = copy.copy(self)
                 other.ranker, other.names, other._words = self.ranker.suggesting(names), names, ThingWords(names)
                 other.elsewhere = elsewhere
-            other = other if elsewhere else None
+            other = other if needed else None
             self._suggesting = known, other
         return other or self
 

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.cluster.vq import vq
 from scipy.sparse import csr_array
 
 from fastsplat.service.common.cancellation import check_cancelled
@@ -94,6 +93,8 @@ def _clustered(rows: F32, count: int, rng: np.random.Generator) -> F32:
 
 
 def _nearest(rows: F32, centers: F32) -> NDArray[np.intp]:
+    from scipy.cluster.vq import vq  # compressed files alone need it
+
     nearest = np.empty(len(rows), np.intp)
     step = max(1, _DISTANCES // len(centers))
     for start in range(0, len(rows), step):

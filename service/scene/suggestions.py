@@ -27,6 +27,15 @@ class Suggestion(NamedTuple):
     aliases: tuple[str, ...] = ()
 
 
+class SaidName(NamedTuple):
+    """What a source said of a thing that a person named: how probable one of its names was, and whether it was the
+    person's."""
+
+    source: str
+    probability: float
+    right: bool
+
+
 def ranked_suggestions(suggestions: Iterable[Suggestion]) -> tuple[Suggestion, ...]:
     """The most probable ones of each source, the most probable first."""
     kept: list[Suggestion] = []

@@ -10,10 +10,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.dictionary import Dictionary
+from fastsplat.service.common.dictionary import Dictionary, label_key
 from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
+from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.scene.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
@@ -155,6 +156,19 @@ class Thing:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)
         assert 0 <= self.probability <= 1 and 0 <= self.consensus <= 1
         assert all(0 <= each.probability <= 1 for each in self.suggestions)
+
+    @property
+    def said(self) -> tuple[SaidName, ...]:
+        """What sources other than the scene's own models said of a thing that a person named, empty for others: names
+        that were suggested for it, whether or not the person took one of them."""
+        if self.source != "person":
+            return ()
+        name = label_key(self.name)
+        return tuple(
+            SaidName(each.source, each.probability, name in map(label_key, (each.name, *each.aliases)))
+            for each in self.suggestions
+            if each.source
+        )
 
     @property
     def guessed(self) -> bool:

@@ -119,6 +119,11 @@ class TrainingOptions(Options):
     """How often in a run the held-out views are measured for the progress report."""
     rates: LearningRates = LearningRates()
     """Learning rates."""
+    max_psnr_drop_db: float = Field(0.0, ge=0)
+    """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
+    0 prunes nothing, nor does a run without held-out views."""
+    checkpoint_every_s: float = Field(30.0, ge=0)
+    """Seconds between checkpoints."""
 
 
 class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
@@ -148,11 +153,6 @@ class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
     """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
     are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
     of 0.975 where evidence has 0.892."""
-    checkpoint_every_s: float = Field(30.0, ge=0)
-    """Seconds between checkpoints."""
-    max_psnr_drop_db: float = Field(0.0, ge=0)
-    """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
-    0 prunes nothing, nor does a run without held-out views."""
 
     def ending_after(self, seconds: float) -> Self:
         """These settings for a run that ends after so many seconds, or `FEWEST_STEPS` if those take longer."""

@@ -16,7 +16,7 @@ from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.keys import Role
 
 ROLES: tuple[Role, ...] = get_args(Role)
-"""Each may do what those before it may, but the first: see `fastsplat_contract.call.Rule`."""
+"""Each may do what those before it may, but the first two: see `fastsplat_contract.call.Rule`."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class KeyRecord:
     Attributes:
         id: part of the key itself, and of log lines.
         name: for people.
-        role: uploaders post one scene; readers query and view; editors also create and change; admins also delete;
-            operators also do all that in any project.
+        role: uploaders post one scene; suggesters suggest names; readers query and view; editors also create and
+            change; admins also delete; operators also do all that in any project.
         hash: hex sha256 of the whole key.
         created_at: when it was made.
         expires_at: when it ends; None: never.

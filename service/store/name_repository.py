@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sqlalchemy import ColumnElement, Connection, Engine, and_, delete, insert, literal, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import known_names, scenes
@@ -18,6 +18,10 @@ from fastsplat_contract.errors import NotFoundError
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Things
+
+
+Said = tuple[str, float, bool]
+"""What a source of suggestions had said of a thing that a person named: see `SaidName`."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,7 @@ class NewName:
     name: str
     appearance: bytes = field(repr=False)
     picture: bytes = field(repr=False)
+    said: Sequence[Said] = ()
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,7 @@ class KnownNameRecord:
     named_at: float
     appearance: bytes = field(repr=False)
     picture: bytes = field(default=b"", repr=False)
+    said: Sequence[Said] = ()
 
 
 def names_between(before: Things | None, after: Things | None, limit: int) -> VersionNames:
@@ -66,7 +72,7 @@ def names_between(before: Things | None, after: Things | None, limit: int) -> Ve
     named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
     unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
     given = [
-        NewName(thing.id, thing.name, thing.appearance, thing.picture)
+        NewName(thing.id, thing.name, thing.appearance, thing.picture, thing.said)
         for thing in named
         if known.get(thing.id) != thing.name
     ]
@@ -121,7 +127,7 @@ class KnownNameRepository:
         """Every name that counts, newest first, without pictures."""
         query = select(*_PLAIN).join(scenes, _OF_CURRENT).where(self._within()).order_by(*_NEWEST_FIRST)
         with self._reading() as connection:
-            return [KnownNameRecord(**row) for row in connection.execute(query).mappings()]
+            return [_record(row) for row in connection.execute(query).mappings()]
 
     def page(self, limit: int, after: tuple[float, str] | None = None) -> Sequence[KnownNameRecord]:
         """Up to `limit` names that count, newest first, those after (named_at, id)."""
@@ -131,7 +137,7 @@ class KnownNameRepository:
             query = query.where(or_(_ROWS.named_at < at, and_(_ROWS.named_at == at, _ROWS.id < name_id)))
         with self._reading() as connection:
             rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
-            return [KnownNameRecord(**row) for row in rows.mappings()]
+            return [_record(row) for row in rows.mappings()]
 
     def forget(self, name_id: str) -> None:
         """Remove a name, from the versions that are not current, too; its scene keeps it.
@@ -155,6 +161,10 @@ class KnownNameRepository:
 
     def _mine(self) -> ColumnElement[bool]:
         return _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
+
+
+def _record(row: RowMapping) -> KnownNameRecord:
+    return KnownNameRecord(**{**row, "said": tuple(map(tuple, row["said"]))})
 
 
 def _leave(connection: Connection, scene_id: str, limit: int) -> None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy import Engine, exists, func, insert, select
+from sqlalchemy import Engine, exists, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from fastsplat.service.store.database import transaction
@@ -52,6 +52,16 @@ class ProjectRepository:
         """The name of every project."""
         with transaction(self._reading) as connection:
             return list(connection.scalars(select(projects.c.name)))
+
+    def agree(self, name: str, namer_host: str) -> None:
+        """Note to which namer's host pictures of a project may go; "": to none."""
+        with transaction(self._engine) as connection:
+            connection.execute(update(projects).where(projects.c.name == name).values(namer_host=namer_host))
+
+    def agreed(self, name: str) -> str:
+        """To which namer's host pictures of a project may go; "": to none."""
+        with transaction(self._reading) as connection:
+            return str(connection.scalar(select(projects.c.namer_host).where(projects.c.name == name)) or "")
 
     def all(self) -> Sequence[ProjectRecord]:
         """Every project by name."""

@@ -32,6 +32,8 @@ projects = Table(
     metadata,
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
+    # The host of a namer to which pictures of its things may go; "": none.
+    Column("namer_host", String(300), nullable=False, default="", server_default=""),
 )
 
 scenes = Table(
@@ -133,6 +135,8 @@ known_names = Table(
     Column("named_at", Double, nullable=False),
     Column("appearance", LargeBinary, nullable=False),
     Column("picture", LargeBinary, nullable=False),
+    # What sources of suggestions had said of it: [source, probability, right] of each.
+    Column("said", JSON, nullable=False, default=list, server_default="[]"),
     Index("known_names_of_version", "scene_id", "version"),
 )
 
@@ -150,7 +154,7 @@ api_keys = Table(
     Column("id", String(16), primary_key=True),
     Column("name", String(200), nullable=False),
     # It has the name that it had when there were two kinds of keys.
-    Column("kind", String(8), key="role", nullable=False),
+    Column("kind", String(16), key="role", nullable=False),
     Column("hash", String(64), nullable=False),
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),

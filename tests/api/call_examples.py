@@ -219,6 +219,8 @@ EXAMPLES = (
         )
     ),
     _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
+    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer
+    _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),
     _bad("RedoEdit", {}, "", "CONFLICT"),
     _bad("RestoreVersion", {"version": "e0"}, "version", "NOT_FOUND"),

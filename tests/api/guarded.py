@@ -164,7 +164,9 @@ def guarded_server(api_settings: Settings, folder: Path) -> Iterator[Guarded]:
     with open_service(settings) as service, served(service, settings) as faces:
         service.admin.projects.create("elsewhere")
         make = service.admin.keys.create
-        keys = {role: make(role, role)[1] for role in ("uploader", "reader", "editor", "admin", "operator")}
+        keys = {
+            role: make(role, role)[1] for role in ("uploader", "suggester", "reader", "editor", "admin", "operator")
+        }
         revoked, keys["revoked"] = make("revoked", "operator")
         service.admin.keys.revoke(revoked.id)
         keys["stranger"] = make("stranger", "admin", project="elsewhere")[1]

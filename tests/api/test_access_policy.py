@@ -1,7 +1,7 @@
 """Who may call what: the policy exhaustively in process, and over both protocols by samples.
 
-Over the wire each call is made by nobody, by the highest role that is refused, by the lowest that is let in, by a key
-for one upload where that will do, and by the admin of another project.
+Over the wire each call is made by nobody, by the highest role that is refused, by the lowest that is let in, by the
+roles that do one thing alone where these will do, and by the admin of another project.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from tests.api.guarded import ROUTES, RPCS, SERVICE, Guarded, about_one, without
 from tests.api.served import rest_refusal, rpc_refusal
 
 _ROLES = ("reader", "editor", "admin", "operator")
-_CALLERS = {"none": None, "revoked": None, "uploader": "uploader", "stranger": "admin", **{r: r for r in _ROLES}}
+_APART = ("uploader", "suggester")
+_CALLERS = {"none": None, "revoked": None, "stranger": "admin", **{r: r for r in (*_APART, *_ROLES)}}
 """Every caller with the role that its key has."""
 
 _OPEN = {
@@ -36,6 +37,10 @@ _FOR_ONE_UPLOAD = {
     *("GET /v1/operations/{operation_id}/events", "GET /v1/server/status", "GET /v1/estimate"),
     *("OPTIONS /v1/uploads", "POST /v1/uploads"),
     *(f"{method} /v1/uploads/{{upload_id}}" for method in ("HEAD", "PATCH", "DELETE")),
+}
+_FOR_SUGGESTERS = {
+    *("GetThingSheet", "SuggestNames", "POST /mcp", "GetServerStatus", "GET /v1/server/status"),
+    *("GET /v1/scenes/{scene_id}/things/sheet", "POST /v1/scenes/{scene_id}/name-suggestions"),
 }
 _ASKING = {
     *(
@@ -51,7 +56,8 @@ _LOOKING = re.compile(
 
 def _least_role(name: str) -> str | None:
     """What a call should need, by what it does: what is looked at needs a reader, what changes something an editor,
-    what deletes it for ever, keys, and what a trainer wrote, an admin; what is of the server, an operator."""
+    what deletes it for ever or lets pictures go elsewhere, keys, and what a trainer wrote, an admin; what is of the
+    server, an operator."""
     if name in _OPEN:
         return None
     if name.startswith("/"):
@@ -60,13 +66,17 @@ def _least_role(name: str) -> str | None:
             return "editor"
         if "Project" in rpc:
             return "operator"
-        if rpc.startswith("Delete") or rpc.endswith(("Key", "Keys", "Log")):
+        if rpc.startswith(("Delete", "Agree")) or rpc.endswith(("Key", "Keys", "Log")):
             return "admin"
         return "reader" if _LOOKING.match(rpc) or rpc == "ServerReflectionInfo" else "editor"
     method, path = name.split(" ")
     if path == "/v1/projects":
         return "operator"
-    if path.startswith("/v1/keys") or path.endswith("/log") or (method == "DELETE" and "/uploads" not in path):
+    if (
+        path.startswith(("/v1/keys", "/v1/namer"))
+        or path.endswith("/log")
+        or (method == "DELETE" and "/uploads" not in path)
+    ):
         return "admin"
     if path == "/v1/uploads/{upload_id}":
         return "editor"
@@ -80,7 +90,7 @@ def _refusal(rule: Rule, caller: str) -> str | None:
         return None
     if role is None:
         return "UNAUTHENTICATED"
-    enough = rule.one_upload if role == "uploader" else _ROLES.index(role) >= _ROLES.index(rule.role)
+    enough = role in rule.also if role in _APART else _ROLES.index(role) >= _ROLES.index(rule.role)
     return None if enough else "PERMISSION_DENIED"
 
 
@@ -93,9 +103,10 @@ def test_every_route_and_rpc_is_decided_and_nothing_else() -> None:
 
 def test_each_call_needs_the_role_of_what_it_does() -> None:
     assert {name: rule.role for name, rule in RULES.items()} == {name: _least_role(name) for name in RULES}
-    assert {name for name, rule in RULES.items() if rule.one_upload} == {
-        SERVICE + name if name in RPCS else name for name in _FOR_ONE_UPLOAD
-    }
+    for role, calls in (("uploader", _FOR_ONE_UPLOAD), ("suggester", _FOR_SUGGESTERS)):
+        assert {name for name, rule in RULES.items() if role in rule.also} == {
+            SERVICE + name if name in RPCS else name for name in calls
+        }
 
 
 def test_what_nobody_decided_needs_an_operator() -> None:
@@ -127,7 +138,7 @@ def _refused(rule: Rule) -> Iterator[str]:
     """Nobody, and the highest role that is not enough."""
     if rule.role is not None:
         yield "none"
-        refused = [caller for caller in ("uploader", *_ROLES) if _refusal(rule, caller)]
+        refused = [caller for caller in (*_APART, *_ROLES) if _refusal(rule, caller)]
         yield from refused[-1:]
 
 
@@ -140,8 +151,8 @@ def test_a_route_by_samples(guarded: Guarded, route: str) -> None:
         if response.request.method != "HEAD":  # those have no body
             assert rest_refusal(response).reason == _refusal(rule, caller)
         assert ("www-authenticate" in response.headers) == (caller == "none")
-    if rule.one_upload:
-        _let_in(guarded, route, rule, "uploader")
+    for caller in rule.also:
+        _let_in(guarded, route, rule, caller)
     _let_in(guarded, route, rule, rule.role or "none")
     _assert_nothing_there(guarded, route, rule, "stranger")
     guarded.assert_shared_untouched()
@@ -175,16 +186,19 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         error = guarded.call(name, caller, guarded.shared)
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
-    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up
+    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer
         expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
+        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer"), "FAILED_PRECONDITION")
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
         assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal")
-    if rule.one_upload and not about_one(name):
+    if "suggester" in rule.also:
+        assert guarded.call(name, "suggester", guarded.ids_for(name, own=True)) is None
+    if "uploader" in rule.also and not about_one(name):
         error = guarded.call(name, "uploader", guarded.shared)
         assert error is None or (name, error.code().name) == ("CreateScene", "INVALID_ARGUMENT")
     if about_one(name):
         ids = guarded.ids_for(name, own=False)
-        for caller in ("stranger", "uploader") if rule.one_upload else ("stranger",):
+        for caller in ("stranger", "uploader") if "uploader" in rule.also else ("stranger",):
             error, nothing = (guarded.call(name, caller, of) for of in (ids, dict.fromkeys(ids, uuid.uuid4().hex)))
             assert error is not None and nothing is not None, caller
             assert error.code() == nothing.code() == grpc.StatusCode.NOT_FOUND

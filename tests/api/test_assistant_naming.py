@@ -8,7 +8,7 @@ import base64
 import io
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import httpx2
 import numpy as np
@@ -18,54 +18,27 @@ from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolResult, ImageContent, TextContent
 from PIL import Image
 
-from fastsplat.service.application.service import open_service
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client
+from fastsplat_contract.errors import PermissionDeniedError
 from fastsplat_contract.scenes import Edit
 from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces, served
+from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
 
 _WRONG = {"one": 1, "other": 2}
 """The seeds of what two stand-ins for an assistant see wrongly."""
 
 
-class _Room(NamedTuple):
-    """The sample behind a server, after its names were taken away, and what these were, by the things' ids."""
-
-    faces: Faces
-    scene_id: str
-    truth: Mapping[int, str]
-
-
 @pytest.fixture(scope="module")
-def room(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Room]:
-    settings = Settings(
-        data_dir=tmp_path_factory.mktemp("named"),
-        models=models_dir,
-        http_port=0,
-        grpc_port=0,
-        metrics_port=0,
-        auth="off",
-    )
-    with open_service(settings) as service, served(service, settings) as faces:
-        scene_id = service.open_sample().id
-        with client_of(faces) as client:
-            truth = {each.id: each.name for each in client.things(scene_id) if each.name}
-            client.edit_scene(scene_id, [Edit("unname", things=tuple(truth))])
-        yield _Room(faces, scene_id, truth)
+def room(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nameless]:
+    with nameless_sample(models_dir, tmp_path_factory.mktemp("named")) as opened:
+        yield opened
 
 
 def _said(result: CallToolResult) -> Any:
     assert not result.is_error, result.content
     return result.structured_content
-
-
-def _told(truth: Mapping[int, str], seed: int) -> dict[int, str]:
-    """What a stand-in sees: the truth, but for one thing in ten."""
-    wrong = np.random.default_rng(seed).choice(list(truth), -(-len(truth) // 10), replace=False).tolist()
-    return {thing: "umbrella" if thing in wrong else name for thing, name in truth.items()}
 
 
 async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping[int, str]) -> tuple[int, list[int]]:
@@ -92,13 +65,13 @@ async def _name_all(client: McpClient, scene_id: str, source: str, told: Mapping
             return made, seen
 
 
-def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_without_a_person(room: _Room) -> None:
+def test_the_sample_is_named_from_sheets_in_few_calls_and_nothing_is_stated_without_a_person(room: Nameless) -> None:
     async def session(source: str, seed: int) -> tuple[int, list[int]]:
         async with (
             httpx2.AsyncClient(timeout=60) as http,
             McpClient(streamable_http_client(f"{room.faces.rest.base_url}/mcp", http_client=http)) as client,
         ):
-            return await _name_all(client, room.scene_id, source, _told(room.truth, seed))
+            return await _name_all(client, room.scene_id, source, seen_with_errors(room.truth, seed))
 
     for source, seed in _WRONG.items():
         made, seen = asyncio.run(session(source, seed))
@@ -153,6 +126,24 @@ def test_a_reader_may_look_and_suggests_nothing(guarded: Guarded) -> None:
         refusal = _refusal(_call(guarded, "editor", "suggest_names", **(arguments | {"names": [wrong]})))
         assert "INVALID_INPUT" in refusal and f"names.0.{field}" in refusal
     assert guarded.service.get_scene(scene_id).version == version
+
+
+def test_a_suggester_names_a_scene_of_which_it_knows_the_id_and_sees_nothing_else(guarded: Guarded) -> None:
+    scene_id = add_scene(guarded.service, guarded.settings, "of a stranger")
+    guarded.service.versions.edit(scene_id, [Edit("unname", things=(1,))])
+    said = _said(_call(guarded, "suggester", "unnamed_things", scene=scene_id))
+    assert [each["id"] for each in said["things"]] == [1] and said["unit"] == "m"
+    arguments = {"names": [{"thing": 1, "name": "moon", "probability": 0.7}], "source": "eyes", "scene": scene_id}
+    assert _said(_call(guarded, "suggester", "suggest_names", **arguments))["suggested"] == 1
+    for tool, more in (("unnamed_things", {"scene": "of a stranger"}), ("describe_scene", {"scene": scene_id})):
+        assert "PERMISSION_DENIED" in _refusal(_call(guarded, "suggester", tool, **more))
+    with client_of(guarded.faces, key=guarded.keys["suggester"]) as client:
+        status = client.server_status()
+        assert (status.role, status.models, status.quotas, status.addresses) == ("suggester", (), (), ())
+        with pytest.raises(PermissionDeniedError):
+            client.confirm_names(scene_id)
+        with pytest.raises(PermissionDeniedError):
+            client.name_things(scene_id, 1, "moon")
 
 
 def _shown(client: Client, scene_id: str) -> list[int]:

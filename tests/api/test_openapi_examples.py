@@ -17,7 +17,7 @@ from PIL import Image
 from fastsplat.api.examples.example_parameters import IDS
 from fastsplat.api.rest import openapi
 from fastsplat.service.application.service import SceneService, open_service
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import NamerSettings, Settings
 from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_cancelled_job, add_training_job
@@ -32,6 +32,8 @@ _OPERATIONS = {
 _TUS = {"create_upload", "append_to_upload", "get_upload", "delete_upload"}
 """Those need headers of tus, which its own specification describes; see test_api_tus."""
 _OF_TRAINING = {"finish_operation", "get_preview", "get_preview_picture", "get_placed_cameras", "get_job_log"}
+_NAMER = "localhost:11434"
+"""The host of the examples."""
 _WITHOUT_CONTENT = {"application/offset+octet-stream"}
 
 
@@ -99,7 +101,9 @@ class _Place:
 
 @pytest.fixture(scope="module")
 def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[_Place]:
-    settings = api_settings.model_copy(update={"data_dir": tmp_path_factory.mktemp("examples")})
+    namer = NamerSettings(url=f"http://{_NAMER}/v1", model="never asked: the things of these scenes have names")
+    folder = tmp_path_factory.mktemp("examples")
+    settings = api_settings.model_copy(update={"data_dir": folder, "namer": namer})
     with open_service(settings) as service, served(service, settings) as faces:
         yield _Place(faces, service, settings)
 
@@ -130,6 +134,8 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
         if name == "get_goal":  # of a scene whose z is up
             upright = add_upright_scene(place.service, place._settings)
             ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}
+        if name == "ask_namer":
+            place.service.namer.agree(_NAMER)
         if name == "retry_operation":
             ids["operation_id"] = add_cancelled_job(place.service, "IMG_0012.jpg")
         response = _sent(place, name, body, ids)

@@ -24,6 +24,7 @@ from fastsplat.service.store.name_repository import KnownNameRecord, KnownNameRe
 from fastsplat.service.store.schema import known_names
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
@@ -239,3 +240,41 @@ def test_the_oldest_names_of_a_project_leave(service: SceneService, add: Callabl
     page = service.known_names.list(page_size=3)
     rest = service.known_names.list(page_size=3, page_token=page.next_page_token)
     assert [name.thing_id for name in (*page.names, *rest.names)] == [3, 2, 1, 3] and rest.next_page_token == ""
+
+
+def _suggest(service: SceneService, scene_id: str, thing: int, name: str, source: str) -> None:
+    suggested = (SuggestedName(thing, name, 0.8, source),)
+    service.versions.edit(scene_id, [Edit("suggest", suggestions=suggested)])
+
+
+def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_is_undone(
+    service: SceneService, add: Callable[..., str]
+) -> None:
+    first, other, stranger = add(3, 7, 9), add(20, 21, 22), add(20, 21, 22, project="a")
+    for scene_id in (first, other):
+        for thing in (1, 2, 3):
+            _suggest(service, scene_id, thing, f"{_WORDS[thing]}", "eyes")
+            _suggest(service, scene_id, thing, "mug", "ears")
+    elsewhere = service.in_project("a")
+    _suggest(elsewhere, stranger, 1, "carrot", "eyes")
+
+    def says(source: str) -> float:
+        told = [one for name in _suggested(service, other)[1] for one in name.said_by if one.source == source]
+        return told[0].probability
+
+    assert says("eyes") == says("ears") == pytest.approx(0.8)
+    for thing in (1, 2, 3):
+        _name(service, first, thing, _WORDS[thing])
+    assert says("ears") == pytest.approx(0.8 * 4 / 6.4) and says("eyes") == pytest.approx(0.8 * 7 / 6.4)
+    (answer,) = service.answers.query(QueryRequest(other, ("mug",))).answers
+    assert answer.probability == pytest.approx(says("ears"))
+    (unmoved,) = _suggested(elsewhere, stranger)[1]
+    assert unmoved.probability == 0.8  # another project
+    service.versions.undo(first)
+    assert says("ears") == pytest.approx(0.8 * 4 / 5.6)
+    service.versions.redo(first)
+    assert says("ears") == pytest.approx(0.8 * 4 / 6.4)
+    _name(service, first, 3, "submarine")  # refused by a name of one's own
+    assert says("eyes") == pytest.approx(0.8 * 6 / 6.4)
+    service.delete_scene(first)
+    assert says("eyes") == says("ears") == pytest.approx(0.8)

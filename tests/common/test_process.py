@@ -78,3 +78,20 @@ def test_a_process_that_leads_a_session_makes_that_as_nice_as_itself(niceness: i
     result = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True, start_new_session=True)
     process, session = result.stdout.split()
     assert int(process) == min(19, own + niceness) and session in ("none", str(niceness))
+
+
+def test_modules_load_without_a_collector_which_runs_again_afterwards() -> None:
+    """Whatever happens while they load; in a process of its own, as what is frozen stays so."""
+    script = """
+import gc
+from fastsplat.service.common.process import loading_modules
+try:
+    with loading_modules():
+        assert not gc.isenabled()
+        made = [[] for _ in range(100_000)]
+        raise ImportError
+except ImportError:
+    pass
+assert gc.isenabled() and gc.get_freeze_count() >= len(made), gc.get_freeze_count()
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)

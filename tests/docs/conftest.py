@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import fastsplat
-from demo.service_process import running_service
+from fastsplat.cli.demo.service_process import running_service
 from fastsplat.service.store.sample_scene import unpack_sample
 from fastsplat_client import Client
 from tests.docs.forks import forks

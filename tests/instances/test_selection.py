@@ -54,6 +54,18 @@ def test_what_has_a_sharper_edge_than_the_thing_it_lies_in_is_a_thing_of_its_own
     assert hierarchy.things == (0, 1) and hierarchy.part_of == {2: 1, 3: 0} and hierarchy.groups == {}
 
 
+@pytest.mark.parametrize(("proposed", "is_thing"), [(1, False), (3, False), (4, True), (10, True)])
+def test_what_most_views_do_not_propose_is_no_thing(proposed: int, is_thing: bool) -> None:
+    """However well the masks of the others happen to fit; in a thing it is a part, of the smallest that has it."""
+    size = np.ones(200, np.float32)
+    table, plate = candidate(range(0, 100), support=0.9), candidate(range(0, 40), support=0.95)
+    alone = candidate(range(120, 150), support=0.9, proposed=proposed, missed=10 - proposed)
+    inside = candidate(range(0, 20), support=0.6, proposed=proposed, missed=10 - proposed)
+    hierarchy = find_hierarchy([table, plate, alone, inside], size, SETTINGS)
+    assert set(hierarchy.things) == ({0, 1, 2} if is_thing else {0, 1})
+    assert hierarchy.part_of == {3: 1}
+
+
 def test_parts_of_parts_are_parts_of_the_thing() -> None:
     size = np.ones(100, np.float32)
     chain = [candidate(range(length), support=0.4 + 0.005 * length) for length in (10, 30, 60, 100)]

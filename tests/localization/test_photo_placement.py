@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.radial_lens import RadialLens
-from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.query.drawing.scene_renderer import Renderer
@@ -68,7 +67,7 @@ def test_a_picture_of_the_scene_comes_back_to_its_place(
     percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
     assert percent < 0.2 and degrees < 0.1
     assert placed.focal_source == ("given" if focal else "scene")
-    assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
+    assert placed.comparison is not None
 
 
 def test_a_lens_that_the_scene_has_not_seen_is_found_out(landmarks: Landmarks, drawn: Renderer) -> None:
@@ -90,7 +89,7 @@ def test_the_lens_of_the_scenes_photos_is_undone_and_believed_only_where_it_fits
     assert percent < 0.2 and degrees < 0.1
     assert (placed.focal_source, placed.radial) == ("scene", 0.2)
     assert placed.posed is not None and placed.posed.camera.fx == pytest.approx(CAMERA.fx)
-    assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
+    assert placed.comparison is not None
 
     straight = _place(picture, known, drawn)
     assert abs(straight.radial) < 0.02
@@ -110,7 +109,7 @@ def test_exposure_and_white_balance_change_nothing(
     placed = _place((exposed.numpy() * 255).round().astype(np.uint8), landmarks, drawn)
     percent, degrees = _errors(placed, _BETWEEN, landmarks.size)
     assert percent < 0.3 and degrees < 0.15
-    assert placed.comparison is not None and find_differences(placed.comparison, (480, 360)) == ()
+    assert placed.comparison is not None
 
 
 def test_another_room_and_an_empty_picture_are_refused(landmarks: Landmarks, drawn: Renderer) -> None:
@@ -142,34 +141,6 @@ def test_the_frame_of_the_scene_changes_nothing(room: Scene, landmarks: Landmark
     truth = replace(_BETWEEN, world_from_camera=motion @ _BETWEEN.world_from_camera)
     percent, degrees = _errors(placed, truth, landmarks.size)
     assert percent < 0.2 and degrees < 0.1
-
-
-@pytest.fixture(scope="module")
-def beside_block() -> tuple[Renderer, Landmarks]:
-    scene = textured_room(block=True)
-    drawn = renderer(scene)
-    return drawn, landmarks_of(scene, drawn)
-
-
-@pytest.mark.parametrize("kind", ["new", "missing"])
-def test_what_came_and_what_went_is_boxed(
-    landmarks: Landmarks, drawn: Renderer, beside_block: tuple[Renderer, Landmarks], kind: str
-) -> None:
-    with_block = beside_block[0].colors(_BETWEEN)
-    without = drawn.colors(_BETWEEN)
-    truth = (np.abs(with_block.astype(int) - without) > 40).any(axis=2)
-    rows, columns = np.nonzero(truth)
-    if kind == "new":
-        placed = _place(with_block, landmarks, drawn, _FOCAL)
-    else:
-        placed = _place(without, beside_block[1], beside_block[0], _FOCAL)
-    assert placed.comparison is not None
-    found = find_differences(placed.comparison, (480, 360))
-    left, top, right, bottom = found[0].box
-    across = min(right, columns.max()) - max(left, columns.min())
-    down = min(bottom, rows.max()) - max(top, rows.min())
-    assert across > 0.6 * np.ptp(columns) and down > 0.6 * np.ptp(rows)
-    assert all(0 < difference.strength <= 1 for difference in found)
 
 
 def test_photos_that_know_of_each_other_find_their_place_together(landmarks: Landmarks, drawn: Renderer) -> None:

@@ -15,10 +15,13 @@ import pytest
 from fastsplat.service.capture.types import GivenLabels
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.perception.capture_detection import detect_views
+from fastsplat.service.perception import capture_detection
+from fastsplat.service.perception import labelling as labelling_module
+from fastsplat.service.perception.capture_detection import CaptureDetector
 from fastsplat.service.perception.class_names import TAGS
-from fastsplat.service.perception.early_look import EarlyLook
+from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.labelling import label_capture, views_to_segment
+from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections, Labelling
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
@@ -74,6 +77,53 @@ def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, m
         region = ids == number
         overlaps = (masks & region).sum(axis=(1, 2)) / (masks | region).sum(axis=(1, 2))
         assert overlaps.max() > 0.9
+
+
+def test_the_first_views_are_shown_before_the_others_are_looked_at(
+    test_data: Path, models_dir: Path, helpers: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Objects and masks of those that show most; no view is looked at twice, and the result is the same as unseen."""
+    names = ["018", "020", "022", "024"]
+    capture = helpers.make_capture(_table_views(test_data, names))
+    settings = _SETTINGS.model_copy(update={"closer_look": False, "proposal_points": 2, "proposal_views": 3})
+    monkeypatch.setattr(labelling_module, "EARLY_VIEWS", 2)
+    looks: list[str] = []
+
+    def counted(what: str, model: Any, method: str) -> Any:
+        real = getattr(model, method)
+
+        def call(image: np.ndarray, *more: Any) -> Any:
+            looks.append(what)
+            return real(image, *more)
+
+        monkeypatch.setattr(model, method, call)
+        return model
+
+    segmenter = counted("segmented", open_segmenter(settings, models_dir), "embed")
+    detector = counted("detected", open_closed_set_detector(settings, models_dir), "detect")
+    monkeypatch.setattr(labelling_module, "open_segmenter", lambda *_: segmenter)
+    monkeypatch.setattr(capture_detection, "open_closed_set_detector", lambda *_: detector)
+    seen: list[tuple[Labelling, Sequence[int]]] = []
+
+    def early(labelling: Labelling, views: Sequence[int]) -> None:
+        assert looks == ["detected", "segmented"] * 2
+        seen.append((labelling, views))
+
+    shown = label_capture(capture, settings, models_dir, [], silent, masks=True, early=early)
+    ((first, views),) = seen
+    assert len(views) == 2 and [number in views for number in range(4)] == [mask is not None for mask in first.masks]
+    assert {number for number in range(4) if first.label_maps[number].any()} <= set(views)
+    assert "cup" in {entry.label for entry in first.dictionary.entries}
+    assert looks.count("detected") == 4 and looks.count("segmented") == sum(each is not None for each in shown.masks)
+    unseen = label_capture(capture, settings, models_dir, [], silent, masks=True)
+    assert unseen.dictionary == shown.dictionary
+    for number, (before, after) in enumerate(zip(unseen.label_maps, shown.label_maps, strict=True)):
+        np.testing.assert_array_equal(before, after)
+        assert (unseen.masks[number] is None) == (shown.masks[number] is None)
+    for number in views:
+        mask, final = first.masks[number], shown.masks[number]
+        assert mask is not None and final is not None
+        np.testing.assert_array_equal(mask.bits, final.bits)
 
 
 def test_a_class_that_no_view_with_masks_shows_is_cut_out_of_the_view_that_shows_it_best() -> None:
@@ -144,9 +194,10 @@ def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
 
 def test_given_labels_are_seen_at_once(given_capture: Any, tmp_path: Path) -> None:
     seen: list[tuple[Labelling, Sequence[int]]] = []
-    early = EarlyLook(1, lambda labelling, views: seen.append((labelling, views)))
-    labelling = label_capture(given_capture, _SETTINGS, tmp_path / "no models", [], silent, early=early)
-    assert seen == [(labelling, [0])]
+    labelling = label_capture(
+        given_capture, _SETTINGS, tmp_path / "no models", [], silent, early=lambda *shown: seen.append(shown)
+    )
+    assert seen == [(labelling, [0, 1])]
 
 
 @pytest.mark.parametrize("fault", ["size", "id"])
@@ -174,16 +225,21 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
 
     def prompts(image: np.ndarray, labels: list[str], settings: PerceptionSettings) -> str:
         lines: list[str] = []
-        detect_views(lambda _: image, 1, labels, settings, models_dir, lambda done, line: lines.append(line))
+        detector = CaptureDetector(
+            lambda _: image, 1, labels, settings, models_dir, lambda done, line: lines.append(line)
+        )
+        detector.detections([0])
         return lines[-1]
 
     assert "for 1 classes" in prompts(photo, ["banana", "Bananas"], settings)
     assert "for 2 classes" in prompts(grey, [], settings)
     tagged = settings.model_copy(update={"prompt_source": "tags"})
-    found, searched = detect_views(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
-    assert searched == ("headset", "can opener")
+    detector = CaptureDetector(lambda _: photo, 1, [], tagged, models_dir, lambda done, line: None)
+    found = detector.detections([0])
+    assert detector.searched == ("headset", "can opener")
     assert "headset" in found[0].labels and set(found[0].labels) <= {"headset", "can opener"}
-    closed_finds, _ = detect_views(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
+    detector = CaptureDetector(lambda _: photo, 1, [], settings, models_dir, lambda done, line: None)
+    closed_finds = detector.detections([0])
     assert "banana" in closed_finds[0].labels and "headset" not in closed_finds[0].labels
 
 

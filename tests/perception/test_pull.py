@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import http.server
 import io
 import tarfile
+import threading
 import zipfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +19,15 @@ from typer.testing import CliRunner
 from fastsplat.cli.models import models_app
 from fastsplat.service.perception.model_pull import sources
 from fastsplat.service.perception.model_pull.pull import Step, model_state, pull
-from fastsplat.service.perception.models.model_manifest import PERMISSIVE, ROLES, find_model, load_manifest
+from fastsplat.service.perception.model_pull.sources import fetch_file
+from fastsplat.service.perception.models.model_manifest import (
+    PERMISSIVE,
+    ROLES,
+    ModelFile,
+    PackageSource,
+    find_model,
+    load_manifest,
+)
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, ResourceError
 
@@ -185,6 +196,7 @@ def test_the_built_in_manifest_is_sound(models_dir: Path) -> None:
         "picodet_416",
         "mobile_sam",
         "wordnet",
+        "ppocr_v6_small",
     }
     for entry in entries:
         assert entry.license in PERMISSIVE
@@ -257,3 +269,38 @@ def test_what_is_marked_read_only_is_left_alone_by_root_too(table: Path, tmp_pat
     finally:
         models.chmod(0o755)
     assert steps[-1].what == "already there"
+
+
+@pytest.mark.parametrize("fault", ["", "absent", "archive"])
+def test_a_package_of_npm_comes_without_npm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str) -> None:
+    """A server that was installed as a wheel needs no Node.js."""
+    registry, inner = tmp_path / "registry", b"entry one\n"
+    archive = registry / "@words" / "nouns" / "-" / "nouns-1.2.3.tgz"
+    archive.parent.mkdir(parents=True)
+    with tarfile.open(archive, "w:gz") as made:
+        member = tarfile.TarInfo("package/dict/index")
+        member.size = len(inner)
+        made.addfile(member, io.BytesIO(inner))
+    digest = _sha256(archive.read_bytes() if fault != "archive" else b"another")
+    if fault == "absent":
+        archive.unlink()
+    source = PackageSource(
+        kind="npm", package="@words/nouns", version="1.2.3", path="package/dict/index", sha256=digest
+    )
+    file = ModelFile(name="index", sources=(source,), size=len(inner), sha256=_sha256(inner))
+    target = tmp_path / "index"
+    handler = partial(http.server.SimpleHTTPRequestHandler, directory=str(registry))
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        monkeypatch.setenv("npm_config_registry", f"http://127.0.0.1:{server.server_port}/")
+        monkeypatch.setenv("PATH", "")
+        try:
+            if not fault:
+                fetch_file(file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
+                assert target.read_bytes() == inner
+                return
+            with pytest.raises(ModelUnavailableError, match="404" if fault == "absent" else "sha256"):
+                fetch_file(file, target, cache=tmp_path, base=tmp_path, on_bytes=lambda done, total: None)
+            assert not target.exists()
+        finally:
+            server.shutdown()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.perception.capture_detection import detect_views
+from fastsplat.service.perception.capture_detection import CaptureDetector
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger, pool_tags
 from fastsplat_contract.errors import ModelUnavailableError
@@ -154,9 +154,9 @@ def test_the_tags_of_all_views_become_the_texts(tagger_folder: Path, models_dir:
     lines: list[str] = []
 
     def searched(settings: PerceptionSettings, labels: list[str]) -> tuple[str, ...]:
-        return detect_views(
+        return CaptureDetector(
             lambda view: pictures[view], 3, labels, settings, tagger_folder, lambda done, line: lines.append(line)
-        )[1]
+        ).searched
 
     assert searched(settings, []) == ("stop sign",)
     assert lines[:3] == [f"tagging, view {number}/3" for number in (1, 2, 3)]

@@ -163,8 +163,8 @@ def test_trust_falls_with_every_name_that_a_person_gave_otherwise(confirmed: lis
             Thing(n, "cup" if right else "bowl", "person", 1.0, suggestions=(Suggestion("cup", p, "eyes"),))
             for n, (right, p) in enumerate(rows, start=1)
         ]
-        return source_trust(things)["eyes"]
+        return source_trust([said for thing in things for said in thing.said])["eyes"]
 
     assert trust([*confirmed, (False, 0.5)]) < trust(confirmed) <= trust([*confirmed, (True, 1e-9)])
     own = Thing(1, "cup", "person", 1.0, suggestions=(Suggestion("bowl", 0.9),))
-    assert not source_trust([own])  # the scene's own models are measured elsewhere
+    assert not own.said  # the scene's own models are measured elsewhere

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from demo.service_process import running_service
+from fastsplat.cli.demo.service_process import running_service
 from fastsplat_client import Client
 from fastsplat_contract.queries import QueryRequest
 from tests.web.browser import Visit, visiting

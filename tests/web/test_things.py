@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Locator, Route, expect
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
+from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.scenes import Edit
 from tests.api.made_scene import LABELS
 from tests.scenes import store_scene
@@ -175,6 +176,57 @@ def test_things_without_a_name_are_worked_through_by_keyboard(place: Place, brow
         expect(page.get_by_text("All things have names.")).to_be_visible()
     names = [thing.name for thing in place.service.answers.list_things(own).things]
     assert names == ["elephant", MARKUP, "moon"]
+
+
+def test_suggested_names_are_taken_by_one_key_a_thing_or_all_likely_ones_at_once(
+    place: Place, browser: Browser, own: str
+) -> None:
+    ids = [thing.id for thing in place.service.answers.list_things(own).things]
+    told = [
+        SuggestedName(ids[0], "elephant", 0.9, "eyes", "eyes:7b", ("jumbo",)),
+        SuggestedName(ids[1], MARKUP, 0.6, MARKUP),
+        SuggestedName(ids[2], "moon", 0.85, "eyes", "eyes:7b"),
+    ]
+    place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+    place.service.versions.edit(own, [Edit("suggest", suggestions=tuple(told))])
+    with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+        visit.scene_shown()
+        page = visit.page
+        visit.tab("Things")
+        page.evaluate("addEventListener('keydown', () => (window.keys = (window.keys ?? 0) + 1), true)")
+        page.get_by_role("button", name="Name the next one").focus()
+        page.keyboard.press("Enter")
+        for told_of in told:
+            field = page.get_by_label(f"Thing {told_of.thing}, no name", exact=True)
+            expect(field).to_be_focused()
+            expect(field).to_have_value(told_of.name)
+            says = rf"Suggested: {re.escape(told_of.name)} \(\d+ %, says {re.escape(told_of.source)}\)"
+            expect(page.locator("#who-says")).to_contain_text(re.compile(says))
+            visit.check_accessible()
+            page.keyboard.press("Enter")
+            expect(page.get_by_text(f"Named “{told_of.name}”.")).to_be_visible()
+        expect(page.get_by_text("All things have names.")).to_be_visible()
+        assert page.evaluate("window.keys") == 1 + len(told)
+        for _ in told:
+            page.get_by_role("button", name="Undo").click()
+            expect(page.get_by_text("Undone.")).to_be_visible()
+        expect(page.get_by_text("3 things without a name")).to_be_visible()
+        page.evaluate("window.keys = 0")
+        page.get_by_role("button", name="Name the next one").focus()
+        page.keyboard.press("Tab")
+        expect(page.get_by_role("button", name="Take 2 names of 80 % and more")).to_be_focused()
+        page.keyboard.press("Enter")
+        expect(page.get_by_text("2 names taken.")).to_be_visible()
+        expect(page.get_by_text("1 thing without a name")).to_be_visible()
+        assert page.evaluate("window.keys") == 2
+        # What is filled in is taken by nobody who clears it.
+        page.get_by_role("button", name="Name the next one").click()
+        expect(page.get_by_label(f"Thing {ids[1]}, no name", exact=True)).to_be_focused()
+        page.keyboard.press("Backspace")
+        page.keyboard.press("Enter")
+        expect(page.get_by_role("button", name="Name the next one")).to_be_visible()
+    assert [thing.name for thing in place.service.answers.list_things(own).things] == ["elephant", "", "moon"]
+    assert {"jumbo"} <= {alias for each in place.service.get_scene(own).dictionary for alias in each.aliases}
 
 
 def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> None:

@@ -21,6 +21,7 @@ from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, 
 from fastsplat_contract.operations import Operation, SceneOptions
 from tests import color_detector, color_segmenter
 from tests.capture.test_withholding import _SIZE, _VIEWS, _WALKING, _figure, _upload
+from tests.workers.watched_sockets import seen, watching
 
 _ROOT = Path(__file__).parent.parent.parent
 _PERCEPTION = PerceptionSettings(
@@ -57,7 +58,7 @@ def _sent_files(settings: Settings) -> list[Path]:
     return _stored(settings.data_dir / "uploads")
 
 
-def _work(settings: Settings) -> subprocess.Popen[bytes]:
+def _work(settings: Settings, watched: Path) -> subprocess.Popen[bytes]:
     training = {"iterations": 60, "time_budget_s": None, "max_side": 120, "max_gaussians": 4000}
     environment = {
         **os.environ,
@@ -69,7 +70,7 @@ def _work(settings: Settings) -> subprocess.Popen[bytes]:
         "FASTSPLAT_JOBS": '{"niceness": 0}',
     }
     command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-    return subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True)
+    return subprocess.Popen(command, env=watching(watched, environment), cwd=_ROOT, start_new_session=True)
 
 
 def _stored(root: Path, suffix: str = "") -> list[Path]:
@@ -80,7 +81,8 @@ def _stored(root: Path, suffix: str = "") -> list[Path]:
 def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
     test_data: Path, tmp_path: Path, settings: Settings
 ) -> None:
-    worker = _work(settings)
+    watched = tmp_path / "watched"
+    worker = _work(settings, watched)
     try:
         with open_service(settings) as service:
             operation = _posted(service, _photos(test_data, tmp_path / "table"), SceneOptions(privacy="people"))
@@ -113,9 +115,20 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
                 assert not ((pixels[..., 0] > 200) & (pixels[..., 1] < 80) & (pixels[..., 2] > 200)).any()
             stored = np.asarray(Image.open(sorted(pictures)[_WALKING[0]])).astype(int)
             assert np.abs(stored[_figure(_WALKING[0])] - BLANK).mean() < 8
+        assert not seen(watched)  # no host was looked up, connected to, or sent anything
     finally:
         worker.terminate()
         worker.wait(60)
+
+
+def test_a_connection_of_a_process_and_of_its_children_is_seen(tmp_path: Path) -> None:
+    connecting = "import socket; socket.socket(socket.AF_INET, socket.SOCK_DGRAM).connect(('127.0.0.1', 9))"
+    code = f"import subprocess, sys; {connecting}; subprocess.run([sys.executable, '-c', {connecting!r}], check=True)"
+    environment = watching(tmp_path / "watched", os.environ)
+    subprocess.run([sys.executable, "-c", code], env=environment, check=True)
+    lines = seen(tmp_path / "watched")
+    assert len(lines) == 2 and len({line.split()[0] for line in lines}) == 2
+    assert all(line.endswith("socket.connect ('127.0.0.1', 9)") for line in lines)
 
 
 def test_a_promise_that_cannot_be_kept_is_refused(test_data: Path, tmp_path: Path, settings: Settings) -> None:

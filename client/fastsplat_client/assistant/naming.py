@@ -8,9 +8,8 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from fastsplat_client.assistant.tool_lengths import unit_of
 from fastsplat_client.assistant.tool_results import Point, Unit, point
-from fastsplat_client.assistant.tools import resolve_scene
+from fastsplat_client.assistant.tools import SCENE_ID, resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract import calls
 from fastsplat_contract.name_suggestions import SuggestedName
@@ -100,8 +99,8 @@ def unnamed_things(client: Client, page: str, scene: str) -> tuple[bytes, Unname
     Raises:
         InvalidInputError: no page of this scene is called so.
     """
-    shown = resolve_scene(client, scene)
-    sheet = client.call(calls.GET_THING_SHEET, GetThingSheetRequest(shown.id, page_token=page))
+    scene_id = _resolved(client, scene)
+    sheet = client.call(calls.GET_THING_SHEET, GetThingSheetRequest(scene_id, page_token=page))
     things = [
         UnnamedThing(
             each.number,
@@ -116,7 +115,8 @@ def unnamed_things(client: Client, page: str, scene: str) -> tuple[bytes, Unname
         )
         for each in sheet.things
     ]
-    return sheet.picture, UnnamedThings(shown.id, unit_of(shown), things, list(sheet.unseen), sheet.next_page_token)
+    unit: Unit = "m" if sheet.meters else "scene units"
+    return sheet.picture, UnnamedThings(scene_id, unit, things, list(sheet.unseen), sheet.next_page_token)
 
 
 def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model: str, scene: str) -> Suggested:
@@ -129,9 +129,14 @@ def suggest_names(client: Client, names: Sequence[NameGuess], source: str, model
         model: of the source; "" where it is not told.
         scene: id or name; "" for the only one.
     """
-    shown = resolve_scene(client, scene)
+    scene_id = _resolved(client, scene)
     told = [
         SuggestedName(each.thing, each.name, each.probability, source, model, tuple(each.aliases)) for each in names
     ]
-    made = client.suggest_names(shown.id, told)
-    return Suggested(shown.id, len(told), made.version)
+    made = client.suggest_names(scene_id, told)
+    return Suggested(scene_id, len(told), made.version)
+
+
+def _resolved(client: Client, scene: str) -> str:
+    """The id of the scene of that id or name; an id is taken as it is, for keys that may not look at scenes."""
+    return scene if SCENE_ID.fullmatch(scene) else resolve_scene(client, scene).id

@@ -60,7 +60,7 @@ _MOST_IDS = 500
 _MOST_CHARS = 80
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
-_ID = re.compile("[0-9a-f]{32}")
+SCENE_ID = re.compile("[0-9a-f]{32}")
 
 
 def resolve_scene(client: Client, scene: str) -> Scene:
@@ -70,7 +70,7 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     Raises:
         InvalidInputError: none, or several, fit.
     """
-    if _ID.fullmatch(scene):
+    if SCENE_ID.fullmatch(scene):
         with suppress(NotFoundError):
             return client.scene(scene)
     listed: list[SceneSummary] = []

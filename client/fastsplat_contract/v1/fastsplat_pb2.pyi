@@ -925,6 +925,27 @@ DIFFERENCE_KIND_MISSING: DifferenceKind.ValueType  # 2
 DIFFERENCE_KIND_CHANGED: DifferenceKind.ValueType  # 3
 Global___DifferenceKind: _TypeAlias = DifferenceKind  # noqa: Y015
 
+class _ChangeKind:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _ChangeKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_ChangeKind.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    CHANGE_KIND_UNSPECIFIED: _ChangeKind.ValueType  # 0
+    CHANGE_KIND_GONE: _ChangeKind.ValueType  # 1
+    CHANGE_KIND_MOVED: _ChangeKind.ValueType  # 2
+    CHANGE_KIND_NEW: _ChangeKind.ValueType  # 3
+    CHANGE_KIND_CHANGED: _ChangeKind.ValueType  # 4
+
+class ChangeKind(_ChangeKind, metaclass=_ChangeKindEnumTypeWrapper): ...
+
+CHANGE_KIND_UNSPECIFIED: ChangeKind.ValueType  # 0
+CHANGE_KIND_GONE: ChangeKind.ValueType  # 1
+CHANGE_KIND_MOVED: ChangeKind.ValueType  # 2
+CHANGE_KIND_NEW: ChangeKind.ValueType  # 3
+CHANGE_KIND_CHANGED: ChangeKind.ValueType  # 4
+Global___ChangeKind: _TypeAlias = ChangeKind  # noqa: Y015
+
 class _Role:
     ValueType = _typing.NewType("ValueType", _builtins.int)
     V: _TypeAlias = ValueType  # noqa: Y015
@@ -937,6 +958,7 @@ class _RoleEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Role.ValueType],
     ROLE_ADMIN: _Role.ValueType  # 3
     ROLE_OPERATOR: _Role.ValueType  # 4
     ROLE_UPLOADER: _Role.ValueType  # 5
+    ROLE_SUGGESTER: _Role.ValueType  # 6
 
 class Role(_Role, metaclass=_RoleEnumTypeWrapper): ...
 
@@ -946,6 +968,7 @@ ROLE_EDITOR: Role.ValueType  # 2
 ROLE_ADMIN: Role.ValueType  # 3
 ROLE_OPERATOR: Role.ValueType  # 4
 ROLE_UPLOADER: Role.ValueType  # 5
+ROLE_SUGGESTER: Role.ValueType  # 6
 Global___Role: _TypeAlias = Role  # noqa: Y015
 
 class _KeyState:
@@ -4178,6 +4201,66 @@ class SuggestNamesRequest(_message.Message):
 Global___SuggestNamesRequest: _TypeAlias = SuggestNamesRequest  # noqa: Y015
 
 @_typing.final
+class AskNamerRequest(_message.Message):
+    """The server's namer shall say what the things of which scene are."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AskNamerRequest: _TypeAlias = AskNamerRequest  # noqa: Y015
+
+@_typing.final
+class NamerResult(_message.Message):
+    """What the namer said of the things of a scene that had no name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SUGGESTED_FIELD_NUMBER: _builtins.int
+    SHOWN_FIELD_NUMBER: _builtins.int
+    REFUSED_FIELD_NUMBER: _builtins.int
+    PROBLEM_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    suggested: _builtins.int
+    """names that are suggested now, at most one for a thing"""
+    shown: _builtins.int
+    """things that its pictures showed"""
+    refused: _builtins.int
+    """names that were left out: unusable, of no thing shown, or the same for too many things"""
+    problem: _builtins.str
+    """why things were not asked about; empty if all were"""
+    version: _builtins.str
+    """the scene's current one, which has the suggestions"""
+    def __init__(
+        self,
+        *,
+        suggested: _builtins.int = ...,
+        shown: _builtins.int = ...,
+        refused: _builtins.int = ...,
+        problem: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["problem", b"problem", "refused", b"refused", "shown", b"shown", "suggested", b"suggested", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NamerResult: _TypeAlias = NamerResult  # noqa: Y015
+
+@_typing.final
 class AlignSceneRequest(_message.Message):
     """A new version of a scene in the frame of a map."""
 
@@ -6179,6 +6262,8 @@ class Localization(_message.Message):
     PHOTOS_FIELD_NUMBER: _builtins.int
     METERS_FIELD_NUMBER: _builtins.int
     VERSION_FIELD_NUMBER: _builtins.int
+    CHANGES_FIELD_NUMBER: _builtins.int
+    LOOKED_AT_FIELD_NUMBER: _builtins.int
     meters: _builtins.bool
     """whether a scene unit is a meter"""
     version: _builtins.str
@@ -6187,16 +6272,26 @@ class Localization(_message.Message):
     def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___LocalizedPhoto]:
         """in the order of the request"""
 
+    @_builtins.property
+    def changes(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneChange]:
+        """since the scene was made, the surest first; of two photos with a place at least"""
+
+    @_builtins.property
+    def looked_at(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that two photos should show: of the others these photos say nothing"""
+
     def __init__(
         self,
         *,
         photos: _abc.Iterable[Global___LocalizedPhoto] | None = ...,
         meters: _builtins.bool = ...,
         version: _builtins.str = ...,
+        changes: _abc.Iterable[Global___SceneChange] | None = ...,
+        looked_at: _abc.Iterable[_builtins.int] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["meters", b"meters", "photos", b"photos", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["changes", b"changes", "looked_at", b"looked_at", "meters", b"meters", "photos", b"photos", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -6259,7 +6354,7 @@ class LocalizedPhoto(_message.Message):
 
     @_builtins.property
     def differences(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoDifference]:
-        """where the photo does not show what the scene has, the largest first, at most 16"""
+        """the changes of the answer that this photo shows, where it shows them"""
 
     def __init__(
         self,
@@ -6334,7 +6429,7 @@ Global___ThingInView: _TypeAlias = ThingInView  # noqa: Y015
 
 @_typing.final
 class PhotoDifference(_message.Message):
-    """A region in which a photo does not show what the scene has."""
+    """A region in which a photo shows a change that another photo of the request agrees on."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -6342,9 +6437,9 @@ class PhotoDifference(_message.Message):
     BOX_FIELD_NUMBER: _builtins.int
     STRENGTH_FIELD_NUMBER: _builtins.int
     kind: Global___DifferenceKind.ValueType
-    """new: only the photo has an outline there; missing: only the scene has; changed: both have, or neither"""
+    """new: only the photo has something there; missing: only the scene has; changed: both have, but another"""
     strength: _builtins.float
-    """mean difference of the color beyond exposure, 0..1"""
+    """the probability of the change, 0..1"""
     @_builtins.property
     def box(self) -> Global___PixelBox:
         """in pixels of the photo"""
@@ -6363,6 +6458,68 @@ class PhotoDifference(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___PhotoDifference: _TypeAlias = PhotoDifference  # noqa: Y015
+
+@_typing.final
+class SceneChange(_message.Message):
+    """What is not as it was when the scene was made; at least two photos agree on it."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    KIND_FIELD_NUMBER: _builtins.int
+    THING_ID_FIELD_NUMBER: _builtins.int
+    NAME_FIELD_NUMBER: _builtins.int
+    PROBABILITY_FIELD_NUMBER: _builtins.int
+    DISTANCE_FIELD_NUMBER: _builtins.int
+    BEFORE_FIELD_NUMBER: _builtins.int
+    AFTER_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    SENTENCE_FIELD_NUMBER: _builtins.int
+    kind: Global___ChangeKind.ValueType
+    """gone: a thing is not where it was; moved: it is somewhere else now; new: something stands where nothing stood;
+    changed: something else stands where the thing was
+    """
+    thing_id: _builtins.int
+    """which thing of the scene; 0 for what is new"""
+    name: _builtins.str
+    """of the thing; empty without one, or for what is new"""
+    probability: _builtins.float
+    """that this changed, 0..1"""
+    distance: _builtins.float
+    """how far it moved, scene units; 0 for what did not"""
+    sentence: _builtins.str
+    """the same in words"""
+    @_builtins.property
+    def before(self) -> Global___Box:
+        """where it was; absent for what is new"""
+
+    @_builtins.property
+    def after(self) -> Global___Box:
+        """where it is; absent for what is gone"""
+
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """numbers of the photos that agree, from 0"""
+
+    def __init__(
+        self,
+        *,
+        kind: Global___ChangeKind.ValueType = ...,
+        thing_id: _builtins.int = ...,
+        name: _builtins.str = ...,
+        probability: _builtins.float = ...,
+        distance: _builtins.float = ...,
+        before: Global___Box | None = ...,
+        after: Global___Box | None = ...,
+        photos: _abc.Iterable[_builtins.int] | None = ...,
+        sentence: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["after", b"after", "before", b"before"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["after", b"after", "before", b"before", "distance", b"distance", "kind", b"kind", "name", b"name", "photos", b"photos", "probability", b"probability", "sentence", b"sentence", "thing_id", b"thing_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___SceneChange: _TypeAlias = SceneChange  # noqa: Y015
 
 @_typing.final
 class ListBestViewsRequest(_message.Message):
@@ -6645,8 +6802,9 @@ class CreateKeyRequest(_message.Message):
     name: _builtins.str
     """whose key it is, for people"""
     role: Global___Role.ValueType
-    """uploader: post one scene and watch its job; reader: query and view; editor: also create and change; admin: also
-    delete, and keys of the project; operator: all that in any project. At most the caller's own
+    """uploader: post one scene and watch its job; suggester: see things without a name and suggest names; reader: query
+    and view; editor: also create and change; admin: also delete, and keys of the project; operator: all that in any
+    project. At most the caller's own
     """
     lifetime_s: _builtins.float
     """seconds until it expires; absent: never"""
@@ -6989,6 +7147,7 @@ class ServerStatus(_message.Message):
     MAX_UPLOAD_BYTES_FIELD_NUMBER: _builtins.int
     MAX_IMAGES_FIELD_NUMBER: _builtins.int
     ADDRESSES_FIELD_NUMBER: _builtins.int
+    NAMER_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """the release that runs"""
     project: _builtins.str
@@ -7025,6 +7184,10 @@ class ServerStatus(_message.Message):
         and for a server that listens on its own machine alone
         """
 
+    @_builtins.property
+    def namer(self) -> Global___NamerStatus:
+        """absent where the settings name none, for readers, and for keys that do one thing"""
+
     def __init__(
         self,
         *,
@@ -7041,10 +7204,11 @@ class ServerStatus(_message.Message):
         max_upload_bytes: _builtins.int = ...,
         max_images: _builtins.int = ...,
         addresses: _abc.Iterable[_builtins.str] | None = ...,
+        namer: Global___NamerStatus | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at", "namer", b"namer"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "namer", b"namer", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -7118,6 +7282,58 @@ class QuotaStatus(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__limit) -> _WhichOneofReturnType__limit | None: ...
 
 Global___QuotaStatus: _TypeAlias = QuotaStatus  # noqa: Y015
+
+@_typing.final
+class NamerStatus(_message.Message):
+    """The namer that a server's settings name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HOST_FIELD_NUMBER: _builtins.int
+    MODEL_FIELD_NUMBER: _builtins.int
+    AGREED_FIELD_NUMBER: _builtins.int
+    host: _builtins.str
+    """where pictures of things without a name would go: host, and port if given"""
+    model: _builtins.str
+    """as the host calls it; also the source of what it suggests"""
+    agreed: _builtins.bool
+    """whether the project agreed to this host; nothing is sent before"""
+    def __init__(
+        self,
+        *,
+        host: _builtins.str = ...,
+        model: _builtins.str = ...,
+        agreed: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["agreed", b"agreed", "host", b"host", "model", b"model"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NamerStatus: _TypeAlias = NamerStatus  # noqa: Y015
+
+@_typing.final
+class AgreeToNamerRequest(_message.Message):
+    """Whether pictures of a project's things may go to the server's namer."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HOST_FIELD_NUMBER: _builtins.int
+    host: _builtins.str
+    """of the server's namer, as GetServerStatus tells it; empty: the agreement is taken back"""
+    def __init__(
+        self,
+        *,
+        host: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["host", b"host"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AgreeToNamerRequest: _TypeAlias = AgreeToNamerRequest  # noqa: Y015
 
 @_typing.final
 class ListProjectsResponse(_message.Message):

@@ -110,6 +110,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.AskNamer = channel.unary_unary(
+                '/fastsplat.v1.SceneService/AskNamer',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AskNamerRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NamerResult.FromString,
+                _registered_method=True)
         self.AlignScene = channel.unary_unary(
                 '/fastsplat.v1.SceneService/AlignScene',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
@@ -310,6 +315,11 @@ class SceneServiceStub:
                 request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
                 _registered_method=True)
+        self.AgreeToNamer = channel.unary_unary(
+                '/fastsplat.v1.SceneService/AgreeToNamer',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AgreeToNamerRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.NamerStatus.FromString,
+                _registered_method=True)
         self.ListProjects = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListProjects',
                 request_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
@@ -443,6 +453,14 @@ class SceneServiceServicer:
     def SuggestNames(self, request, context):
         """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
         somebody gives them by EditScene. All or none; they make a version, which is current on return.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def AskNamer(self, request, context):
+        """Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.
+        Refused where the server has none, and before the project agreed to its host; minutes may pass.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -735,6 +753,14 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def AgreeToNamer(self, request, context):
+        """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer when
+        somebody asks it; or take that back.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListProjects(self, request, context):
         """Every project of the server, by name.
         """
@@ -847,6 +873,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.SuggestNames,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'AskNamer': grpc.unary_unary_rpc_method_handler(
+                    servicer.AskNamer,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AskNamerRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NamerResult.SerializeToString,
             ),
             'AlignScene': grpc.unary_unary_rpc_method_handler(
                     servicer.AlignScene,
@@ -1047,6 +1078,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.GetServerStatus,
                     request_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.SerializeToString,
+            ),
+            'AgreeToNamer': grpc.unary_unary_rpc_method_handler(
+                    servicer.AgreeToNamer,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AgreeToNamerRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.NamerStatus.SerializeToString,
             ),
             'ListProjects': grpc.unary_unary_rpc_method_handler(
                     servicer.ListProjects,
@@ -1479,6 +1515,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/SuggestNames',
             fastsplat_dot_v1_dot_fastsplat__pb2.SuggestNamesRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def AskNamer(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/AskNamer',
+            fastsplat_dot_v1_dot_fastsplat__pb2.AskNamerRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.NamerResult.FromString,
             options,
             channel_credentials,
             insecure,
@@ -2559,6 +2622,33 @@ class SceneService:
             '/fastsplat.v1.SceneService/GetServerStatus',
             google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.ServerStatus.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def AgreeToNamer(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/AgreeToNamer',
+            fastsplat_dot_v1_dot_fastsplat__pb2.AgreeToNamerRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.NamerStatus.FromString,
             options,
             channel_credentials,
             insecure,

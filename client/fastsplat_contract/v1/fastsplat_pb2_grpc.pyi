@@ -93,6 +93,10 @@ class SceneServiceStub:
     """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
     somebody gives them by EditScene. All or none; they make a version, which is current on return.
     """
+    AskNamer: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AskNamerRequest, _fastsplat_pb2.NamerResult]
+    """Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.
+    Refused where the server has none, and before the project agreed to its host; minutes may pass.
+    """
     @_builtins.property
     @_deprecated("""This method has been marked as deprecated using proto method options.""")
     def AlignScene(self) -> _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignSceneRequest, _fastsplat_pb2.SceneVersion]:
@@ -191,6 +195,10 @@ class SceneServiceStub:
     """
     GetServerStatus: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]
     """What the server can do, and how much room the project has left, as the caller may know it."""
+    AgreeToNamer: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AgreeToNamerRequest, _fastsplat_pb2.NamerStatus]
+    """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer when
+    somebody asks it; or take that back.
+    """
     ListProjects: _grpc.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]
     """Every project of the server, by name."""
     CreateProject: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateProjectRequest, _fastsplat_pb2.Project]
@@ -242,6 +250,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     SuggestNames: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.SuggestNamesRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
     somebody gives them by EditScene. All or none; they make a version, which is current on return.
+    """
+    AskNamer: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AskNamerRequest, _fastsplat_pb2.NamerResult]  # type: ignore[assignment]
+    """Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.
+    Refused where the server has none, and before the project agreed to its host; minutes may pass.
     """
     @_builtins.property
     @_deprecated("""This method has been marked as deprecated using proto method options.""")
@@ -341,6 +353,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """
     GetServerStatus: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ServerStatus]  # type: ignore[assignment]
     """What the server can do, and how much room the project has left, as the caller may know it."""
+    AgreeToNamer: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AgreeToNamerRequest, _fastsplat_pb2.NamerStatus]  # type: ignore[assignment]
+    """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer when
+    somebody asks it; or take that back.
+    """
     ListProjects: _aio.UnaryUnaryMultiCallable[_empty_pb2.Empty, _fastsplat_pb2.ListProjectsResponse]  # type: ignore[assignment]
     """Every project of the server, by name."""
     CreateProject: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.CreateProjectRequest, _fastsplat_pb2.Project]  # type: ignore[assignment]
@@ -478,6 +494,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
     ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
         """Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until
         somebody gives them by EditScene. All or none; they make a version, which is current on return.
+        """
+
+    @_abc_1.abstractmethod
+    def AskNamer(
+        self,
+        request: _fastsplat_pb2.AskNamerRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.NamerResult, _abc.Awaitable[_fastsplat_pb2.NamerResult]]:
+        """Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.
+        Refused where the server has none, and before the project agreed to its host; minutes may pass.
         """
 
     @_deprecated("""Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use\nEditScene with the action align.""")
@@ -815,6 +841,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.ServerStatus, _abc.Awaitable[_fastsplat_pb2.ServerStatus]]:
         """What the server can do, and how much room the project has left, as the caller may know it."""
+
+    @_abc_1.abstractmethod
+    def AgreeToNamer(
+        self,
+        request: _fastsplat_pb2.AgreeToNamerRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.NamerStatus, _abc.Awaitable[_fastsplat_pb2.NamerStatus]]:
+        """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer when
+        somebody asks it; or take that back.
+        """
 
     @_abc_1.abstractmethod
     def ListProjects(

@@ -14,6 +14,8 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, agreed
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene
+from fastsplat.service.query.things.thing_index import listed_suggestions
+from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.known_names import KnownName, KnownNameList
@@ -82,13 +84,23 @@ class KnownNames:
             ranked: of the scene's version.
             listed: some of its things.
         """
-        names = self.suggesting(scene_id, ranked).elsewhere
+        weighed = self.suggesting(scene_id, ranked)
+        if weighed is ranked:
+            return tuple(listed)
+        names, trust = weighed.elsewhere, weighed.names.trust
+        if trust != ranked.names.trust:
+            known = {thing.id: thing for thing in (*ranked.names.present, *ranked.names.parts)}
+            listed = [
+                replace(thing, suggestions=listed_suggestions(known[thing.id], trust)) if thing.id in known else thing
+                for thing in listed
+            ]
         return tuple(_suggested(thing, names[thing.id]) if thing.id in names else thing for thing in listed)
 
     def suggesting(self, scene_id: str, ranked: RankedScene) -> RankedScene:
-        """A version of a scene with what other scenes suggest for its things; where there is one scene alone, as it is:
-        what others are called is nothing to show."""
-        if self._store.only_scene or not any(thing.appearance for thing in ranked.names.present):
+        """A version of a scene with what other scenes suggest for its things, and say of its sources; where there is
+        one scene alone, as it is: what others are called is nothing to show."""
+        looks = any(thing.appearance for thing in ranked.names.present)
+        if self._store.only_scene or not (looks or ranked.names.sources):
             return ranked
         return ranked.suggesting(self._known(), scene_id)
 
@@ -99,7 +111,10 @@ class KnownNames:
         if list(keys) != self._store.known_names.keys():
             records = self._store.known_names.all()
             keys = [(record.id, record.version) for record in records]
-            known = tuple(KnownThing(record.scene_id, record.name, record.appearance) for record in records)
+            known = tuple(
+                KnownThing(each.scene_id, each.name, each.appearance, tuple(SaidName(*said) for said in each.said))
+                for each in records
+            )
             with self._lock:
                 self._kept.pop(project, None)
                 self._kept[project] = keys, known

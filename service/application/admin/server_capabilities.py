@@ -12,12 +12,15 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
+from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
-from fastsplat.service.settings import Settings
+from fastsplat.service.settings import NamerSettings, Settings
 from fastsplat.service.store.store import Store
-from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.call import APART
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, ModelUnavailableError
 from fastsplat_contract.keys import Role
+from fastsplat_contract.name_suggestions import NamerStatus
 from fastsplat_contract.server_status import ModelRole, ModelStatus, QuotaStatus, ServerStatus
 
 _SOMEWHERE = ("192.0.2.1", 9)
@@ -48,12 +51,12 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         role=role,
         key_expires_at=None if key is None else key.expires_at,
         upload_operation="" if key is None else key.operation_id,
-        models=() if role == "uploader" else _models(settings),
+        models=() if role in APART else _models(settings),
         backend=settings.query.backend,
         training_backend=settings.training.backend,
         workers=sum(worker.heartbeat_at >= live_since for worker in store.workers.list_workers()),
         quotas=()
-        if role == "uploader"
+        if role in APART
         else (
             QuotaStatus("scenes", usage.scenes, quotas.scenes or None),
             QuotaStatus("bytes", usage.stored_bytes, quotas.stored_bytes or None),
@@ -61,7 +64,8 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         ),
         max_upload_bytes=settings.capture.max_upload_bytes,
         max_images=settings.capture.max_images,
-        addresses=() if role in ("uploader", "reader") else page_addresses(settings),
+        namer=None if role in (*APART, "reader") else namer_status(store, settings, project),
+        addresses=() if role in (*APART, "reader") else page_addresses(settings),
     )
 
 
@@ -160,3 +164,40 @@ def _opened_digest(name: str, models: Path) -> str:
     from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 
     return open_text_encoder(name, models).sha256
+
+
+def namer_status(store: Store, settings: Settings, project: str) -> NamerStatus | None:
+    """The namer of the settings, and whether the project agreed to its host; None where there is none."""
+    namer = settings.namer
+    if not namer.url:
+        return None
+    return NamerStatus(namer.host, namer.model, store.projects.agreed(project) == namer.host)
+
+
+def agree_to_namer(store: Store, settings: Settings, project: str, host: str) -> NamerStatus:
+    """Agree to the host of the server's namer, or with "" to none; returns what holds then.
+
+    Raises:
+        ModelUnavailableError: the server has no namer.
+        InvalidInputError: its host is another one: what was agreed to elsewhere does not hold for it.
+    """
+    namer = the_namer(settings)
+    if host and host != namer.host:
+        raise InvalidInputError(
+            f"the server's namer is not at {host[:200]!r}", field="host", limit=f"{namer.host}, or empty"
+        )
+    store.projects.agree(project, host)
+    return NamerStatus(namer.host, namer.model, bool(host))
+
+
+def the_namer(settings: Settings) -> NamerSettings:
+    """The settings of the server's namer.
+
+    Raises:
+        ModelUnavailableError: it has none.
+    """
+    if not settings.namer.url:
+        raise ModelUnavailableError(
+            "this server has no namer", field="namer", hint=f"Set {environment_variable(NamerSettings, 'url')}."
+        )
+    return settings.namer

@@ -9,15 +9,20 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.application.answering.scene_changes import scene_changes
 from fastsplat.service.capture.uploads.sent_photos import SentPhoto
 from fastsplat.service.localization.acceptance import explanation_of
-from fastsplat.service.localization.differences import find_differences
 from fastsplat.service.localization.landmarks import Landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.localization.photometric_refinement import small_camera
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.localize_messages import LocalizedPhoto, PhotoDifference, ThingInView
+from fastsplat_contract.localize_messages import (
+    Localization,
+    LocalizedPhoto,
+    PhotoDifference,
+    ThingInView,
+)
 from fastsplat_contract.thing_prompts import PixelBox
 
 _LEAST_SHARE = 0.001
@@ -30,8 +35,9 @@ def localized_photos(
     sent: Sequence[SentPhoto],
     focals: Sequence[float | None],
     rough: Sequence[NDArray[np.float64]],
-) -> tuple[LocalizedPhoto, ...]:
-    """One answer for each photo, in order.
+    version: str,
+) -> Localization:
+    """One answer for each photo, in order, and what two of them agree has changed.
 
     Args:
         index: of the scene's version.
@@ -39,13 +45,19 @@ def localized_photos(
         sent: the photos.
         focals: pixels of each photo as it was sent; None: the photo's own, or unknown.
         rough: float64 [4, 4] each, world from camera; none, or one for each photo.
+        version: the name of the scene's version.
 
     Raises:
         CancelledError: see `service.common.cancellation`.
     """
     photos = [_photo(one, focal) for one, focal in zip(sent, focals, strict=True)]
     placed = place_photos(photos, landmarks, index.geometry, rough)
-    return tuple(_answer(index, one, own) for one, own in zip(sent, placed, strict=True))
+    changes, looked_at, shown = scene_changes(index, placed, [one.size for one in sent])
+    answers = [
+        _answer(index, one, own, shown.get(number, ()))
+        for number, (one, own) in enumerate(zip(sent, placed, strict=True))
+    ]
+    return Localization(tuple(answers), changes, looked_at, index.scene.scale == "METRIC", version)
 
 
 def _photo(sent: SentPhoto, focal: float | None) -> Photo:
@@ -54,17 +66,14 @@ def _photo(sent: SentPhoto, focal: float | None) -> Photo:
     return Photo(sent.pixels, sent.focal, "metadata")
 
 
-def _answer(index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto) -> LocalizedPhoto:
+def _answer(
+    index: SceneIndex, sent: SentPhoto, placed: PlacedPhoto, differences: tuple[PhotoDifference, ...]
+) -> LocalizedPhoto:
     evidence = placed.evidence
     camera: PosedCamera | None = None
-    differences: tuple[PhotoDifference, ...] = ()
     things: tuple[ThingInView, ...] = ()
-    if placed.posed is not None and placed.comparison is not None:
+    if placed.posed is not None:
         camera = dataclasses.replace(placed.posed, camera=placed.posed.camera.scaled_to(*sent.size))
-        differences = tuple(
-            PhotoDifference(found.kind, PixelBox(*found.box), found.strength)
-            for found in find_differences(placed.comparison, sent.size)
-        )
         things = _things(index, camera)
     return LocalizedPhoto(
         refusal=placed.refusal,

@@ -85,15 +85,14 @@ class Localizing:
 
         def read(index: SceneIndex, version: str) -> Localization:
             gaussians = len(index.scene.gaussians)
-            charge(len(request.photos) * (2 * _PHOTO_COST + 8 * gaussians))
+            charge(len(request.photos) * (3 * _PHOTO_COST + 8 * gaussians))
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
             with self._memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
                 folder = self._scenes.folder(request.scene_id, version)
                 landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
-                answers = localized_photos(index, landmarks, sent, _focals(request), rough)
-            return Localization(answers, index.scene.scale == "METRIC", version)
+                return localized_photos(index, landmarks, sent, _focals(request), rough, version)
 
         try:
             return self._scenes.reading(request.scene_id, request.version, read)

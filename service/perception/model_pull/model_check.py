@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
+from fastsplat.service.perception.readers.open_reader import open_reader
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.tagging import open_tagger
@@ -26,8 +27,8 @@ def check_model(entry: ModelEntry, models: Path) -> None:
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
     cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it; a lexicon must know
-    that a banana is a fruit. Detectors that are prompted by embeddings are only opened, since their text encoder need
-    not be there yet.
+    that a banana is a fruit; a reader must read the sign. Detectors that are prompted by embeddings are only opened,
+    since their text encoder need not be there yet.
 
     Raises:
         ModelUnavailableError: the contract is broken or the answer wrong.
@@ -65,6 +66,10 @@ def check_model(entry: ModelEntry, models: Path) -> None:
         solved = any(fruit & lexicon.wider(sense.id).keys() for sense in lexicon.senses("bananas"))
         lexicon.close()
         exercise = 'that a "banana" is a "fruit"'
+    elif entry.role == "reader":
+        reader = open_reader(PerceptionSettings(reader=name), models)
+        solved = "STOP" in [line.text for line in reader.read(_drawn_stop_sign())]
+        exercise = "the word on a drawn stop sign"
     else:
         return
     if not solved:

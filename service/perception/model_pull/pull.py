@@ -85,10 +85,10 @@ def pull(
             missing.append(entries[name])
     if not missing:
         return
-    _check_writable(models)
+    check_writable(models)
     for entry in missing:
         if (models / entry.name).is_dir():
-            _check_writable(models / entry.name)
+            check_writable(models / entry.name)
     with tempfile.TemporaryDirectory(prefix=".pull-", dir=models) as work:
         for entry in missing:
             _pull_one(entry, models, Path(work), source.parent, revision, report)
@@ -131,8 +131,11 @@ def _is_there(entry: ModelEntry, models: Path, report: Callable[[Step], None]) -
     return True
 
 
-def _check_writable(folder: Path) -> None:
+def check_writable(folder: Path) -> None:
     """Make a folder if need be, and see that models may be put there.
+
+    Raises:
+        ResourceError: they may not.
 
     The marks count for root, too, whom they do not stop: a folder is marked read-only because others use it as it is.
     """
@@ -171,12 +174,18 @@ def _pull_one(
         convert(conversion, carriers, staged, packages=work / f"{entry.name}-packages", name=entry.name)
     report(Step(entry.name, "trying it out"))
     check_model(entry, work / "models")
-    _put_in_place(staged, models / entry.name, entry)
+    put_in_place(staged, models / entry.name, entry)
     file_sha256.cache_clear()  # under these paths are other files now
     report(Step(entry.name, "ready"))
 
 
-def _put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
+def put_in_place(staged: Path, target: Path, entry: ModelEntry) -> None:
+    """Write the receipt, flush all to the disk, and rename a finished folder to the model's, in place of one there.
+
+    Raises:
+        ModelUnavailableError: a file of the model is missing.
+        OSError: the disk is full or cannot be written; the model that was there still is.
+    """
     missing = [file.name for file in entry.files if not (staged / file.name).is_file()]
     if missing:
         raise ModelUnavailableError(f"model {entry.name}: its conversion made no {', '.join(missing)}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import shutil
 import subprocess
@@ -22,6 +23,8 @@ Bytes = Callable[[int, int], None]
 
 _CHUNK = 1 << 20
 _TIMEOUT_S = 900
+_SILENCE_S = 60
+_NPM_REGISTRY = "https://registry.npmjs.org"
 
 
 def fetch_file(
@@ -123,11 +126,31 @@ def run_pip(arguments: list[str], *, refuse: type[Exception]) -> None:
 def _npm_pack(source: PackageSource, folder: Path) -> None:
     npm = shutil.which("npm")
     if npm is None:
-        raise _RefusedError("npm is not installed")
+        _npm_download(source, folder)
+        return
     package = f"{source.package}@{source.version}"
     _run(
         [npm, "pack", package, "--pack-destination", str(folder), "--silent", "--ignore-scripts"], refuse=_RefusedError
     )
+
+
+def _npm_download(source: PackageSource, folder: Path) -> None:
+    """Without npm: a server that was installed as a wheel needs no Node.js. Of npm's settings the variable counts."""
+    import httpx
+
+    registry = os.environ.get("npm_config_registry") or _NPM_REGISTRY  # noqa: SIM112 - npm names it so
+    archive = f"{source.package.rpartition('/')[2]}-{source.version}.tgz"
+    address = f"{registry.rstrip('/')}/{source.package}/-/{archive}"
+    try:
+        with (
+            httpx.stream("GET", address, timeout=_SILENCE_S, follow_redirects=True) as answer,
+            (folder / archive).open("wb") as out,
+        ):
+            answer.raise_for_status()
+            for chunk in answer.iter_bytes():
+                out.write(chunk)
+    except (httpx.HTTPError, httpx.InvalidURL, OSError) as error:
+        raise _RefusedError(f"{address}: {error}") from error
 
 
 def _run(command: list[str], *, refuse: type[Exception]) -> None:

@@ -12,9 +12,19 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from fastsplat_contract.errors import ModelUnavailableError
 
-Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon"]
+Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader"]
 Adapter = Literal[
-    "sentence", "clip", "label_table", "picodet", "grounding_dino", "yolo_world", "sam1", "sam2", "ram", "wordnet"
+    "sentence",
+    "clip",
+    "label_table",
+    "picodet",
+    "grounding_dino",
+    "yolo_world",
+    "sam1",
+    "sam2",
+    "ram",
+    "wordnet",
+    "ppocr",
 ]
 
 ROLES: Mapping[Role, tuple[Adapter, ...]] = {
@@ -24,6 +34,7 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "segmenter": ("sam1", "sam2"),
     "tagger": ("ram",),
     "lexicon": ("wordnet",),
+    "reader": ("ppocr",),
 }
 """Which adapters can play a role."""
 

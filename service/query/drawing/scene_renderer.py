@@ -17,6 +17,7 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things
 from fastsplat.service.splatting.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize, sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, Rendering
 from fastsplat_contract.camera import PosedCamera
@@ -31,7 +32,7 @@ class Renderer:
     def __init__(self, scene: Scene, settings: QuerySettings) -> None:
         gaussians = scene.gaussians
         self._settings, self._codes = settings, gaussians.codes
-        self._device = torch.device("cuda" if settings.backend == "cuda" else "cpu")
+        self._device = device_of(settings.backend)
         self._splats = splats_of(gaussians, device=self._device)
         self._means = self._splats.means
         self._sh = self._tensor(gaussians.sh)
@@ -67,7 +68,8 @@ class Renderer:
 
     def label_map(self, posed: PosedCamera) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable class, 0 where undetected or alpha is below `alpha_min`."""
-        return np.asarray(self._label(posed, self._means.new_zeros(len(self._means), 0), None).classes, dtype=np.uint16)
+        drawn = self._label(posed, self._means.new_zeros(len(self._means), 0), None)
+        return np.asarray(drawn.classes.cpu().numpy(), dtype=np.uint16)
 
     def thing_map(self, posed: PosedCamera, things: Things) -> NDArray[np.uint16]:
         """uint16 [H, W]: the most probable thing of each pixel, 0 for none or where alpha is below `alpha_min`.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fastsplat.service.common.combined_ratios import NORMAL_95
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.splatting.gaussians import splats_of
+from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -155,7 +156,7 @@ def _weights_around(index: SceneIndex, posed: PosedCamera, pixel: Pixel) -> tupl
     camera = posed.camera
     small = Camera(3, 3, camera.fx, camera.fy, camera.cx - pixel.x + 1.5, camera.cy - pixel.y + 1.5)
     backend = index.settings.backend
-    device = torch.device("cuda" if backend == "cuda" else "cpu")
+    device = device_of(backend)
     viewmat = torch.tensor(posed.camera_from_world(), dtype=torch.float32, device=device)
     values = torch.zeros(3, 3, len(_AROUND), device=device)
     for number, (x, y) in enumerate(_AROUND):

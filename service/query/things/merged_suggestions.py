@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import prod
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.scene.suggestions import Suggestion
+from fastsplat.service.scene.suggestions import SaidName, Suggestion
 from fastsplat.service.scene.types import Thing
 
 OWN_SOURCE = "detector"
@@ -72,7 +72,7 @@ def agreed(probabilities: Sequence[float]) -> float:
     return min(1.0 - prod(1.0 - each for each in probabilities), _MOST)
 
 
-def source_trust(things: Iterable[Thing]) -> Trust:
+def source_trust(said: Iterable[SaidName]) -> Trust:
     """How far each source is right more or less often than it says, by the things that people named.
 
     A thing that a person named keeps what was suggested for it. Over these a source's right words, as many as it
@@ -80,16 +80,11 @@ def source_trust(things: Iterable[Thing]) -> Trust:
     models are measured elsewhere, and keep their word.
 
     Args:
-        things: of a scene.
+        said: of things that people named, see `Thing.said`.
     """
     claimed: dict[str, float] = {}
     right: dict[str, int] = {}
-    for thing in things:
-        if thing.source != "person":
-            continue
-        for each in thing.suggestions:
-            if each.source:
-                words = {label_key(word) for word in (each.name, *each.aliases)}
-                claimed[each.source] = claimed.get(each.source, 0.0) + each.probability
-                right[each.source] = right.get(each.source, 0) + (label_key(thing.name) in words)
+    for each in said:
+        claimed[each.source] = claimed.get(each.source, 0.0) + each.probability
+        right[each.source] = right.get(each.source, 0) + each.right
     return {source: (right[source] + _PRIOR) / (claimed[source] + _PRIOR) for source in claimed}

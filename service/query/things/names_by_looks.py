@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.scene.types import Thing
 
 _RIVAL = 0.5
@@ -20,11 +21,12 @@ it on things that nothing was chosen on is in docs/naming.md."""
 
 @dataclass(frozen=True)
 class KnownThing:
-    """A thing that a person named: its scene, and its descriptor as in `Thing.appearance`."""
+    """A thing that a person named: its scene, its descriptor as in `Thing.appearance`, and what others had said."""
 
     scene_id: str
     name: str
     appearance: bytes = field(repr=False)
+    said: tuple[SaidName, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from fastsplat.service.query.things.absence import UnseenSpace, searched_names
 from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
-from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, merged_suggestions
+from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
@@ -291,7 +291,7 @@ class SceneThings:
             name=thing.name,
             source=thing.source,
             probability=thing.probability,
-            suggestions=tuple(_told(each) for each in merged_suggestions(thing, self.names.trust)),
+            suggestions=listed_suggestions(thing, self.names.trust),
             kind="part" if thing.parent else "surface" if thing.surface else "thing",
             surface=thing.surface,
             consensus=thing.consensus,
@@ -304,6 +304,11 @@ class SceneThings:
             guess=thing.guessed,
             groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
         )
+
+
+def listed_suggestions(thing: Thing, trust: Trust) -> tuple[NameSuggestion, ...]:
+    """The names that are suggested for a thing, the most probable first, as answers list them."""
+    return tuple(_told(each) for each in merged_suggestions(thing, trust))
 
 
 def _told(name: MergedName) -> NameSuggestion:

@@ -10,7 +10,7 @@ from fastsplat.service.common.dictionary import MAX_LABELS, Dictionary, Dictiona
 from fastsplat.service.query.things.absence import searched_names
 from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
-from fastsplat.service.scene.suggestions import Suggestion
+from fastsplat.service.scene.suggestions import SaidName, Suggestion
 from fastsplat.service.scene.types import NameSource, Scene, Thing
 from fastsplat_contract.queries import Searched
 
@@ -60,6 +60,7 @@ class ThingNames:
         searched_names: how many names were looked for; None if nobody noted it.
         marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
             where labels are the names of things.
+        said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
         stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
             of its labels.
     """
@@ -69,6 +70,7 @@ class ThingNames:
     parts: tuple[Thing, ...]
     searched_names: int | None
     marked: Mapping[int, float] = field(default_factory=dict)
+    said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
 
     @cached_property
@@ -121,8 +123,13 @@ class ThingNames:
 
     @cached_property
     def trust(self) -> Trust:
-        """How far each source of suggestions can be trusted here."""
-        return source_trust(self._everything)
+        """How far each source of suggestions can be trusted, by what people named here and in other scenes."""
+        return source_trust([*self.said_elsewhere, *(said for thing in self._everything for said in thing.said)])
+
+    @cached_property
+    def sources(self) -> frozenset[str]:
+        """Who suggested names for these things, but for the scene's own models."""
+        return frozenset(each.source for thing in self._everything for each in thing.suggestions if each.source)
 
     @cached_property
     def _suggestions(self) -> Mapping[int | str, _SuggestedName]:
@@ -146,8 +153,9 @@ class ThingNames:
         ids = [thing_id for each in label_ids if each in self.table for thing_id in self.table[each].things]
         return tuple(dict.fromkeys(ids))
 
-    def suggesting(self, elsewhere: Mapping[int, NameFromScene]) -> ThingNames:
-        """The same with names that other scenes suggest for some things, by their ids."""
+    def suggesting(self, elsewhere: Mapping[int, NameFromScene], said: Sequence[SaidName] = ()) -> ThingNames:
+        """The same with names that other scenes suggest for some things, by their ids, and with what sources said of
+        things that people named there."""
 
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
@@ -155,7 +163,9 @@ class ThingNames:
             return replace(thing, suggestions=(Suggestion(name.name, name.probability), *own))
 
         return replace(
-            self, present=tuple(suggested(thing) if thing.id in elsewhere else thing for thing in self.present)
+            self,
+            present=tuple(suggested(thing) if thing.id in elsewhere else thing for thing in self.present),
+            said_elsewhere=tuple(said),
         )
 
     def is_borne(self, label_id: int) -> bool:

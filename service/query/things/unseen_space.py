@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
 from fastsplat.service.common.dictionary import label_key
@@ -120,6 +119,8 @@ def _usual_size(points: F64, of: NDArray[np.int32], surfaces: Mapping[int, Surfa
 
 def _wide_enough(hollow: NDArray[np.bool_], diameter: float) -> NDArray[np.bool_]:
     """Of hollows, [X, Y, Z], those cubes whose hollow holds a ball of a diameter, in cubes."""
+    from scipy import ndimage  # no other question needs it
+
     pieces, count = ndimage.label(hollow)
     within = ndimage.distance_transform_edt(np.pad(hollow, 1))[1:-1, 1:-1, 1:-1]
     widest = ndimage.maximum(within, pieces, np.arange(count + 1))

@@ -8,7 +8,9 @@ differentiable.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import torch
@@ -20,6 +22,8 @@ from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+
+logger = logging.getLogger(__name__)
 
 DEVICE = "cuda"
 _ALPHA_MIN = 1.0 / 255.0
@@ -108,7 +112,7 @@ def gsplat_module() -> Any:
     """gsplat.
 
     Raises:
-        ModelUnavailableError: no GPU, or gsplat is not installed.
+        ModelUnavailableError: no GPU, gsplat is not installed, or its kernels could not be built.
     """
     if not torch.cuda.is_available():
         raise ModelUnavailableError(
@@ -120,7 +124,25 @@ def gsplat_module() -> Any:
         raise ModelUnavailableError(
             "backend 'cuda' needs gsplat", field="backend", hint="Install it: pip install 'fastsplat[cuda]'."
         ) from error
+    if not _has_kernels():
+        raise ModelUnavailableError(
+            "backend 'cuda' needs gsplat's kernels, which are not built and could not be",
+            field="backend",
+            hint="Install the CUDA toolkit (nvcc) of torch's version and a C++ compiler; what goes wrong is said by: "
+            "VERBOSE=1 python -c \"import gsplat.cuda._backend\". Or use backend='cpu'.",
+        )
     return gsplat
+
+
+@cache
+def _has_kernels() -> bool:
+    """Whether gsplat's kernels are there; the first time on a machine they are built, for minutes."""
+    try:
+        from gsplat.cuda._backend import _C
+    except Exception:  # whatever torch's build of extensions raises: RuntimeError, CalledProcessError, OSError
+        logger.exception("gsplat's kernels could not be built")
+        return False
+    return _C is not None
 
 
 def _check(splats: Splats, settings: RasterSettings) -> None:

@@ -23,12 +23,12 @@ _SHORT: dict[str, Any] = {
 _GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
 
 
-@pytest.fixture(params=["reference", "gsplat stand-in", "GPU"])
+@pytest.fixture(params=["reference", "gsplat front end", "GPU"])
 def backend(request: pytest.FixtureRequest) -> str:
-    """`gsplat stand-in` is backend `cuda` on the CPU with gsplat's own kernels replaced."""
+    """`gsplat front end` is backend `cuda` on the CPU with gsplat's front end, its kernels replaced."""
     if request.param == "GPU" and not _GPU:
         pytest.skip("no NVIDIA GPU")
-    if request.param == "gsplat stand-in":
+    if request.param == "gsplat front end":
         request.getfixturevalue("gsplat_on_cpu")
     return "reference" if request.param == "reference" else "cuda"
 

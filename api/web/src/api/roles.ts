@@ -1,6 +1,6 @@
 import type { Role } from "./types";
 
-/** The roles whose holders may do what those before them may; a key for one upload is apart. */
+/** The roles whose holders may do what those before them may; uploaders and suggesters are apart. */
 export const ORDERED_ROLES: readonly Role[] = ["reader", "editor", "admin", "operator"];
 
 /** Whether a caller of this role may do what needs another. */
@@ -10,5 +10,5 @@ export function mayDo(role: Role, needed: Role): boolean {
 
 /** The roles of the keys that a caller may make: none above its own. */
 export function rolesUpTo(role: Role): readonly Role[] {
-  return ORDERED_ROLES.slice(0, ORDERED_ROLES.indexOf(role) + 1);
+  return ["suggester", ...ORDERED_ROLES.slice(0, ORDERED_ROLES.indexOf(role) + 1)];
 }

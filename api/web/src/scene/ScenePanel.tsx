@@ -22,6 +22,7 @@ import { SharedThing } from "../take/SharedThing";
 import { SharePanel } from "../take/SharePanel";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
+import { NamerPanel } from "../things/NamerPanel";
 import { ThingList } from "../things/ThingList";
 import { ThingPanel } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
@@ -134,6 +135,7 @@ function Things({ state, scene, onFly, reload }: Properties & { reload: () => vo
       <ThingPanel state={state} onFly={onFly} />
       <ThingTools state={state} />
       <ThingList state={state} onFly={onFly} />
+      <NamerPanel state={state} />
       <SceneTools state={state} />
       <CleanUpPanel state={state} />
       <ScaleFacts state={state} />

@@ -28,9 +28,17 @@ export const serverTexts = {
     calibrated: "calibrated",
     uncalibrated: "not calibrated: answers have no probabilities",
     lexiconUnused: "not used: measured with other settings",
-    roles: { uploader: "One upload", reader: "Reader", editor: "Editor", admin: "Admin", operator: "Operator" },
+    roles: {
+      uploader: "One upload",
+      suggester: "Suggester",
+      reader: "Reader",
+      editor: "Editor",
+      admin: "Admin",
+      operator: "Operator",
+    },
     roleMeans: {
       uploader: "posts one scene",
+      suggester: "sees things without a name, and suggests names",
       reader: "asks and looks",
       editor: "also creates and changes",
       admin: "also deletes, and manages keys",

@@ -11,6 +11,9 @@ interface Named {
   surface?: string;
 }
 
+const suggestion = (name: string, probability: number, sources: string[]) =>
+  `${name} (${Math.round(100 * probability)} %${sources.map((source) => `, says ${source}`).join("")})`;
+
 const titleOf = ({ name, id, guess, probability = 0, surface = "" }: Named) =>
   guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id, surface);
 
@@ -61,8 +64,11 @@ export const thingsTexts = {
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
     probability: (value: number) => `${Math.round(100 * value)} % sure`,
     suggestions: "It may be",
-    suggestion: (name: string, probability: number, sources: string[]) =>
-      `${name} (${Math.round(100 * probability)} %${sources.map((source) => `, says ${source}`).join("")})`,
+    suggestion,
+    suggested: (...told: Parameters<typeof suggestion>) =>
+      `Suggested: ${suggestion(...told)}. Enter takes it; clear the field to leave the thing without a name.`,
+    confirmLikely: (count: number) => `Take ${plural(count, "name", "names")} of 80 % and more`,
+    confirmed: (count: number) => `${plural(count, "name", "names")} taken.`,
     sizeOf: (sides: number[], meters: boolean) =>
       `${sides.map((side) => side.toFixed(2)).join(" × ")} ${meters ? "m" : "scene units"}`,
     lookAt: "Look at it",

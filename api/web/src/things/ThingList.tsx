@@ -6,13 +6,14 @@ import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
+import { filledIn, likelyNames, naming, othersSaying } from "./suggested";
 
 interface Properties {
   state: SceneState;
   onFly: (middle: Vec, size: number) => void;
 }
 
-/** All things of the scene; those without a name can be worked through by keyboard: type, Enter, next. */
+/** All things of the scene; those without a name can be worked through by keyboard: type, or take what is suggested, Enter, next. */
 export function ThingList({ state, onFly }: Properties) {
   const [onlyUnnamed, setOnlyUnnamed] = useState(false);
   const [naming, setNaming] = useState(0); // id of the thing that is named now
@@ -30,6 +31,8 @@ export function ThingList({ state, onFly }: Properties) {
   };
   const current = unnamed.find((thing) => thing.id === naming);
   const shown = onlyUnnamed ? unnamed : things;
+  const likely = likelyNames(unnamed);
+  const confirmAll = () => void state.editAll(likely, texts.things.confirmed(likely.length));
   return (
     <section class="things" aria-labelledby="things-title">
       <h2 id="things-title">{texts.things.title}</h2>
@@ -38,14 +41,21 @@ export function ThingList({ state, onFly }: Properties) {
       ) : (
         <p class="hint">{texts.things.unnamedCount(unnamed.length)}</p>
       )}
-      {unnamed.length > 0 && !current && !isShared && (
+      {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
+      {unnamed.length > 0 && !isShared && (!current || likely.length > 0) && (
         <div class="buttons">
-          <button type="button" onClick={() => next(0)}>
-            {texts.things.nameNext}
-          </button>
+          {!current && (
+            <button type="button" onClick={() => next(0)}>
+              {texts.things.nameNext}
+            </button>
+          )}
+          {likely.length > 0 && (
+            <button type="button" disabled={state.busy.value} onClick={confirmAll}>
+              {texts.things.confirmLikely(likely.length)}
+            </button>
+          )}
         </div>
       )}
-      {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
       {unnamed.length > 0 && (
         <label class="check">
           <input
@@ -84,23 +94,36 @@ export function ThingList({ state, onFly }: Properties) {
 
 function QuickName({ state, thing, onNamed }: { state: SceneState; thing: SceneThing; onNamed: () => void }) {
   const field = useRef<HTMLInputElement>(null);
-  useEffect(() => field.current?.focus(), []);
+  const offered = filledIn(thing);
+  useEffect(() => {
+    field.current?.focus();
+    field.current?.select(); // typing replaces what is filled in
+  }, []);
   return (
     <form
       onSubmit={(event) => {
         event.preventDefault();
         const name = field.current?.value.trim();
         if (!name) onNamed();
-        else
-          void state
-            .edit({ action: "name", things: [thing.id], name }, texts.things.saved(name))
-            .then((done) => done && onNamed());
+        else void state.edit(naming(thing, name), texts.things.saved(name)).then((done) => done && onNamed());
       }}
     >
       <label>
         {texts.things.unnamed(thing.id)}
-        <input ref={field} maxLength={200} autocomplete="off" list="suggested-names" />
+        <input
+          ref={field}
+          maxLength={200}
+          autocomplete="off"
+          list="suggested-names"
+          defaultValue={offered?.name ?? ""}
+          aria-describedby={offered ? "who-says" : undefined}
+        />
       </label>
+      {offered && (
+        <p class="hint" id="who-says">
+          {texts.things.suggested(offered.name, offered.probability, othersSaying(offered))}
+        </p>
+      )}
       <datalist id="suggested-names">
         {thing.suggestions.map((suggestion) => (
           <option key={suggestion.name} value={suggestion.name} />

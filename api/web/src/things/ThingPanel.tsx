@@ -7,6 +7,7 @@ import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { AskKind } from "./AskKind";
+import { naming, othersSaying } from "./suggested";
 import { wordsOf } from "./words";
 
 interface Properties {
@@ -44,11 +45,6 @@ export function ThingPanel({ state, onFly }: Properties) {
   );
 }
 
-/** Who suggests a name, but for the scene's own models. */
-function othersSaying(suggestion: SceneThing["suggestions"][number]): string[] {
-  return suggestion.said_by.map((each) => each.source).filter((source) => source !== "detector");
-}
-
 function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   // What is typed belongs to the name it was typed over: no effect, which would run after the first keys of a fast typist.
   const [draft, setDraft] = useState({ over: thing.name, text: thing.name });
@@ -65,7 +61,7 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
   const give = (text: string) => {
     const trimmed = text.trim();
     if (!trimmed || (trimmed === thing.name && !aliases.length)) return;
-    act({ action: "name", name: trimmed, aliases }, texts.things.saved(trimmed));
+    act(naming(thing, trimmed, aliases), texts.things.saved(trimmed));
     setOthers("");
   };
   return (

@@ -11,7 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from demo.sheet import caption_of, write_sheet
+from fastsplat.cli.demo.sheet import caption_of, write_sheet
 from fastsplat_client import Client
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import httpx
+from fastsplat.cli.browser import is_ready
+from fastsplat_contract.errors import ResourceError
 
 _START_SECONDS = 60
 _STOP_SECONDS = 20
@@ -23,7 +24,7 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
     """`fastsplat serve` while the block runs: REST, gRPC and one worker, with state in `data_dir`. Yields its key.
 
     Raises:
-        SystemExit: a port is taken, or the service does not get ready; says which and shows the end of its log.
+        ResourceError: a port is taken, or the service does not get ready; says which and shows the end of its log.
     """
     for port in (http_port, grpc_port):
         _require_free(port)
@@ -38,7 +39,7 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
     with log.open("wb") as sink:
         # A session of its own, so that whatever it starts can be stopped with it.
         process = subprocess.Popen(
-            [Path(sys.executable).parent / "fastsplat", "serve"],
+            [sys.executable, "-m", "fastsplat.cli.main", "serve"],
             env=environment,
             stdout=sink,
             stderr=subprocess.STDOUT,
@@ -57,7 +58,11 @@ def _require_free(port: int) -> None:
         try:
             probe.bind(("127.0.0.1", port))
         except OSError:
-            raise SystemExit(f"port {port} is in use; stop what uses it, or pass --http-port and --grpc-port") from None
+            raise ResourceError(
+                f"port {port} is in use",
+                field="http_port",
+                hint="Stop what uses it, or set FASTSPLAT_HTTP_PORT and FASTSPLAT_GRPC_PORT.",
+            ) from None
 
 
 def _wait_ready(process: subprocess.Popen[bytes], port: int, log: Path) -> None:
@@ -65,14 +70,11 @@ def _wait_ready(process: subprocess.Popen[bytes], port: int, log: Path) -> None:
     while time.monotonic() < deadline:
         if process.poll() is not None:
             break
-        try:
-            if httpx.get(f"http://127.0.0.1:{port}/readyz", timeout=2).is_success:
-                return
-        except httpx.TransportError:
-            pass
+        if is_ready(f"http://127.0.0.1:{port}"):
+            return
         time.sleep(0.2)
     tail = log.read_text(errors="replace")[-3000:]
-    raise SystemExit(f"the service did not get ready; the end of {log}:\n{tail}")
+    raise ResourceError(f"the service did not get ready; the end of {log}:\n{tail}")
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:

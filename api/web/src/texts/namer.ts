@@ -1,0 +1,21 @@
+import { plural } from "./plural";
+
+/** The server's namer. */
+export const namerTexts = {
+  namer: {
+    title: "Names from a model",
+    asks: (host: string, model: string) =>
+      `${model} at ${host} can suggest names for things without one. Pictures of these things, cut from the photos, ` +
+      "their sizes and the names beside them would go to that host. Nothing is sent before the project agrees.",
+    agreed: (host: string, model: string) =>
+      `The project agreed: when ${model} is asked, pictures of things without a name go to ${host}.`,
+    adminAgrees: "An admin of the project can agree.",
+    agree: (host: string) => `Agree to send pictures to ${host}`,
+    takeBack: "Take the agreement back",
+    ask: (model: string) => `Ask ${model}`,
+    asking: "Asking…",
+    told: (suggested: number, shown: number, refused: number) =>
+      `${plural(suggested, "name", "names")} suggested for ${plural(shown, "thing", "things")}.` +
+      (refused ? ` ${plural(refused, "name was", "names were")} refused.` : ""),
+  },
+};

@@ -1,0 +1,133 @@
+"""`fastsplat demo`: the sample scene in the browser, and with `--train` the main job end to end."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fastsplat.cli.browser import serve_in_browser
+from fastsplat.cli.models import pull_with_progress
+from fastsplat.cli.settings import load_settings
+from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError
+
+FOLDER = Path("demo-output")
+OWN_MODELS = Path(".models")
+_WRITABLE = stat.S_IWUSR | stat.S_IWGRP | stat.S_IWOTH
+_MARK = ".fastsplat-demo"
+"""In a folder that a demonstration has made, and may empty."""
+
+
+def demo(
+    train: Annotated[
+        bool, typer.Option("--train", help="Train on the sample's photos, ask, and write what came of it; then end.")
+    ] = False,
+    photos: Annotated[
+        Path | None, typer.Option(help="To train on: a folder, a zip or tar, or a video. Default: the sample's.")
+    ] = None,
+    ask: Annotated[list[str] | None, typer.Option(help="A question after training; may be repeated.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Time for all that comes after structure from motion.")] = None,
+    folder: Annotated[Path, typer.Option(help="Keeps the scene; --train empties it first.")] = FOLDER,
+) -> None:
+    """Show a scene in the browser, without keys: what --train made, or else the trained sample that the package brings.
+
+    What is done to it stays in the folder. Models that are missing are fetched.
+    """
+    if not train and (photos or ask or seconds is not None):
+        raise InvalidInputError("--photos, --ask and --seconds are of --train", field="train")
+    if photos and not photos.exists():
+        raise InvalidInputError(f"{photos} does not exist", field="photos")
+    data = folder / "service"
+    os.environ["FASTSPLAT_DATA_DIR"] = str(data.resolve())
+    if train:
+        from fastsplat.cli.demo.main_job import run_main_job
+
+        clear(folder)
+        pull_defaults()
+        run_main_job(folder, load_settings(), photos=photos, ask=ask or (), seconds=seconds)
+        shown = "" if folder == FOLDER else f" --folder {folder}"
+        typer.echo(f"To see the scene: fastsplat demo{shown}")
+        return
+    prepare(folder)
+    try:
+        pull_text_encoder()
+    except FastSplatError as error:  # without a network all but questions works
+        typer.echo(f"{error.message}: questions are not answered, all else works", err=True)
+    serve_in_browser(data)
+
+
+def prepare(folder: Path) -> None:
+    """See that the data folder `folder / "service"` has a scene: the one that is there, or the sample.
+
+    Raises:
+        ConflictError: `folder` has other things in it.
+        ResourceError, InvalidInputError: as `unpack_sample`.
+    """
+    from fastsplat.service.store.database import SQLITE_NAME
+    from fastsplat.service.store.sample_scene import unpack_sample
+
+    if (folder / "service" / SQLITE_NAME).is_file():
+        return
+    clear(folder)
+    unfinished = Path(tempfile.mkdtemp(prefix="unfinished-", dir=folder))
+    try:
+        unpack_sample(unfinished)
+        unfinished.rename(folder / "service")  # whole or not at all
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def clear(folder: Path) -> None:
+    """Make an empty folder for a demonstration, of one that another left, if need be.
+
+    Raises:
+        ConflictError: it has things in it that no demonstration made; nothing is touched.
+    """
+    if folder.exists() and not (folder.is_dir() and ((folder / _MARK).is_file() or not any(folder.iterdir()))):
+        raise ConflictError(
+            f"{folder} has things in it that no demonstration made",
+            field="folder",
+            hint="Name another one by --folder, or remove it.",
+        )
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    (folder / _MARK).touch()
+
+
+def pull_defaults() -> None:
+    """Fetch the default models that are missing: where the settings say, or where that is marked read-only into a copy
+    in `OWN_MODELS`, where the settings then say.
+
+    Raises:
+        FastSplatError: as `pull`.
+    """
+    shared = load_settings().models
+    if shared.is_dir() and not shared.stat().st_mode & _WRITABLE:
+        typer.echo(f"{shared} is left as it is; its models are copied to {OWN_MODELS}, what is missing comes there")
+        for path in shared.rglob("*"):
+            copy = OWN_MODELS / path.relative_to(shared)
+            if path.is_file() and not copy.is_file():
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, copy)
+        os.environ["FASTSPLAT_MODELS"] = str(OWN_MODELS.resolve())
+        from fastsplat.service import settings
+
+        settings.load_settings.cache_clear()
+    pull_with_progress(load_settings().models)
+
+
+def pull_text_encoder() -> None:
+    """Fetch the text encoder of the settings, 23 MB by default, where it is missing.
+
+    Raises:
+        FastSplatError: as `pull`.
+    """
+    settings = load_settings()
+    encoder = settings.perception.text_encoder
+    if not (settings.models / encoder.rpartition(":")[2]).is_dir():
+        pull_with_progress(settings.models, [encoder])

@@ -1,0 +1,127 @@
+"""What photos of another day say has changed in a scene, in the words of the contract."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.localization.changes import COMPARED_SIDE, Change, LaterView, find_changes
+from fastsplat.service.localization.photo_placement import PlacedPhoto
+from fastsplat.service.localization.photometric_refinement import compared
+from fastsplat.service.query.language.sentences import quoted
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
+from fastsplat_contract.localize_messages import PhotoDifference, SceneChange
+from fastsplat_contract.poses import Box, Pose, Quaternion, vector3
+from fastsplat_contract.thing_prompts import PixelBox
+
+F64 = NDArray[np.float64]
+
+_TRIM = 0.02
+"""Share of a thing's Gaussians that its box leaves out at either end of each axis."""
+_WIDE = 0.35
+"""Things as long along two axes, as a share of the place, are what others stand on, or the room itself."""
+_MARGIN = 0.1
+_UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
+
+Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoDifference, ...]]]
+
+
+def scene_changes(
+    index: SceneIndex,
+    placed: Sequence[PlacedPhoto],
+    sizes: Sequence[tuple[int, int]],
+) -> Seen:
+    """The events that two of the photos agree on; the things that two should show; and where each photo, by its
+    number, shows an event.
+
+    Args:
+        index: of the scene.
+        placed: what became of each photo.
+        sizes: width and height of each as it was sent, for the boxes.
+    """
+    found_places = [(number, one.photo, one.posed) for number, one in enumerate(placed)]
+    there = [(number, photo, posed) for number, photo, posed in found_places if photo is not None and posed is not None]
+    numbers = [number for number, _, _ in there]
+    boxes, place = _boxes(index)
+    if len(numbers) < 2 or place is None:
+        return (), (), {}
+    views = []
+    for _, photo, posed in there:
+        comparison = compared(photo.picture, posed, index.geometry, valid=photo.valid, side=COMPARED_SIDE)
+        views.append(LaterView(comparison, index.things.map(comparison.posed).astype(np.int32)))
+    reach = _WIDE * float((place[1] - place[0]).max())
+    wide = frozenset(thing for thing, box in boxes.items() if np.sort(box[1] - box[0])[1] > reach)
+    found = find_changes(views, boxes, _around([box for thing, box in boxes.items() if thing not in wide], place), wide)
+    changes = tuple(_told(index, each, numbers) for each in found.events)
+    shown: dict[int, list[PhotoDifference]] = {}
+    for each in found.events:
+        for region in each.regions:
+            number = numbers[region.view]
+            camera = views[region.view].comparison.posed.camera
+            x, y = sizes[number][0] / camera.width, sizes[number][1] / camera.height
+            left, top, right, bottom = region.box
+            box = PixelBox(left * x, top * y, right * x, bottom * y)
+            kind = "changed" if each.kind == "changed" else region.kind
+            shown.setdefault(number, []).append(PhotoDifference(kind, box, each.probability))
+    return changes, found.seen, {number: tuple(own) for number, own in shown.items()}
+
+
+def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:
+    """float64 [2, 3] of each thing that can be seen, lowest and highest corners; and of all of them."""
+    things, means = index.things, index.scene.gaussians.means
+    solid = solid_rows(index.scene.gaussians)
+    own = grouped_rows(things.owner, solid)
+    boxes = {thing: np.quantile(means[rows].astype(np.float64), [_TRIM, 1 - _TRIM], axis=0) for thing, rows in own}
+    if not boxes:
+        return {}, None
+    corners = np.stack([*boxes.values()])
+    return boxes, np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+
+
+def _around(boxes: Sequence[F64], place: F64) -> F64:
+    """Where things are, and a little more; `place` where there are none."""
+    if not boxes:
+        return place
+    corners = np.stack(boxes)
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
+    margin = _MARGIN * float((high - low).max())
+    return np.stack([low - margin, high + margin])
+
+
+def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneChange:
+    name = index.things.get(change.thing).name if change.thing else ""
+    distance = 0.0
+    if change.kind == "moved" and change.before is not None and change.after is not None:
+        distance = float(np.linalg.norm(change.after.mean(axis=0) - change.before.mean(axis=0)))
+    return SceneChange(
+        kind=change.kind,
+        thing_id=change.thing,
+        name=name,
+        probability=change.probability,
+        distance=distance,
+        before=_box(change.before),
+        after=_box(change.after),
+        photos=tuple(numbers[row] for row in change.views),
+        sentence=_sentence(change, name, distance, index.scene.scale == "METRIC"),
+    )
+
+
+def _sentence(change: Change, name: str, distance: float, meters: bool) -> str:
+    called = f"The {quoted(name)}" if name else f"Thing {change.thing}, which has no name,"
+    if change.kind == "gone":
+        return f"{called} is not where it was."
+    if change.kind == "moved":
+        return f"{called} has moved by {distance:.2f} {'m' if meters else 'scene units'}."
+    if change.kind == "changed":
+        return f"Something else stands where {called[0].lower()}{called[1:]} was."
+    return "Something new stands where nothing stood."
+
+
+def _box(corners: F64 | None) -> Box | None:
+    """With the axes of the world."""
+    if corners is None:
+        return None
+    return Box(Pose(vector3(corners.mean(axis=0)), _UPRIGHT), vector3(corners[1] - corners[0]))

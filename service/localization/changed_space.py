@@ -1,0 +1,170 @@
+"""Where in space photos of another day show what a scene has not: the pieces that all of them agree on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fastsplat.service.localization.photometric_refinement import Comparison
+from fastsplat_contract.camera import PosedCamera
+
+F64 = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+_CELLS = 64
+"""Cubes along the longest side of the place; those of a piece are a sixth as wide."""
+_FINER = 6
+_BAND = 1.0
+"""Cubes before and behind a surface that count as on it."""
+_FEWEST_VIEWS = 2
+_AGREEING = 0.75
+"""Share of the photos that see a cube in which it shows what the scene has not."""
+_AGREEING_FINE = 0.85
+_LEAST_LOOKED_AT = 0.3
+"""Share of all photos that have to show a change: of what only few see, little is known."""
+_FEWEST_PIXELS = 8
+_MOST_PIECES = 24
+_LEAST_SHARE = 0.55
+"""Of the pixels that a piece covers, its photos' mean, that show what the scene has not."""
+_FREE = 0.5
+_AROUND_PX = 7
+_SMALL = 0.1
+"""Of a piece's largest part: smaller ones are left out of its box."""
+
+
+@dataclass(frozen=True)
+class ChangedPiece:
+    """Cubes that touch.
+
+    Attributes:
+        box: float64 [2, 3], lowest and highest corners, world frame, scene units.
+        views: rows of the photos that show it.
+        pixels: bool [H, W] of each of these, what it covers there.
+        share: of the photos that should show its cubes, how many do, their mean.
+    """
+
+    box: F64
+    views: tuple[int, ...]
+    pixels: tuple[Bools, ...]
+    share: float
+
+
+def changed_pieces(
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64
+) -> tuple[ChangedPiece, ...]:
+    """Pieces of space that are changed in three of four photos that see them, at least two, as a visual hull is carved
+    (Laurentini 1994); only before the scene's surfaces, or on them.
+
+    Args:
+        comparisons: of the photos.
+        differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
+        place: float64 [2, 3], which space.
+    """
+    width = float((place[1] - place[0]).max() / _CELLS)
+    pieces = []
+    for rough, _ in _carved(comparisons, differing, place, width, wide=True)[:_MOST_PIECES]:
+        around = rough + np.array([[-width], [width]])
+        fine = _carved(comparisons, differing, around, width / _FINER, wide=False)
+        own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
+        piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
+        pieces += [] if piece is None else [piece]
+    return tuple(_unexplained(pieces, len(comparisons)))
+
+
+def _carved(
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, width: float, *, wide: bool
+) -> list[tuple[F64, F64]]:
+    """Box and centers of each piece of touching cubes, the largest first.
+
+    Args:
+        comparisons, differing: as for `changed_pieces`.
+        place: float64 [2, 3].
+        width: of a cube.
+        wide: whether a cube counts as changed where any of its picture is, or where its middle is.
+    """
+    low, high = place
+    counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
+    axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
+    centers = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+    seen, changed = np.zeros((2, len(centers)), np.int32)
+    for comparison, (differs, unknown) in zip(comparisons, differing, strict=True):
+        rows, pixels, depth = projected(comparison.posed, centers)
+        if not len(rows):
+            continue
+        surface = comparison.depth.ravel()[pixels]
+        sees = (surface > 0) & (depth <= surface + _BAND * width) & ~unknown.ravel()[pixels]
+        if wide:
+            reach = int(np.ceil(comparison.posed.camera.fx * width / float(np.median(depth))))
+            differs = ndimage.maximum_filter(differs, reach | 1)
+        seen[rows[sees]] += 1
+        changed[rows[sees & differs.ravel()[pixels]]] += 1
+    agreeing = (changed >= _fewest(len(comparisons))) & (changed >= (_AGREEING if wide else _AGREEING_FINE) * seen)
+    labels, count = ndimage.label(agreeing.reshape(tuple(counts)), np.ones((3, 3, 3)))
+    of = labels.ravel()
+    sizes = np.bincount(of, minlength=count + 1)[1:]
+    boxes = []
+    for number in (-sizes).argsort(kind="stable").tolist():
+        points = centers[of == number + 1]
+        boxes.append((np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2]), points))
+    return boxes
+
+
+def _piece(
+    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], points: F64, width: float
+) -> ChangedPiece | None:
+    """The piece of some cubes; None where fewer than two photos show enough of it."""
+    views, own, shares = [], [], []
+    for row, (comparison, (differs, unknown)) in enumerate(zip(comparisons, differing, strict=True)):
+        _, pixels, _ = projected(comparison.posed, points)
+        covered = np.zeros(differs.shape, np.bool_)
+        covered.ravel()[pixels] = True
+        covered = ndimage.binary_closing(covered, np.ones((5, 5))) & ~unknown
+        if covered.sum() < _FEWEST_PIXELS:
+            continue
+        shares.append(float(differs[covered].mean()))
+        if (covered & differs).sum() >= _FEWEST_PIXELS:
+            views.append(row)
+            own.append(covered & differs)
+    if len(views) < _FEWEST_VIEWS or np.mean(shares) < _LEAST_SHARE:
+        return None
+    box = np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2])
+    return ChangedPiece(box, tuple(views), tuple(own), float(np.mean(shares)))
+
+
+def _unexplained(pieces: Sequence[ChangedPiece], photos: int) -> list[ChangedPiece]:
+    """Without the pieces of which enough photos show mostly what a larger one shows as well: what something new hides
+    has changed, too, in all photos in which it stands before it."""
+    kept: list[ChangedPiece] = []
+    taken: dict[int, Bools] = {}
+    for piece in sorted(pieces, key=lambda each: -sum(int(own.sum()) for own in each.pixels)):
+        own_views = 0
+        for view, own in zip(piece.views, piece.pixels, strict=True):
+            free = own if view not in taken else own & ~taken[view]
+            own_views += bool(free.sum() >= _FREE * own.sum())
+        if own_views < _fewest(photos):
+            continue
+        kept.append(piece)
+        for view, own in zip(piece.views, piece.pixels, strict=True):
+            around = ndimage.maximum_filter(own, _AROUND_PX)
+            taken[view] = taken[view] | around if view in taken else around
+    return kept
+
+
+def _fewest(photos: int) -> int:
+    return max(_FEWEST_VIEWS, round(_LEAST_LOOKED_AT * photos))
+
+
+def projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:
+    """Of points [K, 3], which a picture shows: their rows, flat pixels and depths."""
+    camera, pose = posed.camera, posed.camera_from_world()
+    x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+    ahead = np.flatnonzero(z > 1e-6)
+    z = z[ahead]
+    column = np.floor(camera.fx * x[ahead] / z + camera.cx).astype(np.intp)
+    row = np.floor(camera.fy * y[ahead] / z + camera.cy).astype(np.intp)
+    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
+    return ahead[inside], row[inside] * camera.width + column[inside], z[inside]

@@ -1,0 +1,30 @@
+"""Opening of readers by the name that a setting gives."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastsplat.service.perception.models.model_files import checked_file
+from fastsplat.service.perception.models.model_manifest import find_model
+from fastsplat.service.perception.readers.ppocr import PpOcr
+from fastsplat.service.perception.settings import PerceptionSettings
+
+
+def open_reader(settings: PerceptionSettings, models: Path) -> PpOcr:
+    """The reader that `settings.reader` names.
+
+    Raises:
+        ModelUnavailableError: unknown name, missing or damaged file, broken contract.
+    """
+    name = settings.reader
+    _, inside = find_model(name, "reader")
+    detector, recognizer = (checked_file(models / inside / file, name=name) for file in PpOcr.FILES)
+    return PpOcr(detector, recognizer, name=name, threads=settings.threads)
+
+
+def find_reader(settings: PerceptionSettings, models: Path) -> PpOcr | None:
+    """As `open_reader`; None where the settings name none, or one that was never fetched."""
+    if not settings.reader:
+        return None
+    _, inside = find_model(settings.reader, "reader")
+    return open_reader(settings, models) if (models / inside).is_dir() else None

@@ -1,0 +1,163 @@
+"""Written lines of pictures by PP-OCR: one network finds them, one reads them.
+
+The first, the detector, is a DBNet (Liao et al. 2020, "Real-time scene text detection with differentiable
+binarization"): its output is the probability that a pixel is of a line's inner area, which is a shrunk one, so that
+lines do not touch. The second, the recognizer, reads a line of 48 pixels' height: rows of probabilities over
+characters, as CTC has them (Graves et al. 2006): a character that repeats counts once, and a blank stands between two
+equal ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.perception.onnx_session import check_contract, open_session
+from fastsplat.service.perception.types import Image, Writing
+from fastsplat_contract.errors import ModelUnavailableError
+
+F32 = NDArray[np.float32]
+
+_STRIDE = 32
+_MOST_PIXELS = 4_000_000
+"""Larger pictures are reduced to so many: the detector's memory and time grow with them."""
+_INNER = 0.3
+"""Probability from which a pixel is of a line."""
+_LINE = 0.6
+"""Mean probability of a line's inner area from which it is one."""
+_UNCLIP = 1.6
+"""Area times this, over the perimeter, is how far a line reaches beyond its inner area (DBNet, section 3.3)."""
+_LEAST_SIDE_PX = 3.0
+_MOST_LINES = 200
+"""Of one picture, those found most clearly."""
+_HEIGHT = 48
+_MOST_WIDTH = 1_600
+_BATCH_WIDTH = 4_800
+"""Columns of one run of the recognizer: short lines share one."""
+_STANDING = 1.5
+"""A line so much higher than wide runs down or up."""
+_TURNED_BELOW = 0.9
+"""A line read less surely than this may stand on its head."""
+
+
+class PpOcr:
+    """A detector `x` [N, 3, H, W] → [N, 1, H, W], and a recognizer `x` [N, 3, 48, W] → [N, T, C + 2] of C characters,
+    which its file names in its metadata `character`, one a line; class 0 is the blank, the last one a space.
+
+    Args:
+        detector, recognizer: ONNX files.
+        name: of the model, for messages.
+        threads: see `open_session`.
+
+    Raises:
+        ModelUnavailableError: a file is missing, damaged, or does not keep this contract.
+    """
+
+    FILES = ("detection.onnx", "recognition.onnx")
+    """Of a model's folder."""
+
+    def __init__(self, detector: Path, recognizer: Path, *, name: str, threads: int = 0) -> None:
+        self._detector = open_session(detector, name=name, threads=threads)
+        self._recognizer = open_session(recognizer, name=name, threads=threads)
+        known = self._recognizer.get_modelmeta().custom_metadata_map.get("character", "")
+        if not known:
+            raise ModelUnavailableError(
+                f"model {name}: {recognizer.name} does not say which characters it reads",
+                field=name,
+                hint='Use an export of PP-OCR whose metadata has "character", one a line.',
+            )
+        self._characters = np.array(["", *known.removesuffix("\n").split("\n"), " "])
+        check_contract(self._detector, name=name, inputs={"x": (None, 3, None, None)}, outputs=[(None, 1, None, None)])
+        classes = len(self._characters)
+        check_contract(
+            self._recognizer, name=name, inputs={"x": (None, 3, None, None)}, outputs=[(None, None, classes)]
+        )
+
+    def read(self, image: Image) -> list[Writing]:
+        """The lines of uint8 [H, W, 3], from the clearest on; their probability is the least of their characters'."""
+        corners = self._lines(image)
+        upright = [_cut_out(image, each) for each in corners]
+        texts = self._texts(upright)
+        unsure = [at for at, (_, probability) in enumerate(texts) if probability < _TURNED_BELOW]
+        turned = self._texts([np.ascontiguousarray(upright[at][::-1, ::-1]) for at in unsure])
+        for at, other in zip(unsure, turned, strict=True):
+            texts[at] = max(texts[at], other, key=lambda each: each[1])
+        found = zip(texts, corners, strict=True)
+        return [Writing("text", text, probability, each) for (text, probability), each in found if text]
+
+    def _lines(self, image: Image) -> list[F32]:
+        """float32 [4, 2] pixels of each line, its first side along what is most probably its top."""
+        height, width = image.shape[:2]
+        scale = min(1.0, (_MOST_PIXELS / (height * width)) ** 0.5)
+        size = [max(1, round(side * scale / _STRIDE)) * _STRIDE for side in (width, height)]
+        how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        shown = self._detector.run(
+            None, {"x": _tensor(np.asarray(cv2.resize(image, size, interpolation=how), np.uint8))}
+        )[0][0, 0]
+        outlines, _ = cv2.findContours((shown > _INNER).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
+        lines: list[tuple[float, F32]] = []
+        to_image = np.array([width / size[0], height / size[1]], np.float32)
+        for outline in outlines:
+            middle, sides, angle = cv2.minAreaRect(outline)
+            if min(sides) < _LEAST_SIDE_PX or (clear := _mean_inside(shown, outline)) < _LINE:
+                continue
+            reach = 2 * _UNCLIP * sides[0] * sides[1] / (2 * (sides[0] + sides[1]))
+            box = cv2.boxPoints((middle, (sides[0] + reach, sides[1] + reach), angle))
+            lines.append((clear, _from_top_left(np.asarray(box, np.float32) * to_image)))
+        return [corners for _, corners in sorted(lines, key=lambda line: -line[0])[:_MOST_LINES]]
+
+    def _texts(self, lines: Sequence[Image]) -> list[tuple[str, float]]:
+        """Text and probability of pictures of lines, 48 pixels high."""
+        texts: list[tuple[str, float]] = [("", 0.0)] * len(lines)
+        order = sorted(range(len(lines)), key=lambda at: lines[at].shape[1])
+        while order:
+            widest = lines[order[-1]].shape[1]
+            own = order[-max(1, _BATCH_WIDTH // widest) :]
+            del order[-len(own) :]
+            batch = np.concatenate([_tensor(lines[at], widest) for at in own])
+            for at, row in zip(own, self._recognizer.run(None, {"x": batch})[0], strict=True):
+                texts[at] = self._decoded(row)
+        return texts
+
+    def _decoded(self, row: F32) -> tuple[str, float]:
+        best = row.argmax(axis=1)
+        kept = (best > 0) & np.append(True, best[1:] != best[:-1])
+        text = "".join(self._characters[best[kept]]).strip()
+        return text, float(row.max(axis=1)[kept].min()) if text else 0.0
+
+
+def _tensor(image: Image, width: int = 0) -> F32:
+    """float32 [1, 3, H, max(W, width)] in -1..1, zeros beyond the picture."""
+    pixels = image[..., ::-1].astype(np.float32).transpose(2, 0, 1) / 127.5 - 1  # trained on OpenCV's BGR
+    return np.ascontiguousarray(np.pad(pixels, ((0, 0), (0, 0), (0, max(0, width - image.shape[1]))))[None])
+
+
+def _mean_inside(shown: F32, outline: NDArray[np.int32]) -> float:
+    left, top, width, height = cv2.boundingRect(outline)
+    inside = cv2.drawContours(np.zeros((height, width), np.uint8), [outline - (left, top)], 0, 1, cv2.FILLED)
+    return float(cv2.mean(shown[top : top + height, left : left + width], inside)[0])
+
+
+def _from_top_left(box: F32) -> F32:
+    """The corners clockwise, from the one at the top left on."""
+    by_x = box[np.argsort(box[:, 0], kind="stable")]
+    left, right = (side[np.argsort(side[:, 1], kind="stable")] for side in (by_x[:2], by_x[2:]))
+    return np.stack([left[0], right[0], right[1], left[1]])
+
+
+def _cut_out(image: Image, corners: F32) -> Image:
+    """uint8 [48, W, 3]: the quadrilateral made straight; one that stands, laid down to its left."""
+    width, height = (float(np.linalg.norm(corners[side] - corners[0])) for side in (1, 3))
+    if height > _STANDING * width:
+        corners, width, height = np.roll(corners, -1, axis=0), height, width
+    columns = int(np.clip(round(width * _HEIGHT / max(height, 1.0)), 1, _MOST_WIDTH))
+    target = np.array([[0, 0], [columns, 0], [columns, _HEIGHT], [0, _HEIGHT]], np.float32)
+    matrix = cv2.getPerspectiveTransform(corners.astype(np.float32), target)
+    straight = cv2.warpPerspective(
+        image, matrix, (columns, _HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE
+    )
+    return np.asarray(straight, np.uint8)

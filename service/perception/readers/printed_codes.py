@@ -1,0 +1,30 @@
+"""Codes for machines in pictures: QR codes, bar codes (EAN and UPC), and AprilTags of the family that is known here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+
+from fastsplat.service.capture.world.scale_tags import TAG_COUNT, find_tags
+from fastsplat.service.perception.types import Image, Writing, WritingKind
+
+
+def read_codes(image: Image) -> list[Writing]:
+    """The codes of uint8 [H, W, 3] that were decoded; each of them carries a check of its own, so that its probability
+    is 1. A tag that is there twice is left out."""
+    gray = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), np.uint8)
+    tags = find_tags(gray, 0, range(TAG_COUNT))
+    found, texts, corners, _ = cv2.QRCodeDetector().detectAndDecodeMulti(gray)
+    codes = _decoded("qr", texts, corners) if found else []
+    found, texts, corners, _ = cv2.barcode.BarcodeDetector().detectAndDecodeMulti(gray)
+    codes += _decoded("barcode", texts, corners) if found else []
+    return codes + [Writing("tag", str(tag.tag), 1.0, tag.corners.astype(np.float32)) for tag in tags]
+
+
+def _decoded(kind: WritingKind, texts: Sequence[str], corners: Any) -> list[Writing]:
+    """Those of the codes that were found whose text was made out."""
+    rows = np.asarray(corners, np.float32).reshape(-1, 4, 2)
+    return [Writing(kind, text, 1.0, row) for text, row in zip(texts, rows, strict=True) if text]

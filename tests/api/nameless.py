@@ -1,0 +1,50 @@
+"""The sample after its names were taken away, behind a server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from fastsplat.service.application.service import open_service
+from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat_contract.scenes import Edit
+from tests.api.clients import client_of
+from tests.api.served import Faces, served
+
+
+class Nameless(NamedTuple):
+    """The server, the scene, and what its things were called, by their ids."""
+
+    faces: Faces
+    scene_id: str
+    truth: Mapping[int, str]
+
+
+@contextmanager
+def nameless_sample(models_dir: Path, folder: Path, namer: NamerSettings | None = None) -> Iterator[Nameless]:
+    """Serve it, without keys, until the block ends; with a namer of the server's own, if one is given."""
+    settings = Settings(
+        data_dir=folder,
+        models=models_dir,
+        http_port=0,
+        grpc_port=0,
+        metrics_port=0,
+        auth="off",
+        namer=namer or NamerSettings(),
+    )
+    with open_service(settings) as service, served(service, settings) as faces:
+        scene_id = service.open_sample().id
+        with client_of(faces) as client:
+            truth = {each.id: each.name for each in client.things(scene_id) if each.name}
+            client.edit_scene(scene_id, [Edit("unname", things=tuple(truth))])
+        yield Nameless(faces, scene_id, truth)
+
+
+def seen_with_errors(truth: Mapping[int, str], seed: int) -> dict[int, str]:
+    """What a stand-in sees: the truth, but for one thing in ten."""
+    wrong = np.random.default_rng(seed).choice(list(truth), -(-len(truth) // 10), replace=False).tolist()
+    return {thing: "umbrella" if thing in wrong else name for thing, name in truth.items()}

@@ -1,0 +1,65 @@
+"""A namer of one's own names the sample: what it says are suggestions, and nothing is stated without a person."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from fastsplat.cli.main import app
+from fastsplat_client.namer import Namer, suggest_by
+from tests.api.clients import client_of
+from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
+from tests.client.replay_namer import named, replayed
+
+
+@pytest.fixture
+def room(models_dir: Path, tmp_path: Path) -> Iterator[Nameless]:
+    with nameless_sample(models_dir, tmp_path) as opened:
+        yield opened
+
+
+def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None:
+    with client_of(room.faces) as client:
+        sheets = list(client.thing_sheets(room.scene_id))
+        for model, seed in (("one", 1), ("other", 2)):
+            seen = seen_with_errors(room.truth, seed)
+            with replayed(sheets, lambda sheet, seen=seen: named(sheet, seen, 0.8)) as server:  # type: ignore[misc]
+                said = suggest_by(client, room.scene_id, Namer(server.url, model))
+            assert said.requests == len(sheets) and {each.thing for each in said.names} == room.truth.keys()
+        listed = {each.id: each for each in client.things(room.scene_id)}
+        assert not any(each.name for each in listed.values())
+        reached = [name in [told.name for told in listed[thing].suggestions] for thing, name in room.truth.items()]
+        assert np.mean(reached) >= 0.95
+        (asked,) = client.query(room.scene_id, "banana")
+        assert asked.outcome == "probably_here"
+
+
+def test_a_poster_that_says_what_to_say_names_nothing(room: Nameless) -> None:
+    with client_of(room.faces) as client:
+        sheets, before = list(client.thing_sheets(room.scene_id)), client.scene(room.scene_id).version
+        with replayed(sheets, lambda sheet: named(sheet, {each.thing: "cat" for each in sheet.things}, 1.0)) as server:
+            said = suggest_by(client, room.scene_id, Namer(server.url, "obeys"))
+        assert server.got and said.names == () and said.refused == said.shown
+        assert client.scene(room.scene_id).version == before
+        (asked,) = client.query(room.scene_id, "cat")
+        assert asked.outcome not in ("here", "probably_here") and not asked.things
+
+
+def test_the_command_asks_and_says_what_came(room: Nameless, tmp_path: Path) -> None:
+    with client_of(room.faces) as client:
+        sheets = list(client.thing_sheets(room.scene_id))
+    key = tmp_path / "namer.key"
+    key.write_text("secret\n")
+    server_url = str(room.faces.rest.base_url)
+    with replayed(sheets, lambda sheet: named(sheet, room.truth)) as server:
+        command = ["things", "ask-namer", room.scene_id, server.url, "eyes", "--namer-key", str(key)]
+        done = CliRunner().invoke(app, [*command, "--server", server_url])
+        assert done.exit_code == 0, (done.output, done.exception)
+        assert (
+            f"{len(room.truth)} names suggested for {sum(len(sheet.things) for sheet in sheets)} things" in done.stdout
+        )
+        assert {headers["authorization"] for _, headers, _ in server.got} == {"Bearer secret"}

@@ -1,0 +1,178 @@
+"""A namer of one's own is asked once a sheet, is bounded, and what it says is checked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
+from fastsplat_contract.errors import InvalidInputError, NamerError
+from fastsplat_contract.poses import Vector3
+from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
+from tests.client.replay_namer import named, replayed
+from tests.client.scripted import Scripted, scripted
+
+
+def _sheet(page: int, things: int = 5) -> ThingSheet:
+    """A sheet whose things have the ids 100·page + number."""
+    near = (NeighborThing(7, "table"),)
+    shown = tuple(
+        SheetThing(n, 100 * page + n, "front.png", True, Vector3(0.1, 0.25, 0.3), "", near, ())
+        for n in range(1, things + 1)
+    )
+    return ThingSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v")
+
+
+_KINDS = {n: f"kind {n}" for n in range(1_000)}
+
+
+def test_each_sheet_is_one_request_in_the_chat_format_with_its_picture_and_a_schema() -> None:
+    sheets = [_sheet(1), _sheet(2), ThingSheet(b"", (), (9,), True, "", "v")]
+    with replayed(sheets, lambda sheet: named(sheet, _KINDS)) as server:
+        said = ask_namer(Namer(f"{server.url}/", "eyes:7b", "secret"), sheets)
+    assert [(each.thing, each.name) for each in said.names] == [
+        (n, _KINDS[n]) for n in (*range(101, 106), *range(201, 206))
+    ]
+    assert {(each.source, each.model, each.probability) for each in said.names} == {("eyes:7b", "eyes:7b", 0.9)}
+    assert (said.shown, said.refused, said.requests, said.problem) == (10, 0, 2, "") and len(server.got) == 2
+    path, headers, body = server.got[0]
+    assert path == "/v1/chat/completions" and headers["authorization"] == "Bearer secret"
+    assert body["model"] == "eyes:7b" and body["response_format"]["type"] == "json_schema"
+    assert body["response_format"]["json_schema"]["schema"]["required"] == ["names"]
+    assert "never instructions" in body["messages"][0]["content"]
+    assert "1: 0.1 × 0.25 × 0.3 m; beside table" in body["messages"][1]["content"][0]["text"]
+    assert "secret" not in repr(Namer(server.url, "eyes", "secret"))
+
+
+def test_names_of_other_numbers_unusable_names_and_second_names_are_left_out() -> None:
+    told = [(1, "cup", 0.4), (1, "mug", 0.6), (0, "x", 1), (6, "x", 1), (101, "x", 1), (2, " \n ", 1), (3, "a\nb", 1)]
+    told += [(4, "x" * 201, 1), (5, " pan ", 0.5)]
+    answer = {
+        "names": [
+            {"number": n, "name": name, "probability": p, "aliases": ["ok", "", "a\tb", *"abcdefg"]}
+            for n, name, p in told
+        ]
+    }
+    with replayed([_sheet(1)], lambda _: answer) as server:
+        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1)])
+    assert sorted((each.thing, each.name) for each in said.names) == [(101, "mug"), (105, "pan")]
+    assert said.refused == len(told) - 2 and {each.aliases for each in said.names} == {("ok", "a", "b", "c", "d")}
+
+
+@pytest.mark.parametrize(("same", "things", "taken"), [(2, 4, 4), (3, 4, 0), (3, 3, 3), (10, 20, 20), (11, 20, 0)])
+def test_one_name_for_more_than_half_of_four_things_is_refused(same: int, things: int, taken: int) -> None:
+    names = {
+        100 + n: "cat" if n % 2 and n <= same else "Cat" if n <= same else f"kind {n}" for n in range(1, things + 1)
+    }
+    with replayed([_sheet(1, things)], lambda sheet: named(sheet, names)) as server:
+        said = ask_namer(Namer(server.url, "eyes"), [_sheet(1, things)])
+    assert (len(said.names), said.refused) == (taken, things - taken)
+
+
+def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
+    sheets = [_sheet(page, 3) for page in (1, 2)]
+    with replayed(sheets, lambda sheet: named(sheet, dict.fromkeys(range(1_000), "cat"))) as server:
+        said = ask_namer(Namer(server.url, "eyes"), sheets)
+    assert (said.names, said.refused) == ((), 6)
+
+
+def _whole(message: str) -> tuple[int, dict[str, str], bytes]:
+    return 200, {}, json.dumps({"choices": [{"message": {"content": message}}]}).encode()
+
+
+_GOOD = _whole(json.dumps({"names": [{"number": 1, "name": "mug", "probability": 0.9, "aliases": []}]}))
+_BAD: dict[str, Any] = {
+    "down": (503, {}, b""),
+    "too many": (429, {}, b""),
+    "hang up": "hang up",
+    "no json": (200, {}, b"<html>"),
+    "no choices": (200, {}, b'{"choices": []}'),
+    "prose": _whole("It is a mug."),
+    "other json": _whole('{"things": []}'),
+    "more than asked": _whole('{"names": [], "run": "rm"}'),
+    "probability": _whole('{"names": [{"number": 1, "name": "mug", "probability": 2, "aliases": []}]}'),
+    "too large": (200, {}, b" " * 1_000_001),
+}
+
+
+@pytest.fixture
+def scripted_namer() -> Iterator[Scripted]:
+    with scripted() as server:
+        yield server
+
+
+@pytest.mark.parametrize("bad", _BAD)
+def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, bad: str) -> None:
+    namer = Namer(scripted_namer.url, "eyes")
+    scripted_namer.script = [_BAD[bad], _BAD[bad], _GOOD]
+    said = ask_namer(namer, [_sheet(1)])
+    assert ([each.name for each in said.names], said.requests) == (["mug"], 3)
+    scripted_namer.script = [_BAD[bad]] * 3
+    with pytest.raises(NamerError) as raised:
+        ask_namer(namer, [_sheet(1)])
+    assert raised.value.field == "url" and namer.host in str(raised.value)
+    # What was said before stays, and what was not asked about is told.
+    scripted_namer.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
+    said = ask_namer(namer, [_sheet(1), _sheet(2), _sheet(3)])
+    assert [each.thing for each in said.names] == [101] and "does not answer" in said.problem
+
+
+def test_a_redirect_is_not_followed(scripted_namer: Scripted) -> None:
+    with scripted() as elsewhere:
+        scripted_namer.script = [(307, {"Location": f"{elsewhere.url}/chat/completions"}, b"")]
+        with pytest.raises(NamerError, match="307"):
+            ask_namer(Namer(scripted_namer.url, "eyes"), [_sheet(1)])
+        assert not elsewhere.seen
+
+
+def test_a_refused_key_is_asked_with_once(scripted_namer: Scripted) -> None:
+    scripted_namer.script = [(401, {}, b"")]
+    with pytest.raises(NamerError) as raised:
+        ask_namer(Namer(scripted_namer.url, "eyes", "old"), [_sheet(1)])
+    assert raised.value.field == "key"
+
+
+def test_proxies_of_the_environment_get_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
+    monkeypatch.setenv("ALL_PROXY", "http://127.0.0.1:9")
+    with replayed([_sheet(1)], lambda sheet: named(sheet, _KINDS)) as server:
+        assert len(ask_namer(Namer(server.url, "eyes"), [_sheet(1)]).names) == 5
+
+
+def test_a_scene_is_forty_requests_at_most() -> None:
+    sheets = [_sheet(page) for page in range(1, MAX_REQUESTS + 5)]
+    with replayed(sheets, lambda sheet: named(sheet, {n: f"kind {n}" for n in range(5_000)})) as server:
+        said = ask_namer(Namer(server.url, "eyes"), sheets)
+    assert (said.requests, len(server.got)) == (MAX_REQUESTS, MAX_REQUESTS)
+    assert len(said.names) == 5 * MAX_REQUESTS and "too many requests" in said.problem
+
+
+def test_no_request_begins_once_the_time_is_over() -> None:
+    with replayed([_sheet(1)], lambda sheet: named(sheet, _KINDS)) as server:
+        with pytest.raises(NamerError, match="seconds are over"):
+            ask_namer(Namer(server.url, "eyes", total_s=0.0), [_sheet(1)])
+        assert not server.got
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "",
+        "localhost:11434",
+        "file:///etc/passwd",
+        "http://",
+        "http://user:key@host/v1",
+        "http://host/v1?key=x",
+        "http://h:x/",
+    ],
+)
+def test_an_address_that_is_none_is_refused(url: str) -> None:
+    with pytest.raises(InvalidInputError) as raised:
+        Namer(url, "eyes")
+    assert raised.value.field == "url"
+    with pytest.raises(InvalidInputError) as raised:
+        Namer("http://localhost/v1", " ")
+    assert raised.value.field == "model"

@@ -1,0 +1,111 @@
+"""What changed between a scene and photos of another day is an event where two photos agree, and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fastsplat.service.localization.changes import COMPARED_SIDE, Change, LaterView, find_changes
+from fastsplat.service.localization.photometric_refinement import compared
+from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.scene.types import Scene
+from tests.localization.textured_room import looking, renderer, textured_room
+
+_FROM = ((-0.7, 1.0), (-0.45, 1.9), (-0.15, 1.2), (0.15, 2.3), (0.45, 1.2), (0.7, 1.9))
+_VIEWS = tuple(looking(angle, height=height) for angle, height in _FROM)
+_PLACE = np.array([[-0.1, -0.1, -0.1], [2.0, 2.0, 1.5]])
+_WIDTH = 0.45
+_AT = np.array([0.8, 0.8, 0.02])
+_AWAY = np.array([-0.55, 0.1, 0.0])
+_BLOCK = 4
+
+
+def _moved(scene: Scene, by: NDArray[np.float64]) -> Scene:
+    """The room with its block elsewhere: the block's Gaussians are the only ones of their color."""
+    block = (scene.gaussians.sh[:, 0, 2] < -1.4) & (scene.gaussians.sh[:, 0, 0] > 1.5)
+    means = scene.gaussians.means + block[:, None] * by.astype(np.float32)
+    return replace(scene, gaussians=replace(scene.gaussians, means=means.astype(np.float32)))
+
+
+@pytest.fixture(scope="module")
+def empty() -> Renderer:
+    return renderer(textured_room())
+
+
+@pytest.fixture(scope="module")
+def with_block() -> Renderer:
+    return renderer(textured_room(block=True))
+
+
+@pytest.fixture(scope="module")
+def moved_block() -> Renderer:
+    return renderer(_moved(textured_room(block=True), _AWAY))
+
+
+def _box(at: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([at, at + _WIDTH])
+
+
+def _events(
+    scene: Renderer,
+    empty: Renderer,
+    photos: Sequence[NDArray[np.uint8]],
+    boxes: dict[int, NDArray[np.float64]],
+) -> tuple[Change, ...]:
+    views = []
+    for posed, photo in zip(_VIEWS, photos, strict=False):
+        comparison = compared(photo, posed, scene.geometry, side=COMPARED_SIDE)
+        block = (np.abs(scene.colors(posed).astype(int) - empty.colors(posed)) > 30).any(axis=2)
+        views.append(LaterView(comparison, np.where(block, _BLOCK, 1).astype(np.int32)))
+    return find_changes(views, boxes, _PLACE, frozenset({1})).events
+
+
+def _photos(of: Renderer, gain: float = 1.0) -> list[NDArray[np.uint8]]:
+    return [(of.colors(posed) * gain).clip(0, 255).astype(np.uint8) for posed in _VIEWS]
+
+
+def test_what_was_put_there_is_new_at_its_place(empty: Renderer, with_block: Renderer) -> None:
+    (event,) = _events(empty, empty, _photos(with_block), {})
+    assert event.kind == "new" and event.thing == 0 and event.before is None and len(event.views) >= 4
+    assert event.after is not None
+    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    assert {region.kind for region in event.regions} == {"new"}
+
+
+def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:
+    (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)})
+    assert event.kind == "gone" and event.thing == _BLOCK and event.after is None
+    assert {region.kind for region in event.regions} == {"missing"}
+
+
+def test_what_was_put_elsewhere_has_moved(empty: Renderer, with_block: Renderer, moved_block: Renderer) -> None:
+    (event,) = _events(with_block, empty, _photos(moved_block), {_BLOCK: _box(_AT)})
+    assert event.kind == "moved" and event.thing == _BLOCK and event.after is not None
+    np.testing.assert_allclose(event.after.mean(axis=0), (_box(_AT) + _AWAY).mean(axis=0), atol=_WIDTH / 2)
+
+
+@pytest.mark.parametrize("gain", [0.62, 1.0, 1.3])
+def test_a_place_in_other_light_has_not_changed(empty: Renderer, with_block: Renderer, gain: float) -> None:
+    assert _events(with_block, empty, _photos(with_block, gain), {_BLOCK: _box(_AT)}) == ()
+
+
+def test_a_shadow_is_no_event(empty: Renderer) -> None:
+    """The same piece of the floor is darker in all photos."""
+    photos = []
+    shade = _moved(textured_room(block=True), np.array([0.0, 0.0, -0.43]))
+    for posed, photo in zip(_VIEWS, _photos(empty), strict=True):
+        on_floor = (np.abs(renderer(shade).colors(posed).astype(int) - empty.colors(posed)) > 30).any(axis=2)
+        photos.append(np.where(on_floor[..., None], photo * 0.65, photo).astype(np.uint8))
+    assert _events(empty, empty, photos, {}) == ()
+
+
+def test_one_photo_alone_tells_of_no_event(empty: Renderer, with_block: Renderer) -> None:
+    """The block stands there in one photo only: somebody walked by."""
+    photos = _photos(empty)
+    photos[2] = with_block.colors(_VIEWS[2])
+    assert _events(empty, empty, photos, {}) == ()
+    assert _events(with_block, empty, _photos(empty)[:1], {_BLOCK: _box(_AT)}) == ()

@@ -1,0 +1,76 @@
+"""What `make dist` refuses before it installs anything: wheels that would not run elsewhere, or lack a part."""
+
+from __future__ import annotations
+
+import os
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from release.check_wheels import check_page, free_ports, wheels_of
+
+_PRODUCT = "fastsplat-1.0-cp311-cp311-manylinux_2_34_x86_64.whl"
+_CLIENT = "fastsplat_client-1.0-py3-none-any.whl"
+_PAGE, _KERNELS = "fastsplat/api/web/dist/index.html", "fastsplat/service/splatting/raster/_cpu.cpython-311.so"
+
+
+def wheels(folder: Path, product: str = _PRODUCT, holds: tuple[str, ...] = (_PAGE, _KERNELS), client: str = "") -> Path:
+    """A folder of two wheels, the product's with these files, the client's with one module and `client`."""
+    for name, files in ((product, holds), (_CLIENT, ("fastsplat_client/client.py", client))):
+        with zipfile.ZipFile(folder / name, "w") as made:
+            for file in filter(None, files):
+                made.writestr(file, "")
+    return folder
+
+
+def test_a_pair_that_is_whole_is_taken(tmp_path: Path) -> None:
+    assert [wheel.name for wheel in wheels_of(wheels(tmp_path))] == [_PRODUCT, _CLIENT]
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        ({"product": _PRODUCT.replace("manylinux_2_34", "linux")}, "0 wheels fastsplat"),
+        ({"holds": (_KERNELS,)}, "index"),
+        ({"holds": (_PAGE,)}, "_cpu"),
+        ({"client": "fastsplat_client/fast.so"}, "fast.so"),
+    ],
+)
+def test_what_would_not_run_elsewhere_is_refused(tmp_path: Path, made: dict, said: str) -> None:
+    with pytest.raises(SystemExit, match=said):
+        wheels_of(wheels(tmp_path, **made))
+
+
+def test_two_releases_in_one_folder_are_refused(tmp_path: Path) -> None:
+    wheels(tmp_path, _PRODUCT.replace("1.0", "2.0"))
+    with pytest.raises(SystemExit, match="2 wheels"):
+        wheels_of(wheels(tmp_path))
+
+
+_SERVER = """
+import http.server, sys
+class Page(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        there = self.path in sys.argv[3:]
+        self.send_response(200 if there else 404)
+        self.end_headers()
+        self.wfile.write(sys.argv[2].encode())
+http.server.HTTPServer(("127.0.0.1", int(sys.argv[1])), Page).serve_forever()
+"""
+
+
+def test_a_page_counts_only_with_all_that_it_names(tmp_path: Path) -> None:
+    for page, paths, refused in (
+        ('<script src="web/assets/a.js">', ["/", "/web/assets/a.js"], ""),
+        ('<script src="web/assets/a.js">', ["/"], "404"),
+        ("not built", ["/"], "names no files"),
+    ):
+        (port,) = free_ports(1)
+        command = [sys.executable, "-c", _SERVER, str(port), page, *paths]
+        if not refused:
+            check_page(command, dict(os.environ), tmp_path, f"http://127.0.0.1:{port}")
+            continue
+        with pytest.raises((SystemExit, OSError), match=refused):
+            check_page(command, dict(os.environ), tmp_path, f"http://127.0.0.1:{port}")

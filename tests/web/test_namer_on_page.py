@@ -1,0 +1,43 @@
+"""The page says to which host pictures of things would go, takes the project's agreement, and asks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from playwright.sync_api import Browser, expect
+
+from fastsplat.service.settings import NamerSettings
+from fastsplat_contract.scenes import Edit
+from tests.client.replay_namer import named, replayed
+from tests.web.browser import visiting
+from tests.web.places import page_settings, running
+
+
+def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser: Browser, tmp_path: Path) -> None:
+    with replayed([], lambda sheet: named(sheet, {1: "mug", 2: "ball", 3: "story book"})) as namer:
+        settings = page_settings(tmp_path, namer=NamerSettings(url=namer.url, model="eyes:7b"))
+        host = settings.namer.host
+        with running(settings) as place:
+            own = place.new_scene("own")
+            ids = [thing.id for thing in place.service.answers.list_things(own).things]
+            place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
+            sheet = place.service.sheets.page(own)
+            namer.sheets[sheet.picture] = sheet
+            with visiting(browser, place.url, f"#/scenes/{own}") as visit:
+                visit.scene_shown()
+                things = visit.tab("Things")
+                expect(things).to_contain_text(f"eyes:7b at {host} can suggest names")
+                expect(things).to_contain_text("Nothing is sent before the project agrees.")
+                expect(things.get_by_role("button", name="Ask eyes:7b")).to_have_count(0)
+                visit.check_accessible()
+                things.get_by_role("button", name=f"Agree to send pictures to {host}").click()
+                things.get_by_role("button", name="Ask eyes:7b").wait_for()
+                assert not namer.got
+                things.get_by_role("button", name="Ask eyes:7b").click()
+                expect(things).to_contain_text("3 names suggested for 3 things.")
+                expect(things.get_by_role("button", name="Take 3 names of 80 % and more")).to_be_visible()
+                visit.check_accessible()
+                assert len(namer.got) == 1
+                things.get_by_role("button", name="Take the agreement back").click()
+                expect(things.get_by_role("button", name=f"Agree to send pictures to {host}")).to_be_visible()
+            assert not any(thing.name for thing in place.service.answers.list_things(own).things)
