@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 _ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000
@@ -75,11 +75,13 @@ class Visit:
         """Note what the page does from now on."""
         self.page.add_init_script(_LISTENER)
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.on(
-            "console", lambda line: self._errors.append(line.text) if line.type in ("error", "warning") else None
-        )
+        self.page.on("console", self._note)
         self.page.on("pageerror", lambda error: self._errors.append(str(error)))
         self.page.on("request", lambda request: self._requests.append(request.url))
+
+    def _note(self, line: ConsoleMessage) -> None:
+        if line.type in ("error", "warning"):
+            self._errors.append(f"{line.text} {line.location['url']}")
 
     @property
     def requests(self) -> list[str]:
