@@ -259,7 +259,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       ),
       mask !== null || selected.length > 0,
     );
-    if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
+    if (canvas.current && !serverView.value)
+      markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
   });
   useServerView(serverView, state);
 
