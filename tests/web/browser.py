@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
 _ROOT = Path(__file__).parents[2]
 PATIENCE_MS = 60_000
@@ -75,11 +75,13 @@ class Visit:
         """Note what the page does from now on."""
         self.page.add_init_script(_LISTENER)
         self.page.set_default_timeout(PATIENCE_MS)
-        self.page.on(
-            "console", lambda line: self._errors.append(line.text) if line.type in ("error", "warning") else None
-        )
+        self.page.on("console", self._note)
         self.page.on("pageerror", lambda error: self._errors.append(str(error)))
         self.page.on("request", lambda request: self._requests.append(request.url))
+
+    def _note(self, line: ConsoleMessage) -> None:
+        if line.type in ("error", "warning"):
+            self._errors.append(f"{line.text} {line.location['url']}")
 
     @property
     def requests(self) -> list[str]:
@@ -87,9 +89,11 @@ class Visit:
         return list(self._requests)
 
     def scene_shown(self) -> Locator:
-        """The 3D view, once it shows the scene and the list of its things is there."""
+        """The 3D view, once it shows the scene, drawn by the browser if it can, and the list of its things is there."""
         canvas = self.page.locator("canvas[role=application]")
         expect(canvas).to_have_attribute("data-shown", re.compile(r"(plain|answer)$"))
+        self.page.keyboard.press("Shift")  # a first gesture, which moves nothing
+        expect(canvas).to_have_attribute("data-drawn", re.compile("webgl|server"))
         expect(self.page.get_by_role("tab", name=re.compile(r"^Things \d"))).to_be_visible()
         return canvas
 

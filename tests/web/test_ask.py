@@ -27,7 +27,7 @@ def _wait_for(visit: Visit, what: str) -> None:
 
 def test_a_text_is_answered_as_typing_stops(place: Place, webgl_browser: Browser) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}") as visit:
-        _wait_for(visit, "plain$")
+        visit.scene_shown()
         before = visit.page.url
         clock = visit.page.clock  # of its own, so that keys on a slow machine are not pauses
         clock.install()
@@ -92,7 +92,7 @@ def test_the_camera_moves_by_keyboard_and_comes_home(place: Place, browser: Brow
 
 def test_the_camera_moves_by_mouse(place: Place, webgl_browser: Browser) -> None:
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
-        _wait_for(visit, "plain$")
+        visit.scene_shown()
         mouse = visit.page.mouse
         distance = np.linalg.norm(page_view(visit.page)[:3] - page_view(visit.page)[3:])
 

@@ -32,8 +32,7 @@ def test_the_pixels_that_glow_are_the_servers_mask(
     ids = {thing.name: thing.id for thing in place.service.answers.list_things(place.scene_id).things}
     address = f"{place.url}/#/scenes/{place.scene_id}?view={view}"
     with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={view}", device_scale_factor=1) as visit:
-        page, canvas = visit.page, visit.page.locator("canvas")
-        expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+        page, canvas = visit.page, visit.scene_shown()
         plain = canvas_pixels(page)
         height, width, _ = plain.shape
         posed = page_camera(page, width, height)

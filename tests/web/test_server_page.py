@@ -29,7 +29,7 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
         visit.check_accessible()
         page.get_by_label("Whose key it is").fill(MARKUP)
         page.get_by_label("What it may do").select_option("reader")
-        assert page.get_by_label("What it may do").locator("option").count() == 3  # no operator's
+        assert page.get_by_label("What it may do").locator("option").count() == 4  # no operator's
         page.get_by_label("It expires").select_option("day")
         page.get_by_role("button", name="Make a key").click()
         secret = page.get_by_label("New key").input_value()

@@ -25,8 +25,10 @@ def test_the_server_draws_the_view_and_says_so(place: Place, browser: Browser) -
     with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}", device_scale_factor=1) as visit:
         page = visit.page
         assert page.evaluate("document.createElement('canvas').getContext('webgl2')") is None
-        expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
         _shows(page, "plain$")
+        assert not [url for url in visit.requests if "scene.spz" in url]  # nothing is loaded before somebody moves
+        visit.scene_shown()
+        expect(page.get_by_text(_SERVER_DRAWS)).to_be_visible()
         visit.check_accessible()
         shown = 255 * canvas_pixels(visit.page)
         height, width, _ = shown.shape
@@ -35,7 +37,6 @@ def test_the_server_draws_the_view_and_says_so(place: Place, browser: Browser) -
         )
         exact = pixels_of(truth)
         assert np.abs(shown - exact).mean() < 4 and exact.mean() > 20
-        assert not [url for url in visit.requests if "scene.spz" in url]  # nothing is loaded that cannot be shown
 
 
 def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Browser) -> None:

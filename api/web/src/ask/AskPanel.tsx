@@ -5,6 +5,7 @@ import type { Match, SceneObject } from "../api/types";
 import { ThingPicture } from "../look/ThingPicture";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Chip } from "../ui/Chip";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
@@ -14,6 +15,7 @@ import { knownNames } from "./knownNames";
 
 const TYPING_MS = 350;
 const SHOWN_MATCHES = 4;
+const LEAST_FIT = 0.01; // below, a name is no offer
 const SHOWN_LABELS = 16;
 
 interface Properties {
@@ -75,7 +77,9 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
           {answer.outcome !== "cannot_say" && (
             <Others
               title={answer.outcome === "here" ? texts.ask.otherNames : texts.ask.others}
-              matches={answer.matches.filter((match) => !match.relevant).slice(0, SHOWN_MATCHES)}
+              matches={answer.matches
+                .filter((match) => !match.relevant && fit(match) >= LEAST_FIT)
+                .slice(0, SHOWN_MATCHES)}
               onAsk={type}
             />
           )}
@@ -86,6 +90,8 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
   );
 }
 
+const fit = (match: Match): number => match.probability ?? match.relevancy;
+
 /** What else may be meant, with how well each fits. */
 function Others({ title, matches, onAsk }: { title: string; matches: Match[]; onAsk: (text: string) => void }) {
   if (matches.length === 0) return null;
@@ -94,18 +100,16 @@ function Others({ title, matches, onAsk }: { title: string; matches: Match[]; on
       <h3>{title}</h3>
       <ul class="chips">
         {matches.map((match) => {
-          const share = texts.job.percent(match.probability ?? match.relevancy);
+          const share = texts.job.percent(fit(match));
           return (
-            <li key={match.label_id}>
-              <button
-                type="button"
-                class="chip"
-                aria-label={`${texts.ask.askFor(match.label)} ${share}`}
-                onClick={() => onAsk(match.label)}
-              >
-                {match.label} <span class="hint">{share}</span>
-              </button>
-            </li>
+            <Chip
+              key={match.label_id}
+              label={`${texts.ask.askFor(match.label)} ${share}`}
+              behind={<span class="hint">{share}</span>}
+              onClick={() => onAsk(match.label)}
+            >
+              {match.label}
+            </Chip>
           );
         })}
       </ul>

@@ -6,6 +6,7 @@ import { BestPhotos } from "../look/BestPhotos";
 import { ThingPicture } from "../look/ThingPicture";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Chip } from "../ui/Chip";
 
 interface Properties {
   state: SceneState;
@@ -28,18 +29,19 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
       <>
         <BestPhotos state={state} text={answer.text} />
         <ul class="chips follow-ups">
-          {meant.length > 0 && <Button text={texts.ask.select} onClick={() => select(state, ids)} />}
-          {label && <Button text={texts.ask.near(label)} onClick={() => onAsk(texts.ask.near(label))} />}
+          {meant.length > 0 && <Chip onClick={() => select(state, ids)}>{texts.ask.select}</Chip>}
+          {label && <Chip onClick={() => onAsk(texts.ask.near(label))}>{texts.ask.near(label)}</Chip>}
           {answer.outcome === "probably_here" && unnamed.length > 0 && label && !isShared && (
-            <Button
-              text={texts.ask.confirm(label)}
+            <Chip
               onClick={() =>
                 void state.edit(
                   { action: "name", things: unnamed.map((thing) => thing.id), name: label },
                   texts.things.saved(label),
                 )
               }
-            />
+            >
+              {texts.ask.confirm(label)}
+            </Chip>
           )}
         </ul>
       </>
@@ -49,39 +51,26 @@ export function FollowUps({ state, answer, onAsk, onThing, lookAgain }: Properti
       {meant.length > 0 && (
         <ul class="chips">
           {meant.slice(0, MOST_SHOWN).map((thing) => (
-            <li key={thing.id}>
-              <button
-                type="button"
-                class="chip"
-                aria-label={texts.ask.lookAt(texts.things.titleOf(thing))}
-                onClick={() => onThing(thing.id)}
-              >
-                {!thing.name && <ThingPicture state={state} thing={thing.id} />}
-                {thing.name || thing.id}
-              </button>
-            </li>
+            <Chip
+              key={thing.id}
+              label={texts.ask.lookAt(texts.things.titleOf(thing))}
+              before={!thing.name && <ThingPicture state={state} thing={thing.id} />}
+              onClick={() => onThing(thing.id)}
+            >
+              {thing.name || thing.id}
+            </Chip>
           ))}
         </ul>
       )}
       {(answer.outcome === "not_here" || answer.outcome === "not_seen") && lookAgain(answer.text)}
       <ul class="chips follow-ups">
-        <Button text={texts.ask.seeThings} onClick={() => (state.tab.value = "things")} />
+        <Chip onClick={() => (state.tab.value = "things")}>{texts.ask.seeThings}</Chip>
       </ul>
     </>
   );
 }
 
 const MOST_SHOWN = 6;
-
-function Button({ text, onClick }: { text: string; onClick: () => void }) {
-  return (
-    <li>
-      <button type="button" class="chip" onClick={onClick}>
-        {text}
-      </button>
-    </li>
-  );
-}
 
 function select(state: SceneState, ids: readonly number[]): void {
   state.selected.value = ids;

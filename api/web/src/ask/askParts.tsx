@@ -2,6 +2,7 @@ import type { ComponentChildren } from "preact";
 
 import type { Answer, SceneObject } from "../api/types";
 import { texts } from "../texts";
+import { Chip } from "../ui/Chip";
 import type { IconName } from "../ui/Icon";
 import { Icon } from "../ui/Icon";
 import { spoken } from "./spoken";
@@ -97,17 +98,15 @@ export function ObjectChips({
       <h3>{texts.ask.objects}</h3>
       <ul class="chips">
         {numbered.map(({ object, number, alone }) => (
-          <li key={object.id}>
-            <button
-              type="button"
-              class="chip"
-              aria-label={texts.ask.flyTo(object.label, number)}
-              onClick={() => onFly(object)}
-            >
-              {picture(object)}
-              {object.label} {!alone && number}
-            </button>
-          </li>
+          <Chip
+            key={object.id}
+            label={texts.ask.flyTo(object.label, number)}
+            before={picture(object)}
+            behind={!alone && number}
+            onClick={() => onFly(object)}
+          >
+            {object.label}
+          </Chip>
         ))}
       </ul>
     </>
@@ -121,11 +120,9 @@ export function KnownLabels({ labels, onAsk }: { labels: readonly string[]; onAs
       <h3>{texts.ask.knownLabels}</h3>
       <ul class="chips">
         {labels.map((label) => (
-          <li key={label}>
-            <button type="button" class="chip" onClick={() => onAsk(label)}>
-              {label}
-            </button>
-          </li>
+          <Chip key={label} onClick={() => onAsk(label)}>
+            {label}
+          </Chip>
         ))}
       </ul>
     </>

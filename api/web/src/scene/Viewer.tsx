@@ -22,9 +22,11 @@ import type { Gesture } from "../viewer/cameraBound";
 import { aspectOf, CameraBound } from "../viewer/cameraBound";
 import { CameraMotion } from "../viewer/cameraMotion";
 import { Controls } from "../viewer/controls";
+import { firstTouch } from "../viewer/firstTouch";
 import { LoadedSplats } from "../viewer/loadedSplats";
 import type { LookAt } from "../viewer/poses";
-import { firstView, parseView, rescaled, viewText } from "../viewer/poses";
+import { firstView, orbit, parseView, rescaled, viewText } from "../viewer/poses";
+import type { SeenSplat } from "../viewer/readSplat";
 import { readSplat } from "../viewer/readSplat";
 import type { SplatView } from "../viewer/splatView";
 import { statesOf } from "../viewer/states";
@@ -33,6 +35,9 @@ import { viewOfSight } from "../viewer/viewpoints";
 import { webgl } from "../viewer/webgl";
 import { Pointing } from "./pointing";
 import { Walking } from "./walking";
+
+const QUIET_MS = 8_000; // without a gesture, until the scene is loaded all the same
+const SWAYS = [15, 10, 5].map((degrees) => (degrees * Math.PI) / 180); // the widest is taken that shows what was seen
 
 /** What other parts of the page may ask of the 3D view. */
 export interface ViewerHandle {
@@ -59,25 +64,31 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const loaded = useSignal(0); // Gaussians on show
   const [share, setShare] = useState<number | null>(0);
   const [error, setError] = useState<unknown>(null);
-  const serverView = useSignal<ServerView | null>(null); // where the browser cannot draw
+  const picture = useRef<HTMLDivElement>(null);
+  const serverView = useSignal<ServerView | null>(null); // until the browser draws, or where it cannot
+  /** Whether the scene itself is loaded, and what draws it; a person who only looks is shown the server's picture. */
+  const drawing = useSignal<"still" | "webgl" | "server">("still");
+  const read = useSignal<SeenSplat | null>(null);
   const bound = useSignal<CameraBound | null>(null);
   const [unseen, setUnseen] = useState(false);
   const motion = useRef<CameraMotion | null>(null);
   const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
+  const touched = useRef<AbortSignal | null>(null); // aborted by the person's first gesture
   const shownUnit = useRef(1); // meters by a unit of the trained scene
   const latest = useRef(onView);
   latest.current = onView;
 
   useEffect(() => {
-    const element = canvas.current;
+    const [element, place] = [canvas.current, picture.current];
     const scene = state.scene.peek();
-    if (!element || !scene) return;
+    if (!element || !place || !scene) return;
     const start = firstView(scene.cameras);
     home.current = start;
     shownUnit.current = scene.scaling?.meters_per_unit ?? 1;
     let view: SplatView | null = null;
     let gone = false;
+    const isGone = () => gone;
     const camera = new CameraMotion(parseView(first, start.up) ?? start, (now, resting) => {
       view?.setView(now, resting);
       serverView.peek()?.setView(now, resting);
@@ -121,39 +132,44 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
     };
-    const letServerDraw = () => {
+    const drawn = new ServerView(place, state.sceneId, (shown, problem) => {
+      setError(problem);
+      if (!shown) return;
       setShare(null);
-      const drawn = new ServerView(element, state.sceneId, (shown, problem) => {
-        setError(problem);
-        if (shown) markShown(element, state.geometry.peek(), shown.found.length > 0, shown.hovered);
-      });
-      serverView.value = drawn;
-      drawn.setView(camera.view, true);
-      resize();
-    };
+      element.dataset["pictures"] = String(Number(element.dataset["pictures"] ?? 0) + 1);
+      markShown(element, state.geometry.peek(), shown.found.length > 0, shown.hovered);
+    });
+    serverView.value = drawn;
+    drawn.setView(camera.view, true);
     const observer = new ResizeObserver(resize);
     observer.observe(element);
-    const gl = webgl(element);
-    if (gl)
-      // The engine is large: the page is there before it.
-      import("../viewer/splatView")
-        .then(({ SplatView }) => SplatView.create(element, gl))
-        .then(
-          (made) => {
-            if (gone) {
-              made.destroy();
-              return;
-            }
-            view = made;
-            view.setView(camera.view);
-            resize();
-            splatView.value = made;
-          },
-          (problem: unknown) => setError(problem),
-        );
-    else letServerDraw();
+    const touch = firstTouch();
+    touched.current = touch.signal;
+    const begin = async () => {
+      window.clearTimeout(quiet);
+      if (isGone() || drawing.peek() !== "still") return;
+      const gl = webgl(element);
+      drawing.value = gl ? "webgl" : "server";
+      if (!gl) return;
+      // The engine is large, and software that draws in place of graphics slow: the page is there before both.
+      const { SplatView } = await import("../viewer/splatView");
+      const made = await SplatView.create(element, gl);
+      if (isGone()) {
+        made.destroy();
+        return;
+      }
+      view = made;
+      view.setView(camera.view);
+      resize();
+      splatView.value = made;
+    };
+    const begun = () => void begin().catch(setError);
+    const quiet = window.setTimeout(begun, state.look.mode.peek() === "photo" ? QUIET_MS : 0);
+    touch.signal.addEventListener("abort", begun);
     return () => {
       gone = true;
+      window.clearTimeout(quiet);
+      touch.abort();
       observer.disconnect();
       walking.destroy();
       controls.destroy();
@@ -167,17 +183,17 @@ export function Viewer({ state, first, handle, onView }: Properties) {
     };
   }, [state]); // eslint-disable-line react-hooks/exhaustive-deps -- handle and signals live as long as the viewer
 
-  // Load the Gaussians of the version on show.
+  // Load the Gaussians of the version on show, or what photos saw of them, which bounds the camera.
   useSignalEffect(() => {
-    const [view, version] = [splatView.value, state.geometry.value];
-    if (!view || !version) return;
+    const [draws, version] = [drawing.value, state.geometry.value];
+    if (draws === "still" || !version) return;
     const controller = new AbortController();
-    setShare(0);
-    setError(null);
+    if (!serverView.peek()) setShare(0);
     const cameras = state.scene.peek()?.cameras ?? [];
-    const fetched = () => load(state.sceneId, version, cameras, controller.signal, setShare);
+    const told = (share: number) => !serverView.peek() && setShare(share);
+    const fetched = () => load(state.sceneId, version, cameras, draws === "webgl", controller.signal, told);
     splats.get(`${state.sceneId}/${version}`, fetched).then(
-      ({ splat, seen }) => {
+      (loadedSplat) => {
         if (controller.signal.aborted) return;
         const unit = state.scene.peek()?.scaling?.meters_per_unit ?? 1;
         const at = motion.current;
@@ -187,20 +203,38 @@ export function Viewer({ state, first, handle, onView }: Properties) {
           at.set(rescaled(at.view, factor));
         }
         shownUnit.current = unit;
-        loaded.value = 0; // another splat of as many Gaussians has none of the looks of the one before
-        view.setSplat(splat);
-        loaded.value = splat.count;
-        setShare(null);
         const element = canvas.current;
         if (!element) return;
-        bound.value = new CameraBound(seen, cameras, () => aspectOf(element));
-        setUnseen(motion.current !== null && bound.value.showsNothing(motion.current.view));
+        bound.value = new CameraBound(loadedSplat.seen, cameras, () => aspectOf(element));
+        setUnseen(at !== null && bound.value.showsNothing(at.view));
+        if (draws === "server") element.dataset["drawn"] = draws;
+        else read.value = loadedSplat;
       },
       (problem: unknown) => {
         if (!controller.signal.aborted && !isAbort(problem)) setError(problem);
       },
     );
     return () => controller.abort();
+  });
+
+  // Draw them in place of the server.
+  useSignalEffect(() => {
+    const [view, shown] = [splatView.value, read.value];
+    if (!view || !shown) return;
+    loaded.value = 0; // another splat of as many Gaussians has none of the looks of the one before
+    view.setSplat(shown.splat);
+    loaded.value = shown.splat.count;
+    setShare(null);
+    setError(null);
+    view.onceDrawn(() => {
+      const [server, element, at] = [serverView.peek(), canvas.current, motion.current];
+      if (!server || !element) return;
+      server.destroy();
+      serverView.value = null;
+      element.dataset["drawn"] = "webgl";
+      const angle = SWAYS.find((each) => [each, -each].every((by) => at && bound.peek()?.shows(orbit(at.view, by, 0))));
+      if (angle && at && touched.current) at.sway(angle, touched.current);
+    });
   });
 
   useSignalEffect(() => {
@@ -225,7 +259,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       ),
       mask !== null || selected.length > 0,
     );
-    if (canvas.current) markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
+    if (canvas.current && !serverView.value)
+      markShown(canvas.current, state.geometry.value, mask !== null, state.hovered.value);
   });
   useServerView(serverView, state);
 
@@ -245,6 +280,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         aria-label={texts.scene.canvas}
         aria-describedby="canvas-help"
       />
+      <div class="server-picture" ref={picture} aria-hidden="true" />
       <Frusta look={state.look} />
       <HollowCameras look={state.look} />
       <CropBoxLines state={state} />
@@ -266,7 +302,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       <ToolMarks state={state} />
       <GlowLegend state={state} />
       <Gizmo state={state} />
-      {serverView.value && error === null && <p class="viewer-note server-view-note">{texts.serverView.note}</p>}
+      {drawing.value === "server" && error === null && (
+        <p class="viewer-note server-view-note">{texts.serverView.note}</p>
+      )}
       {error !== null && (
         <div class="viewer-note">
           <ErrorNote error={error} />
@@ -286,9 +324,10 @@ async function load(
   sceneId: string,
   version: string,
   cameras: readonly PosedCamera[],
+  draws: boolean,
   signal: AbortSignal,
   progress: (share: number) => void,
 ) {
   const response = await send(exportPath(sceneId, "spz", version), { signal });
-  return readSplat(response.body ?? new ReadableStream(), cameras, progress, signal);
+  return readSplat(response.body ?? new ReadableStream(), cameras, draws, progress, signal);
 }

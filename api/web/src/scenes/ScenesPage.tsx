@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 
 import { go, sceneAddress } from "../address/router";
 import { deleteScene, listScenes, openSample } from "../api/calls";
-import type { Assessment, SceneSummary } from "../api/types";
+import type { SceneSummary } from "../api/types";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
 import { DeleteButton } from "../ui/DeleteButton";
@@ -10,6 +10,7 @@ import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import type { Order } from "./arranged";
 import { arranged, ORDERS } from "./arranged";
+import type { Told } from "./Thumbnail";
 import { Thumbnail } from "./Thumbnail";
 import { WhereIs } from "./WhereIs";
 
@@ -150,22 +151,19 @@ function OpenSample() {
 }
 
 function Card({ scene }: { scene: SceneSummary }) {
-  const [grade, setGrade] = useState<Assessment["grade"] | null>(null);
+  const [{ grade, names }, setTold] = useState<Told>({ grade: null, names: [] });
   const name = nameOf(scene);
   const ready = scene.state === "READY";
   const made = new Date(scene.created_at).toLocaleDateString("en", { dateStyle: "medium" });
   return (
     <a class="card" href={sceneAddress(scene.id)}>
-      <Thumbnail scene={scene} name={name} onLoaded={setGrade} />
+      <Thumbnail scene={scene} name={name} onLoaded={setTold} />
       <span class="card-name">{name}</span>
       <span class={`state ${scene.state.toLowerCase()} ${grade ?? ""}`}>
         {ready && grade ? texts.scenes.grades[grade] : texts.scenes.states[scene.state]}
       </span>
-      <span class="hint">
-        {[ready && texts.scenes.names(scene.label_count), ready && texts.scenes.gaussians(scene.gaussians), made]
-          .filter(Boolean)
-          .join(" · ")}
-      </span>
+      {ready && <span class="hint names">{names.length > 0 && texts.scenes.names(names)}</span>}
+      <span class="hint">{[ready && texts.scenes.gaussians(scene.gaussians), made].filter(Boolean).join(" · ")}</span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>
   );

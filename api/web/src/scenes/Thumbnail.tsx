@@ -7,16 +7,20 @@ import type { Assessment, PosedCamera, SceneSummary } from "../api/types";
 import { texts } from "../texts";
 import { Icon } from "../ui/Icon";
 import { middleCamera } from "../viewer/poses";
+import { namesIn } from "./arranged";
 
 const WIDTH = 360;
 const AT_ONCE = 2;
 
-type Grade = Assessment["grade"];
+/** What a card says once the scene is loaded. */
+export interface Told {
+  grade: Assessment["grade"] | null;
+  /** Names in the scene, those of most Gaussians first. */
+  names: readonly string[];
+}
 
-/** What a card shows once the scene is loaded. */
-interface Shown {
+interface Shown extends Told {
   address: string;
-  grade: Grade | null;
 }
 
 const shown = new Map<string, Shown>(); // by scene and version: a version never changes
@@ -31,7 +35,7 @@ export function Thumbnail({
 }: {
   scene: SceneSummary;
   name: string;
-  onLoaded: (grade: Grade | null) => void;
+  onLoaded: (told: Told) => void;
 }) {
   const id = `${scene.id} ${scene.version}`;
   const [address, setAddress] = useState(shown.get(id)?.address ?? "");
@@ -42,7 +46,7 @@ export function Thumbnail({
   useEffect(() => {
     const take = (one: Shown) => {
       setAddress(one.address);
-      told.current(one.grade);
+      told.current(one);
     };
     const known = shown.get(id);
     if (known) take(known);
@@ -75,12 +79,12 @@ export function Thumbnail({
 }
 
 async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise<Shown> {
-  const [{ cameras, assessment }, stored] = await Promise.all([getScene(id, signal), listPhotos(id, version, signal)]);
-  const grade = assessment?.grade ?? null;
-  const camera = middleCamera(cameras);
-  if (!camera) return { address: "", grade };
-  if (stored.has(camera.name)) return { address: await photoAddress(id, version, camera.name, true), grade };
-  return { address: URL.createObjectURL(await renderPicture(id, narrowed(camera), signal)), grade };
+  const [scene, stored] = await Promise.all([getScene(id, signal), listPhotos(id, version, signal)]);
+  const told = { grade: scene.assessment?.grade ?? null, names: namesIn(scene.dictionary) };
+  const camera = middleCamera(scene.cameras);
+  if (!camera) return { address: "", ...told };
+  if (stored.has(camera.name)) return { address: await photoAddress(id, version, camera.name, true), ...told };
+  return { address: URL.createObjectURL(await renderPicture(id, narrowed(camera), signal)), ...told };
 }
 
 /** The same camera with a picture of at most `WIDTH` pixels across. */

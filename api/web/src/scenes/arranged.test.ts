@@ -1,7 +1,7 @@
 import { expect, test } from "vitest";
 
 import type { SceneSummary } from "../api/types";
-import { arranged } from "./arranged";
+import { arranged, namesIn } from "./arranged";
 
 const scene = (name: string, day: number, gaussians: number) =>
   ({ name, created_at: `2026-01-0${day}T00:00:00Z`, gaussians }) as SceneSummary;
@@ -18,4 +18,9 @@ test("scenes are sorted", () => {
 test("a scene is found by words of its name", () => {
   expect(names(" 10 KIT", "name")).toEqual(["Kitchen 10"]);
   expect(names("sofa", "name")).toEqual([]);
+});
+
+test("of a scene those names are told that something bears, the largest first", () => {
+  const entry = (label: string, gaussian_count: number) => ({ label, gaussian_count });
+  expect(namesIn([entry("cup", 20), entry("tulip", 0), entry("table", 400)])).toEqual(["table", "cup"]);
 });

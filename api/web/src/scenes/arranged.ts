@@ -1,4 +1,4 @@
-import type { SceneSummary } from "../api/types";
+import type { DictionaryEntry, SceneSummary } from "../api/types";
 
 export const ORDERS = ["newest", "name", "largest"] as const;
 export type Order = (typeof ORDERS)[number];
@@ -13,4 +13,10 @@ const COMPARE: Record<Order, (one: SceneSummary, other: SceneSummary) => number>
 export function arranged(scenes: readonly SceneSummary[], text: string, order: Order): SceneSummary[] {
   const words = text.toLowerCase().split(/\s+/).filter(Boolean);
   return scenes.filter(({ name }) => words.every((word) => name.toLowerCase().includes(word))).sort(COMPARE[order]);
+}
+
+/** The names of a dictionary that something in the scene bears, those of most Gaussians first. */
+export function namesIn(dictionary: readonly Pick<DictionaryEntry, "label" | "gaussian_count">[]): string[] {
+  const borne = dictionary.filter(({ gaussian_count: count }) => count > 0);
+  return borne.sort((one, other) => other.gaussian_count - one.gaussian_count).map(({ label }) => label);
 }

@@ -23,12 +23,12 @@ export interface Shown {
 }
 
 /**
- * Shows pictures that the server draws where the browser cannot: one request under way, and the newest view after it.
- * While the camera moves, pictures are as large as they come quickly; at rest they have the canvas' own size.
+ * Shows pictures that the server draws, over a canvas on which the browser does not draw yet, or cannot: one request
+ * under way, and the newest view after it. While the camera moves, pictures are as large as they come quickly; at rest
+ * they have the canvas' own size.
  */
 export class ServerView {
   readonly #ended = new AbortController();
-  readonly #context: CanvasRenderingContext2D | null;
   #view: LookAt | null = null;
   #shown: Shown | null = null;
   #size: [number, number] = [0, 0];
@@ -38,14 +38,15 @@ export class ServerView {
   #scale = 1;
   #drawnScale = 0;
 
-  /** @param drawn called with what a picture shows and its scale once it is there, or with why there is none. */
+  /**
+   * @param place where pictures are put, each instead of the one before.
+   * @param drawn called with what a picture shows once it is there, or with why there is none.
+   */
   constructor(
-    private readonly canvas: HTMLCanvasElement,
+    private readonly place: HTMLElement,
     private readonly sceneId: string,
     private readonly drawn: (shown: Shown | null, error: unknown) => void,
-  ) {
-    this.#context = canvas.getContext("2d");
-  }
+  ) {}
 
   /** Looks from somewhere else; at rest the picture is drawn anew only if the last one was a small one. */
   setView(view: LookAt, resting: boolean): void {
@@ -69,8 +70,10 @@ export class ServerView {
     this.#draw();
   }
 
+  /** Takes its picture away. */
   destroy(): void {
     this.#ended.abort();
+    this.place.replaceChildren();
   }
 
   #over(): boolean {
@@ -115,15 +118,12 @@ export class ServerView {
       dimming: shown.dimmed ? 1 - DIMMED : 0,
     };
     const blob = await renderPicture(this.sceneId, cameraOf(view, w, h), this.#ended.signal, more);
-    const picture = await createImageBitmap(blob);
+    const picture = new Image();
+    picture.src = URL.createObjectURL(blob);
+    await picture.decode().finally(() => URL.revokeObjectURL(picture.src));
     if (this.#over()) return;
-    const [full, high] = pictureSize(width, height, 1, MOST_PIXELS);
-    if (this.canvas.width !== full) this.canvas.width = full;
-    if (this.canvas.height !== high) this.canvas.height = high;
-    this.#context?.drawImage(picture, 0, 0, full, high);
-    picture.close();
+    this.place.replaceChildren(picture);
     this.#drawnScale = scale;
-    this.canvas.dataset["pictures"] = String(Number(this.canvas.dataset["pictures"] ?? 0) + 1);
   }
 }
 

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 
 import { thingsTexts } from "./things";
 
-const { titleOf, level } = thingsTexts.things;
+const { titleOf, level, unnamedCount } = thingsTexts.things;
 
 test("a name that is a guess says so, with its probability", () => {
   expect(titleOf({ id: 3, name: "chair", guess: true, probability: 0.9 })).toBe("chair (a guess, 90 %)");
@@ -19,4 +19,11 @@ test("a level says what it is of", () => {
   expect(level("part", mug, handle, 0)).toBe("handle, part of mug");
   expect(level("thing", mug, handle, 0)).toBe("mug");
   expect(level("group", mug, null, 3)).toBe("group: mug and 2 more");
+});
+
+test("all that is listed without a name is counted", () => {
+  expect(unnamedCount(6, 4)).toBe("6 things and 4 surfaces without a name");
+  expect(unnamedCount(1, 0)).toBe("1 thing without a name");
+  expect(unnamedCount(0, 1)).toBe("1 surface without a name");
+  expect(unnamedCount(0, 0)).toBe("All things have names.");
 });

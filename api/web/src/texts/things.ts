@@ -47,8 +47,13 @@ export const thingsTexts = {
       return level === "thing" ? titleOf(thing) : `group: ${titleOf(thing)} and ${members - 1} more`;
     },
     clickAgain: (selected: string, next: string) => `Selected: ${selected}. Click again for ${next}.`,
-    unnamedCount: (count: number) =>
-      count === 0 ? "All things have names." : `${plural(count, "thing", "things")} without a name`,
+    unnamedCount: (things: number, surfaces: number) => {
+      const counted = [
+        ...(things ? [plural(things, "thing", "things")] : []),
+        ...(surfaces ? [plural(surfaces, "surface", "surfaces")] : []),
+      ];
+      return counted.length ? `${counted.join(" and ")} without a name` : "All things have names.";
+    },
     nameNext: "Name the next one",
     onlyUnnamed: "Only those without a name",
     selected: (count: number) => plural(count, "thing selected", "things selected"),

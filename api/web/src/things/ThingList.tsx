@@ -19,7 +19,8 @@ export function ThingList({ state, onFly }: Properties) {
   const [naming, setNaming] = useState(0); // id of the thing that is named now
   const things = state.things.value;
   if (!things) return null;
-  const unnamed = things.filter((thing) => !thing.name && thing.kind === "thing");
+  const nameless = things.filter((thing) => !thing.name);
+  const unnamed = nameless.filter((thing) => thing.kind === "thing"); // a wall needs no name to be found
   const open = (thing: SceneThing, more = false) => {
     state.select(thing.id, more);
     if (thing.box && !more) onFly(centerOf(thing.box), boxSize(thing.box));
@@ -30,7 +31,7 @@ export function ThingList({ state, onFly }: Properties) {
     if (thing) open(thing);
   };
   const current = unnamed.find((thing) => thing.id === naming);
-  const shown = onlyUnnamed ? unnamed : things;
+  const shown = onlyUnnamed ? nameless : things;
   const likely = likelyNames(unnamed);
   const confirmAll = () => void state.editAll(likely, texts.things.confirmed(likely.length));
   return (
@@ -39,7 +40,7 @@ export function ThingList({ state, onFly }: Properties) {
       {things.length === 0 ? (
         <p class="hint">{texts.things.none}</p>
       ) : (
-        <p class="hint">{texts.things.unnamedCount(unnamed.length)}</p>
+        <p class="hint">{texts.things.unnamedCount(unnamed.length, nameless.length - unnamed.length)}</p>
       )}
       {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
       {unnamed.length > 0 && !isShared && (!current || likely.length > 0) && (
@@ -56,7 +57,7 @@ export function ThingList({ state, onFly }: Properties) {
           )}
         </div>
       )}
-      {unnamed.length > 0 && (
+      {nameless.length > 0 && (
         <label class="check">
           <input
             type="checkbox"

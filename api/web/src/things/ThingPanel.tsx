@@ -4,6 +4,7 @@ import type { SceneThing } from "../api/types";
 import { BestPhotos } from "../look/BestPhotos";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { Chip } from "../ui/Chip";
 import { boxSize, centerOf } from "../viewer/boxes";
 import type { Vec } from "../viewer/vectors";
 import { AskKind } from "./AskKind";
@@ -102,11 +103,9 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           <h3>{texts.things.suggestions}</h3>
           <ul class="chips">
             {thing.suggestions.map((suggestion) => (
-              <li key={suggestion.name}>
-                <button type="button" class="chip" disabled={state.busy.value} onClick={() => give(suggestion.name)}>
-                  {texts.things.suggestion(suggestion.name, suggestion.probability, othersSaying(suggestion))}
-                </button>
-              </li>
+              <Chip key={suggestion.name} disabled={state.busy.value} onClick={() => give(suggestion.name)}>
+                {texts.things.suggestion(suggestion.name, suggestion.probability, othersSaying(suggestion))}
+              </Chip>
             ))}
           </ul>
         </>

@@ -1,8 +1,11 @@
 import type { LookAt } from "./poses";
-import { between } from "./poses";
+import { between, orbit } from "./poses";
 
 const FLIGHT_MS = 700;
+const SWAY_MS = 9_000;
 const REST_MS = 250;
+
+const wantsNoMotion = (): boolean => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 /** Where the camera is, and its flights. A person who wants no motion gets there at once. */
 export class CameraMotion {
@@ -30,15 +33,26 @@ export class CameraMotion {
   }
 
   flyTo(goal: LookAt): void {
+    const from = this.#view;
+    if (wantsNoMotion()) this.set(goal);
+    else this.#play(FLIGHT_MS, (share) => (share < 1 ? between(from, goal, share) : goal));
+  }
+
+  /** Turns by `angle` (radians) to both sides and back, once, until `touched`; for a person who wants no motion not. */
+  sway(angle: number, touched: AbortSignal): void {
+    const from = this.#view;
+    if (wantsNoMotion() || touched.aborted) return;
+    touched.addEventListener("abort", () => cancelAnimationFrame(this.#frame));
+    this.#play(SWAY_MS, (share) => (share < 1 ? orbit(from, angle * Math.sin(2 * Math.PI * share), 0) : from));
+  }
+
+  /** Shows the views of a way, 0..1, slowly at both ends. */
+  #play(milliseconds: number, way: (share: number) => LookAt): void {
     cancelAnimationFrame(this.#frame);
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches) {
-      this.#show(goal);
-      return;
-    }
-    const [from, begin] = [this.#view, performance.now()];
+    const begin = performance.now();
     const step = (now: number) => {
-      const share = Math.min(1, Math.max(0, (now - begin) / FLIGHT_MS));
-      this.#show(share < 1 ? between(from, goal, share * share * (3 - 2 * share)) : goal);
+      const share = Math.min(1, Math.max(0, (now - begin) / milliseconds));
+      this.#show(way(share * share * (3 - 2 * share)));
       if (share < 1) this.#frame = requestAnimationFrame(step);
     };
     this.#frame = requestAnimationFrame(step);

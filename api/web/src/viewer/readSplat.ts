@@ -1,6 +1,6 @@
 import type { PosedCamera } from "../api/types";
 import type { Sightings } from "./seenField";
-import type { FromWorker } from "./splatWorker";
+import type { FromWorker, SplatFor } from "./splatWorker";
 import type { SplatColumns } from "./spz";
 
 /** A scene's Gaussians, and what its photos saw of them. */
@@ -17,6 +17,7 @@ export class SplatFileError extends Error {}
  *
  * @param body the file's bytes.
  * @param cameras of the scene's photos.
+ * @param draws whether the Gaussians are to be drawn; else there are none, only what was seen of them.
  * @param progress called with the share read, 0..1.
  * @param signal ends the reading.
  * @throws SplatFileError as said there.
@@ -24,6 +25,7 @@ export class SplatFileError extends Error {}
 export async function readSplat(
   body: ReadableStream<Uint8Array<ArrayBuffer>>,
   cameras: readonly PosedCamera[],
+  draws: boolean,
   progress: (share: number) => void,
   signal: AbortSignal,
 ): Promise<SeenSplat> {
@@ -39,7 +41,7 @@ export async function readSplat(
       signal.addEventListener("abort", () => reject(new DOMException("given up", "AbortError")));
     });
     read.catch(() => undefined); // said below; the body may fail first
-    worker.postMessage(cameras);
+    worker.postMessage({ cameras, draws } satisfies SplatFor);
     const reader = body.getReader();
     for (;;) {
       const { done, value } = await reader.read();

@@ -293,6 +293,18 @@ export class SplatView {
     this.#app.renderNextFrame = true;
   }
 
+  /** Calls back once the Gaussians are drawn in their order. */
+  onceDrawn(drawn: () => void): void {
+    const system = this.#app.systems.gsplat;
+    const frame = (_camera: unknown, _layer: unknown, ready: boolean) => {
+      if (!ready) return;
+      system?.off("frame:ready", frame);
+      drawn();
+    };
+    system?.on("frame:ready", frame);
+    this.redraw();
+  }
+
   destroy(): void {
     this.#pace.stop();
     this.#removeSplat();

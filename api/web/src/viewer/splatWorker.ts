@@ -5,9 +5,15 @@ import { sightingsOf } from "./seenField";
 import { readSpz } from "./spz";
 
 /**
- * Reads a scene's file beside the page, which answers meanwhile, and finds what its photos saw. The scene's cameras come
- * as the first message, pieces of the file follow, null at its end.
+ * Reads a scene's file beside the page, which answers meanwhile, and finds what its photos saw. What it is for comes as the
+ * first message, pieces of the file follow, null at its end.
  */
+
+/** The scene's cameras, and whether its Gaussians are to be drawn. */
+export interface SplatFor {
+  cameras: readonly PosedCamera[];
+  draws: boolean;
+}
 
 export type FromWorker =
   | { share: number }
@@ -16,10 +22,10 @@ export type FromWorker =
 
 const pieces = new TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>>();
 const writer = pieces.writable.getWriter();
-let cameras: readonly PosedCamera[] = [];
+let purpose: SplatFor = { cameras: [], draws: true };
 
-addEventListener("message", ({ data }: MessageEvent<readonly PosedCamera[] | Uint8Array<ArrayBuffer> | null>) => {
-  if (data && !(data instanceof Uint8Array)) cameras = data;
+addEventListener("message", ({ data }: MessageEvent<SplatFor | Uint8Array<ArrayBuffer> | null>) => {
+  if (data && !(data instanceof Uint8Array)) purpose = data;
   else (data ? writer.write(data) : writer.close()).catch(() => undefined); // the reader says what is wrong
 });
 
@@ -28,10 +34,10 @@ const tell = (message: FromWorker, transfer: Transferable[] = []) => postMessage
 readSpz(pieces.readable, (share) => tell({ share })).then(
   (splat) => {
     const { count, columns } = fewerBands(splat);
-    const seen = sightingsOf({ count, columns }, cameras);
-    const all = [...columns] as [string, Float32Array<ArrayBuffer>][];
+    const seen = sightingsOf({ count, columns }, purpose.cameras);
+    const all = (purpose.draws ? [...columns] : []) as [string, Float32Array<ArrayBuffer>][];
     tell(
-      { count, columns: all, seen },
+      { count: purpose.draws ? count : 0, columns: all, seen },
       all.map(([, data]) => data.buffer),
     );
   },
