@@ -23,6 +23,7 @@ RefusalReason = Literal[
     "nothing_to_compare",
     "not_measured",
     "not_named",
+    "not_read",
 ]
 
 
@@ -39,7 +40,7 @@ class Refusal(NamedTuple):
             "near; indirect: it rests on something else that rests on that; ambiguous_referent: it speaks of one "
             "thing, and several here are called that; referent_absent: nothing here is what it speaks of; "
             "nothing_to_compare: there is only one; not_measured: nothing here measures that; not_named: nothing here "
-            "bears the name that it asks for"
+            "bears the name that it asks for; not_read: no photo shows that written on what it asks for"
         ),
     ]
     part: Annotated[str, Field(description="the words of the question that it is about")]
@@ -56,7 +57,7 @@ class Witness(NamedTuple):
         str,
         Field(
             description="what was measured: gap, overlap, enclosure, depth, level, direction, offset, angle, "
-            "distance, size, height, length, width, elevation, color_distance, part"
+            "distance, size, height, length, width, elevation, color_distance, part, read"
         ),
     ]
     value: float

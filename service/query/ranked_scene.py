@@ -16,6 +16,8 @@ from fastsplat.service.query.language.ranking import Ranked, Ranker
 from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
 from fastsplat.service.query.phrases.thing_words import ThingWords
+from fastsplat.service.query.phrases.types import ParsedQuestion
+from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.query.things.thing_names import ThingNames
@@ -49,6 +51,7 @@ class RankedScene:
         self.ranker = ranker
         self.names = names
         self._words = ThingWords(names)
+        self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
         self._unseen = unseen
         self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
@@ -118,19 +121,29 @@ class RankedScene:
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None
     ) -> Sequence[Ranked]:
         ranked = self.ranker.rank(query)
-        parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name)
-        if not any(parsed) and not any(thing.surface for thing in self.names.present):
+        parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
+        if not any(parsed) and not any(thing.surface or thing.reads for thing in self.names.present):
             return ranked
-        from fastsplat.service.query.phrases.phrase_answers import AskedScene, answer_phrase, answer_surface
+        from fastsplat.service.query.phrases.phrase_answers import (
+            AskedScene,
+            answer_phrase,
+            answer_surface,
+            answer_written,
+        )
 
         def rank(texts: Sequence[str]) -> tuple[Ranked, ...]:
             return self.ranker.rank(replace(query, texts=tuple(texts)))
 
         names = self.names if self.names.stored else things().names
-        scene = AskedScene(names, self.ranker.names, rank, lambda: things().measures, self._unit)
-        return tuple(
-            (answer_surface(plain, scene) if phrase is None else answer_phrase(phrase, plain, scene, asker))
-            if not is_foreign(plain.answer.text) and not names_nothing(plain.answer.text)
-            else plain
-            for plain, phrase in zip(ranked, parsed, strict=True)
-        )
+        scene = AskedScene(names, self.ranker.names, rank, lambda: things().measures, self._unit, self._written)
+
+        def answered(plain: Ranked, phrase: ParsedQuestion | None) -> Ranked:
+            if names_nothing(plain.answer.text):
+                return plain
+            if is_foreign(plain.answer.text) and not (phrase and phrase.of_writing):
+                return answer_written(plain, scene)
+            if phrase is None:
+                return answer_written(answer_surface(plain, scene), scene)
+            return answer_phrase(phrase, plain, scene, asker)
+
+        return tuple(answered(plain, phrase) for plain, phrase in zip(ranked, parsed, strict=True))

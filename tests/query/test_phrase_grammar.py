@@ -10,7 +10,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.phrases.phrase_grammar import MAX_CONDITIONS, MAX_WORDS, parse_question, parsed_questions
 from fastsplat.service.query.phrases.phrase_words import MARKERS
-from fastsplat.service.query.phrases.types import Condition, Phrase, Possession
+from fastsplat.service.query.phrases.types import Condition, Phrase, Possession, Relation, Says
 
 
 def _written(phrase: Phrase) -> str:
@@ -18,7 +18,8 @@ def _written(phrase: Phrase) -> str:
     words = [phrase.head or "*", *(color.text for color in phrase.colors), *(size.word for size in phrase.sizes)]
     for condition in phrase.conditions:
         said = ", ".join(_written(anchor) for anchor in _anchors(condition))
-        words.append(f"{'not ' if condition.negated else ''}{condition.kind}({said})")
+        kind, said = ("says", condition.words) if isinstance(condition, Says) else (condition.kind, said)
+        words.append(f"{'not ' if condition.negated else ''}{kind}({said})")
     if (rank := phrase.rank) is not None:
         of = f"({_written(rank.anchors[0])})" if rank.anchors else ""
         words.append(f"{rank.by}{'>' if rank.descending else '<'}{rank.number}{of}")
@@ -26,7 +27,9 @@ def _written(phrase: Phrase) -> str:
 
 
 def _anchors(condition: Condition) -> tuple[Phrase, ...]:
-    return (condition.phrase,) if isinstance(condition, Possession) else condition.anchors
+    if isinstance(condition, Possession):
+        return (condition.phrase,)
+    return condition.anchors if isinstance(condition, Relation) else ()
 
 
 @pytest.mark.parametrize(

@@ -664,6 +664,7 @@ class _RefusalReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Refusal
     REFUSAL_REASON_NOTHING_TO_COMPARE: _RefusalReason.ValueType  # 10
     REFUSAL_REASON_NOT_MEASURED: _RefusalReason.ValueType  # 11
     REFUSAL_REASON_NOT_NAMED: _RefusalReason.ValueType  # 12
+    REFUSAL_REASON_NOT_READ: _RefusalReason.ValueType  # 13
 
 class RefusalReason(_RefusalReason, metaclass=_RefusalReasonEnumTypeWrapper): ...
 
@@ -680,6 +681,7 @@ REFUSAL_REASON_REFERENT_ABSENT: RefusalReason.ValueType  # 9
 REFUSAL_REASON_NOTHING_TO_COMPARE: RefusalReason.ValueType  # 10
 REFUSAL_REASON_NOT_MEASURED: RefusalReason.ValueType  # 11
 REFUSAL_REASON_NOT_NAMED: RefusalReason.ValueType  # 12
+REFUSAL_REASON_NOT_READ: RefusalReason.ValueType  # 13
 Global___RefusalReason: _TypeAlias = RefusalReason  # noqa: Y015
 
 class _Outcome:
@@ -5361,7 +5363,7 @@ class Witness(_message.Message):
     """its id"""
     measure: _builtins.str
     """what was measured: gap, overlap, enclosure, depth, level, direction, offset, angle, distance, size, height, length,
-    width, elevation, color_distance, part
+    width, elevation, color_distance, part, read
     """
     value: _builtins.float
     unit: _builtins.str
@@ -5407,7 +5409,8 @@ class Refusal(_message.Message):
     measurement is too near to its bound; out_of_view: behind the asker, or too near; indirect: it rests on something
     else that rests on that; ambiguous_referent: it speaks of one thing, and several here are called that;
     referent_absent: nothing here is what it speaks of; nothing_to_compare: there is only one; not_measured: nothing
-    here measures that; not_named: nothing here bears the name that it asks for
+    here measures that; not_named: nothing here bears the name that it asks for; not_read: no photo shows that written
+    on what it asks for
     """
     part: _builtins.str
     """the words of the question that it is about"""

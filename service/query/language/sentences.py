@@ -51,6 +51,7 @@ _REFUSALS: Mapping[RefusalReason, str] = {
     "nothing_to_compare": "there is only one, so nothing says whether it is {part}",
     "not_measured": "nothing here measures {part}",
     "not_named": "nothing here is named {part}",
+    "not_read": "no photo was read to show {part}",
 }
 _CHOICES: Mapping[RefusalReason, str] = {
     "ambiguous": "say it in another way",

@@ -9,16 +9,19 @@ from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
 from fastsplat.service.query.language.ranking import Ranked
 from fastsplat.service.query.language.sentences import Remarks, doubt_of, quoted
-from fastsplat.service.query.phrases.phrase_solving import Named, PhraseSolver, Solved
+from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
-from fastsplat.service.query.phrases.types import ParsedQuestion, Phrase, Possession
+from fastsplat.service.query.phrases.types import Named, ParsedQuestion, Phrase, Possession, Relation, Says
+from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_measures import ThingMeasures
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
 from fastsplat_contract.queries import Answer
 
+_NOT_MEANT = ("referent_absent", "not_read")
+"""Of a question with several readings, one that is refused so was not meant."""
 Rank = Callable[[Sequence[str]], Sequence[Ranked]]
 """The answers to some texts, each as if it were a name."""
 
@@ -33,6 +36,7 @@ class AskedScene:
         rank: answers noun groups.
         open_measures: gives the measures of the things; called only where something must be measured.
         unit: of lengths: "m" or "unit".
+        written: what is written on the things.
     """
 
     things: ThingNames
@@ -40,16 +44,14 @@ class AskedScene:
     rank: Rank
     open_measures: Callable[[], ThingMeasures]
     unit: str
+    written: WrittenWords
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
     """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
     is merely related to it ("plate" to "wall")."""
     answer = plain.answer
-    unnamed = answer.verdict in ("absent", "undecided") or (
-        answer.verdict in ("related", "possible") and answer.relation == "related"
-    )
-    kind = surface_kind(noun_phrase(answer.text)) if unnamed else ""
+    kind = surface_kind(noun_phrase(answer.text)) if _is_unnamed(answer) else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
     if not ids:
         return plain
@@ -60,6 +62,27 @@ def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
         relation="same" if sure else "related",
     )
     return Ranked(about, frozenset(), Remarks(by_shape=True))
+
+
+def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
+    """The answer to a name, or, where nothing bears it, the things on which it is written: before what is merely
+    related to several words ("oat milk" to "glass"). What says so may be it, or be about it."""
+    answer, words = plain.answer, noun_phrase(plain.answer.text)
+    nowhere = answer.verdict in ("absent", "undecided") or (_is_unnamed(answer) and " " in words)
+    if not nowhere or not scene.written.bearing(words):
+        return plain
+    says = Says(words, False, f"where it says {quoted(words)}")
+    question = ParsedQuestion("things", (Phrase("", "", conditions=(says,)),), "")
+    found = answer_phrase(question, plain, scene, None)
+    may_be = replace(found.answer, verdict="possible", relation="related", probability=None)
+    return found if found.answer.verdict == "undecided" else replace(found, answer=may_be)
+
+
+def _is_unnamed(answer: Answer) -> bool:
+    """Whether nothing bears the name that was asked for, nor a kind of it."""
+    return answer.verdict in ("absent", "undecided") or (
+        answer.verdict in ("related", "possible") and answer.relation == "related"
+    )
 
 
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
@@ -78,13 +101,16 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     ranked = dict(zip(groups, scene.rank(groups), strict=True)) if groups else {}
     named = {name: _named(name, each, scene) for name, each in ranked.items()}
     if "" in spoken:
-        named[""] = Named(things_in_room(things.present, scene.open_measures()), by_name=True)
+        ids = things_in_room(things.present, scene.open_measures())
+        if question.of_writing:
+            ids = tuple(thing.id for thing in things.present)  # a wall is no thing in a room, but words may be on it
+        named[""] = Named(ids, by_name=True)
     asker = None
     if world_from_camera is not None:
         measures = scene.open_measures()
         asker = asker_at(world_from_camera, measures.axes, measures.up is not None)
     by_id = {thing.id: thing for thing in (*things.present, *things.parts)}
-    solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit)
+    solver = PhraseSolver(scene.open_measures, by_id, named, asker, scene.unit, scene.written)
     solved = _agreed([solver.solve(reading) for reading in question.readings], question)
     reading = question.readings[0]
     head = ranked[reading.group if solved.named.whole else reading.head] if reading.head else plain
@@ -115,7 +141,8 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, things=())
         return Ranked(answer, frozenset(), replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
-    likely = min((each.likely for each in spoken_of), default=1.0)
+    read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
+    likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
     doubt = next((each.doubt for each in spoken_of if each.doubt), "")
     return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
 
@@ -151,7 +178,8 @@ def _names_in(phrase: Phrase) -> set[str]:
     """The noun groups of a phrase and of all that it speaks of; "" for anything at all."""
     inner = [] if phrase.rank is None else [*phrase.rank.anchors]
     for condition in phrase.conditions:
-        inner += [condition.phrase] if isinstance(condition, Possession) else condition.anchors
+        inner += [condition.phrase] if isinstance(condition, Possession) else []
+        inner += condition.anchors if isinstance(condition, Relation) else ()
     names = {phrase.head, phrase.group} if phrase.head else {""}
     return names.union(*map(_names_in, inner))
 
@@ -184,7 +212,7 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
     """The one that all readings come to. A reading that speaks of something that is not here, or for which nothing is
     left while another has something, is not what was meant."""
     first = readings[0]
-    sensible = [each for each in readings if each.refusal is None or each.refusal.reason != "referent_absent"]
+    sensible = [each for each in readings if each.refusal is None or each.refusal.reason not in _NOT_MEANT]
     some = [each for each in sensible if each.things or each.refusal is not None or question.asks == "count"]
     meant = some or sensible or [first]
     outcomes = {(each.things, frozenset(each.undecided), each.refusal) for each in meant}

@@ -37,8 +37,10 @@ from fastsplat.service.query.phrases.types import (
     Possession,
     Rank,
     Relation,
+    Says,
     SizeWord,
 )
+from fastsplat.service.query.phrases.written_words import WrittenWords, asked_of_writing
 from fastsplat.service.query.things.color_names import NAMES, SHADES
 from fastsplat_contract.phrase_messages import Asks
 
@@ -53,6 +55,7 @@ _OF_WHICH = re.compile(r"^(?:which|one|any|all|some)(?:\s+one)?\s+of\s+(?=(?:the
 _WHAT_IS = re.compile(r"^\W*(?:what|which)(?:'s|\s+is|\s+are)\s+", re.IGNORECASE)
 IsName = Callable[[str], bool]
 """Whether some words are the name of something."""
+_NOTHING_WRITTEN = WrittenWords(())
 _EDGE = "?!.,;:\"'`“”‘’«»¿¡()[]"
 _JOINTS = frozenset({"and", "but", "or", ","})
 
@@ -97,18 +100,20 @@ class _Item:
     anchors: tuple[Phrase, ...]
 
 
-def parse_question(text: str, is_name: IsName = lambda _: False) -> ParsedQuestion | None:
+def parse_question(
+    text: str, is_name: IsName = lambda _: False, written: WrittenWords = _NOTHING_WRITTEN
+) -> ParsedQuestion | None:
     """What a question says beside a name; None where it says nothing beside one, or is a description. A color in a name
     ("red wine", "orange juice") is a part of it.
 
     The cost is linear in the words, of which there are at most 64, with at most 14 readings of four conditions.
     """
     asks: Asks = "count" if _COUNTING.match(text) else "things"
-    asked = _COUNTING.sub("", text)
+    asked = asked_of_writing(_COUNTING.sub("", text))
     words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", asked) if asks == "count" else asked)).split()
     if not words or len(words) > MAX_WORDS:
         return None
-    parts, rest = _parts(words)
+    parts, rest = _parts(words, written)
     described = rest is not None and rest.marker is not None and rest.marker.descriptive
     head_words = parts[0].words
     if described and len(parts) == 1 and rest is not None:
@@ -129,13 +134,16 @@ def parse_question(text: str, is_name: IsName = lambda _: False) -> ParsedQuesti
 
 
 def parsed_questions(
-    texts: Sequence[str], names: NameIndex, is_name: IsName = lambda _: False
+    texts: Sequence[str],
+    names: NameIndex,
+    is_name: IsName = lambda _: False,
+    written: WrittenWords = _NOTHING_WRITTEN,
 ) -> tuple[ParsedQuestion | None, ...]:
     """What each text says beside a name; None for those that say nothing, and for names of the dictionary themselves:
     a "can of paint" may be one."""
     parsed = []
     for text in texts:
-        question = None if names.has(text) else parse_question(text, is_name)
+        question = None if names.has(text) else parse_question(text, is_name, written)
         if question is not None and question.asks == "things":
             match = names.match(text)
             question = None if match.exact and not match.unchecked else question
@@ -143,7 +151,7 @@ def parsed_questions(
     return tuple(parsed)
 
 
-def _parts(words: Sequence[str]) -> tuple[list[_Part], _Part | None]:
+def _parts(words: Sequence[str], written: WrittenWords) -> tuple[list[_Part], _Part | None]:
     """The parts of a text, and the one from which on nothing is parsed."""
     keys = [word.strip(_EDGE).casefold().replace("’", "'") for word in words]
     parts = [_Part(None)]
@@ -155,6 +163,18 @@ def _parts(words: Sequence[str]) -> tuple[list[_Part], _Part | None]:
             at += 1
             continue
         said = " ".join(words[at : at + length])
+        if marker.kind in ("says", "by"):
+            after = words[at + length :]
+            count = written.leading(after)
+            end = at + length + count
+            if not count or (end < len(words) and _marker_at(keys, end, after[:count])[0] is None):
+                count = len(after) if marker.kind == "says" else 0
+            if count:
+                own = [word.strip(_EDGE) for word in after[:count]]
+                parts.append(_Part(Marker("says"), said, own, joined=_without_joint(parts[-1])))
+                at += length + count
+                continue
+            marker = Marker("rest")
         if marker.kind == "rest":
             return parts, _Part(marker, said, list(words[at + length :]))
         joined = _without_joint(parts[-1])
@@ -222,6 +242,8 @@ def _items(group: _Group, parts: Sequence[_Part], is_name: IsName) -> tuple[Phra
             unclear = part.words or part.negated or head.rank is not None
             leftover += [part.text] if unclear else []
             head, number = (head, number) if unclear else (ranked, None)
+        elif part.marker.kind == "says":
+            items.append(_Item(part, ()))
         elif part.marker.kind == "distance" and head.rank is not None and head.rank.by == "distance":
             anchors = _anchors(part, is_name)
             clear = bool(anchors) and not head.rank.anchors and not part.negated
@@ -368,6 +390,8 @@ def _condition(part: _Part, anchors: tuple[Phrase, ...]) -> Condition | None:
     negated = part.negated != part.marker.negated
     if part.marker.relation is not None:
         return Relation(part.marker.relation, anchors, negated, part.text)
+    if part.marker.kind == "says":
+        return Says(" ".join(part.words), negated, part.text)
     if part.marker.kind in ("of", "with"):
         return Possession("of" if part.marker.kind == "of" else "with", anchors[0], negated, part.text)
     return None

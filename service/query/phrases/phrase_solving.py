@@ -17,9 +17,21 @@ from fastsplat.service.query.phrases.relations import (
     is_between,
     is_in,
     is_seen,
+    negated,
 )
 from fastsplat.service.query.phrases.stacks import PairBudget, Stacks
-from fastsplat.service.query.phrases.types import SEEN_FROM, ColorWord, Phrase, Possession, Rank, Relation, SizeWord
+from fastsplat.service.query.phrases.types import (
+    SEEN_FROM,
+    ColorWord,
+    Named,
+    Phrase,
+    Possession,
+    Rank,
+    Relation,
+    Says,
+    SizeWord,
+)
+from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.color_names import UNMEASURED, basic_name, color_clearness
 from fastsplat.service.query.things.thing_measures import ThingMeasures, ThingShape
 from fastsplat.service.scene.types import Thing
@@ -27,31 +39,12 @@ from fastsplat_contract.phrase_messages import Refusal, RefusalReason, Witness
 
 _MAX_PAIRS = 64
 _MAX_WITNESSES = 200
+READ = "read"
+"""The measure of a witness: how probable it is that words are written on a thing."""
 _HOLDS = Judged(10.0)
 
 _Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
 """Whether a thing fulfils a condition, and which others that was measured to."""
-
-
-@dataclass(frozen=True)
-class Named:
-    """The things that a noun group names.
-
-    Attributes:
-        ids: of things and parts.
-        by_name: whether it is their name, or an alias; False for what was found by meaning.
-        whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
-        suggested: whether the name is merely suggested for them.
-        likely: 0..1, that the things are called so.
-        doubt: what is taken for what the group calls, where that is not sure; "" where it is.
-    """
-
-    ids: tuple[int, ...]
-    by_name: bool
-    whole: bool = False
-    suggested: bool = False
-    likely: float = 1.0
-    doubt: str = ""
 
 
 @dataclass(frozen=True)
@@ -107,6 +100,7 @@ class PhraseSolver:
         names: what noun groups name, by group and by head; "" is anything.
         asker: where the asker stands; None if that was not said.
         unit: of lengths: "m" or "unit".
+        written: what is written on the things.
     """
 
     open_measures: Callable[[], ThingMeasures]
@@ -114,6 +108,7 @@ class PhraseSolver:
     names: Mapping[str, Named]
     asker: Asker | None
     unit: str
+    written: WrittenWords
     _witnesses: list[Witness] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -169,6 +164,8 @@ class PhraseSolver:
         for condition in phrase.conditions:
             if isinstance(condition, Possession):
                 self._possession(state, condition)
+            elif isinstance(condition, Says):
+                self._says(state, condition)
             else:
                 self._relation(state, condition)
         if phrase.rank is not None:
@@ -193,7 +190,7 @@ class PhraseSolver:
             return Judged(0.0, (), "not_measured"), ()
         share = color.shares[basic_name(word.name)]
         distance, clear = color_clearness(color.lab, color.spread, share, word.name, word.shade)
-        return _negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
+        return negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
 
     def _sized(self, word: SizeWord, shapes: Mapping[int, ThingShape], thing_id: int) -> tuple[Judged, tuple[int, ...]]:
         self._check_vertical(word.by, word.word)
@@ -247,7 +244,7 @@ class PhraseSolver:
             least = min(each.clearness for each in judged.values())
             if result.clearness >= 1 and least < 1:
                 result = Judged(0.0, result.measured, "ambiguous_referent")
-        return _negated(result, relation.negated), (best,)
+        return negated(result, relation.negated), (best,)
 
     def _pair(self, thing_id: int, anchor: int, relation: Relation) -> Judged:
         key = (relation.kind, thing_id, anchor)
@@ -288,14 +285,28 @@ class PhraseSolver:
             assert one is not None and ends[0] is not None and ends[1] is not None
             judged[first, second] = is_between(one, ends[0], ends[1], self.measures.up is not None)
         best = max(judged, key=lambda pair: judged[pair].clearness)
-        return _negated(judged[best], relation.negated), best
+        return negated(judged[best], relation.negated), best
 
     def _by_asker(self, thing_id: int, relation: Relation) -> Judged:
         one = self.measures.shape(thing_id)
         assert one is not None and self.asker is not None
         if relation.kind not in SEEN_FROM:
             return Judged(0.0, (), "not_measured")
-        return _negated(is_seen(relation.kind, one, None, self.asker), relation.negated)
+        return negated(is_seen(relation.kind, one, None, self.asker), relation.negated)
+
+    def _says(self, state: _State, says: Says) -> None:
+        """What photos show written on a thing. That it is on none of them is not said: they may not show it."""
+        bearing = self.written.bearing(says.words)
+        if bearing.keys().isdisjoint(state.clear):
+            raise _UndecidableError("not_read", says.text)
+
+        def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
+            clear = 10.0 if thing_id in bearing else -10.0
+            return negated(
+                Judged(clear, (Measured(READ, bearing.get(thing_id, 0.0), "share", clear),)), says.negated
+            ), ()
+
+        self._each(state, says.text, judge)
 
     def _possession(self, state: _State, possession: Possession) -> None:
         """A part, or another thing in or on it. What is not there is denied only of things "with" something, where it
@@ -305,7 +316,7 @@ class PhraseSolver:
         def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
             own = tuple(part for part in owned if part in self.things and self.things[part].parent == thing_id)
             if own or (thing_id in self.things and self.things[thing_id].parent in owned):
-                return _negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), own
+                return negated(Judged(10.0, (Measured("part", 1.0, "", 10.0),)), possession.negated), own
             judged, other = self._with_other(thing_id, [each for each in owned if not self._parent(each)])
             if judged.clearness < 1:
                 parts = [part for part in self.things.values() if part.parent == thing_id]
@@ -315,7 +326,7 @@ class PhraseSolver:
                 )
                 if possession.kind == "with" and denied and judged.clearness > -1:
                     judged = Judged(-2.0, (Measured("part", 0.0, "", -2.0),))
-            return _negated(judged, possession.negated), other
+            return negated(judged, possession.negated), other
 
         self._each(state, possession.text, judge)
 
@@ -377,10 +388,3 @@ class PhraseSolver:
     def _check_vertical(self, by: str, part: str) -> None:
         if by in NEED_LEVEL and self.measures.up is None:
             raise _UndecidableError("vertical_unknown", part)
-
-
-def _negated(judged: Judged, negated: bool) -> Judged:
-    if not negated:
-        return judged
-    measured = tuple(Measured(each.measure, each.value, each.unit, -each.clearness) for each in judged.measured)
-    return Judged(-judged.clearness, measured, judged.reason)

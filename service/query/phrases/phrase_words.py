@@ -8,7 +8,7 @@ from typing import Literal
 
 from fastsplat.service.query.phrases.types import OrderKind, RelationKind, SizeKind
 
-MarkerKind = Literal["relation", "side", "distance", "of", "with", "not", "is", "rest"]
+MarkerKind = Literal["relation", "side", "distance", "of", "with", "says", "by", "not", "is", "rest"]
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,8 @@ class Marker:
 
     Attributes:
         kind: "side": "on the left", without anything to the left of which, or "from the left"; "distance": "nearest
-            to"; "is": "that are"; "rest": words after which nothing is parsed.
+            to"; "is": "that are"; "says": "labeled", before what is written on it; "by": the same, if that is
+            written on something; "rest": words after which nothing is parsed.
         relation: of a relation.
         negated: "without"; "is not".
         most: of a side, the right one; of a distance, the farthest.
@@ -57,14 +58,19 @@ _SIDES = (
     "from {}",
 )
 _NOT = ("not", "that is not", "that are not", "which is not", "which are not", "is not", "are not", "isn't", "aren't")
+_SAYS = (
+    "that says, which says, that say, which say, that reads, which reads, says, saying, labeled, labelled, marked, "
+    "titled, entitled, with the word, with the words, with the text, with the title"
+)
 _PRONOUNS = "i you he she we they people someone somebody could would should will might may must"
 _DESCRIPTIVE = f"to for that which who whose when where because like but except {_PRONOUNS}"
-_UNMEASURED = "at by from against around outside across through along toward towards opposite facing than beyond off"
+_UNMEASURED = "at from against around outside across through along toward towards opposite facing than beyond off"
 
 
 def _markers() -> dict[tuple[str, ...], Marker]:
     table = {word: Marker("rest", descriptive=True) for word in _DESCRIPTIVE.split()}
     table |= {word: Marker("rest") for word in _UNMEASURED.split()}
+    table |= {phrase: Marker("says") for phrase in _SAYS.split(", ")} | {"by": Marker("by")}
     for relation, phrases in _RELATIONS.items():
         table |= {phrase: Marker("relation", relation) for phrase in phrases.split(", ")}
     for side in ("left", "right"):

@@ -288,3 +288,11 @@ def _surface_below(one: ThingShape, other: ThingShape) -> float | None:
         surfaces = np.quantile(below, _SURFACES)
         return float(surfaces[np.abs(surfaces - one.low).argmin()])
     return other.high if other.high < (one.low + one.high) / 2 and _overlap(one, other) > 0 else None
+
+
+def negated(judged: Judged, denied: bool) -> Judged:
+    """The same, or the contrary of it if a phrase denies the condition."""
+    if not denied:
+        return judged
+    measured = tuple(Measured(each.measure, each.value, each.unit, -each.clearness) for each in judged.measured)
+    return Judged(-judged.clearness, measured, judged.reason)

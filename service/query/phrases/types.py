@@ -87,6 +87,21 @@ class Possession:
 
 
 @dataclass(frozen=True)
+class Says:
+    """What is written on a thing: "that says oat milk", "by Woolf".
+
+    Attributes:
+        words: that are written there.
+        negated: whether the phrase denies it.
+        text: as asked.
+    """
+
+    words: str
+    negated: bool
+    text: str
+
+
+@dataclass(frozen=True)
 class Rank:
     """One of several in an order: "the second largest", "second from the left", "nearest to the lamp".
 
@@ -105,7 +120,7 @@ class Rank:
     text: str = ""
 
 
-Condition = Relation | Possession
+Condition = Relation | Possession | Says
 
 
 @dataclass(frozen=True)
@@ -155,3 +170,29 @@ class ParsedQuestion:
     asks: Asks
     readings: tuple[Phrase, ...]
     not_understood: str
+
+    @property
+    def of_writing(self) -> bool:
+        """Whether it may be about what is written on the things that it asks for."""
+        return any(isinstance(each, Says) for reading in self.readings for each in reading.conditions)
+
+
+@dataclass(frozen=True)
+class Named:
+    """The things that a noun group names.
+
+    Attributes:
+        ids: of things and parts.
+        by_name: whether it is their name, or an alias; False for what was found by meaning.
+        whole: whether the name has the colors and sizes of the group in it: "red mug" is a name here.
+        suggested: whether the name is merely suggested for them.
+        likely: 0..1, that the things are called so.
+        doubt: what is taken for what the group calls, where that is not sure; "" where it is.
+    """
+
+    ids: tuple[int, ...]
+    by_name: bool
+    whole: bool = False
+    suggested: bool = False
+    likely: float = 1.0
+    doubt: str = ""

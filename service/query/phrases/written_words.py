@@ -1,0 +1,89 @@
+"""Words that are asked for as what is written on things, found among what photos show there, misread letters aside."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from fastsplat.service.common.edit_distance import text_difference
+from fastsplat.service.scene.types import Thing
+from fastsplat_contract.thing_reads import ReadKind, ThingRead
+
+_ALIKE = 0.2
+"""Words that differ by at most this share of their letters are one word, read differently: one letter of five."""
+_WORD = re.compile(r"\w+")
+_KINDS: Mapping[ReadKind, tuple[str, ...]] = {
+    "text": (),
+    "qr": ("qr", "code"),
+    "barcode": ("barcode", "bar", "code"),
+    "tag": ("tag", "apriltag"),
+}
+"""What codes are called, so that "tag 12" is the one with the number 12."""
+
+_WHERE_IT_SAYS = re.compile(r"^\W*(?:where|on what|on which \w+) does it (?:say|read)\s+(?=\S)", re.IGNORECASE)
+_WHERE_WRITTEN = re.compile(
+    r"^\W*(?:where|on what) (?:is|are)\s+(\S.*?)\s+(?:written|printed)(?: on)?\W*$", re.IGNORECASE
+)
+
+
+def asked_of_writing(text: str) -> str:
+    """ "where does it say oat milk?" as a noun phrase: "something that says oat milk"; other texts as they are."""
+    return _WHERE_WRITTEN.sub(r"something that says \1", _WHERE_IT_SAYS.sub("something that says ", text))
+
+
+@dataclass(frozen=True)
+class WrittenWords:
+    """What is written on the things of one scene. Threads may share it.
+
+    Attributes:
+        things: of the scene; only those with reads count.
+    """
+
+    things: tuple[Thing, ...] = field(repr=False)
+
+    @cached_property
+    def _lines(self) -> tuple[tuple[int, tuple[tuple[float, tuple[str, ...]], ...]], ...]:
+        """By thing, the probability and the words of each of its reads."""
+        with_reads = [thing for thing in self.things if thing.reads]
+        return tuple(
+            (thing.id, tuple((read.probability, _words(read)) for read in thing.reads)) for thing in with_reads
+        )
+
+    def bearing(self, text: str) -> Mapping[int, float]:
+        """The things on which all words of a text are written, in whatever lines and order, the likeliest first, and
+        how probable that is, 0..1: of the least probable word. Figures must be the same; of other words one letter in
+        five may differ, which makes it less probable by that share."""
+        asked = tuple(_WORD.findall(text.casefold()))
+        if not asked:
+            return {}
+        likely = {
+            thing: min(max(probability * _likeness(word, own) for probability, own in lines) for word in asked)
+            for thing, lines in self._lines
+        }
+        return dict(sorted(((each, own) for each, own in likely.items() if own), key=lambda each: -each[1]))
+
+    def leading(self, words: Sequence[str]) -> int:
+        """How many of the first words are written on one thing, at most; 0 where the first is on none."""
+        most = 0
+        for count in range(1, len(words) + 1):
+            if not self.bearing(" ".join(words[:count])):
+                break
+            most = count
+        return most
+
+
+def _words(read: ThingRead) -> tuple[str, ...]:
+    own = _WORD.findall(read.text.casefold())
+    return (*_KINDS[read.kind], *own, "".join(own))
+
+
+def _likeness(word: str, others: Sequence[str]) -> float:
+    """0..1: how much a word is like the likest of others; 0 where none may be it."""
+    if word in others:
+        return 1.0
+    if any(letter.isdigit() for letter in word):
+        return 0.0
+    difference = min((text_difference(word, other, _ALIKE) for other in others), default=1.0)
+    return 1.0 - difference if difference <= _ALIKE else 0.0
