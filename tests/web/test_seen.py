@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import random
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -126,10 +127,15 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
     listed = sample.service.answers.list_things(sample.scene_id).things
     up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
     with visiting(webgl_browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
-        canvas = visit.scene_shown()
+        canvas = visit.page.locator("canvas[role=application]")
+        expect(canvas).to_have_attribute("data-shown", re.compile("plain$"))
+        strayed = canvas.evaluate(_PERFORMED, [["ArrowLeft", False, 20]])  # before the page knows what photos saw
+        visit.scene_shown()
+        expect(canvas).not_to_have_attribute("data-view", strayed[0])
+        early = canvas.get_attribute("data-view") or ""
         box = canvas.bounding_box()
         assert box is not None
-        views = canvas.evaluate(_PERFORMED, gestures)
+        views = [early, *canvas.evaluate(_PERFORMED, gestures)]
         rows = visit.tab("Things").locator(".thing-list li")
         for row, thing in enumerate(listed):
             if thing.kind != "thing" or not thing.name or thing.box is None:
@@ -143,6 +149,7 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
             inside = (z > 0) & (x >= 0) & (x <= posed.camera.width) & (y >= 0) & (y <= posed.camera.height)
             assert inside.all(), (thing.name, x, y)
     covered = _Covered(sample)
+    assert covered.of(_camera(strayed[0], box, up)) < 0.5
     shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
     assert len(shares) > _GESTURES / 4  # the camera is no prisoner
     assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]

@@ -25,7 +25,7 @@ import { Controls } from "../viewer/controls";
 import { firstTouch } from "../viewer/firstTouch";
 import { LoadedSplats } from "../viewer/loadedSplats";
 import type { LookAt } from "../viewer/poses";
-import { firstView, orbit, parseView, rescaled, viewText } from "../viewer/poses";
+import { between, firstView, orbit, parseView, rescaled, viewText } from "../viewer/poses";
 import type { SeenSplat } from "../viewer/readSplat";
 import { readSplat } from "../viewer/readSplat";
 import type { SplatView } from "../viewer/splatView";
@@ -75,6 +75,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
   const splats = useMemo(() => new LoadedSplats(), []);
   const home = useRef<LookAt | null>(null);
   const touched = useRef<AbortSignal | null>(null); // aborted by the person's first gesture
+  const unbounded = useRef<LookAt | null>(null); // where gestures began before it was known what photos saw
   const shownUnit = useRef(1); // meters by a unit of the trained scene
   const latest = useRef(onView);
   latest.current = onView;
@@ -112,8 +113,11 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       },
     };
     const walking = new Walking(element, state);
-    const bounded = (gesture: Gesture) =>
-      state.change.brush.peek() ? gesture(0) : (bound.peek()?.bounded(gesture) ?? gesture(1));
+    const bounded = (gesture: Gesture) => {
+      if (state.change.brush.peek()) return gesture(0);
+      if (!bound.peek()) unbounded.current ??= gesture(0);
+      return bound.peek()?.bounded(gesture) ?? gesture(1);
+    };
     const controls = new Controls(element, camera, goHome, bounded);
     const pointing = new Pointing(element, state, () => camera.view);
     state.look.attach({
@@ -206,6 +210,9 @@ export function Viewer({ state, first, handle, onView }: Properties) {
         const element = canvas.current;
         if (!element) return;
         bound.value = new CameraBound(loadedSplat.seen, cameras, () => aspectOf(element));
+        const [begun, strayed] = [unbounded.current, at?.view];
+        unbounded.current = null;
+        if (begun && strayed) at?.set(bound.value.farthest((share) => between(begun, strayed, share)));
         setUnseen(at !== null && bound.value.showsNothing(at.view));
         if (draws === "server") element.dataset["drawn"] = draws;
         else read.value = loadedSplat;

@@ -169,6 +169,17 @@ describe("the camera stays where pictures show what photos have seen", () => {
     expect(back).toEqual(firstView(photos));
   });
 
+  test("of a gesture that left it, as much is kept as shows what was seen", () => {
+    const first = firstView(photos);
+    const around: Gesture = (share) => orbit(first, Math.PI * share, 0);
+    const kept = bound.farthest(around);
+    expect(covered(around(1))).toBeLessThan(0.6);
+    expect(covered(kept)).toBeGreaterThanOrEqual(0.6);
+    expect(length(subtract(kept.position, first.position))).toBeGreaterThan(0.3);
+    const little: Gesture = (share) => orbit(first, 0.05 * share, 0);
+    expect(bound.farthest(little)).toEqual(little(1));
+  });
+
   test("a scene without photos bounds nothing", () => {
     const free = new CameraBound(sightingsOf(painted(), []), [], () => ASPECT);
     const far: LookAt = { position: [0, 60, 1.5], target: [0, 0, 0], up: [0, 0, 1] };

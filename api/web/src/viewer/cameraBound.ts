@@ -12,6 +12,7 @@ const FLOOR = 0.7; // of the picture, as it is counted here, so that 0.6 of it w
 const OF_PHOTOS = 0.9; // of what is usual in the scene's own photos, where that is less
 const SOFT = 0.12; // above the floor: there a gesture moves the less, the nearer the floor is
 const STEPS = 5;
+const SHARES = 16;
 const LEAST = 0.12; // of a gesture that leads closer to the floor
 const NOTHING = 0.25; // coverage of a picture that shows hardly anything that was seen
 
@@ -50,6 +51,12 @@ export class CameraBound {
       if (this.#of(view) >= Math.min(this.floor, before)) return view;
     }
     return from;
+  }
+
+  /** The last view of a gesture that is covered; the one that it began with, where none is. */
+  farthest(gesture: Gesture): LookAt {
+    const shares = Array.from({ length: SHARES }, (_, back) => 1 - back / SHARES);
+    return gesture(shares.find((share) => this.shows(gesture(share))) ?? 0);
   }
 
   /** Whether enough of a picture was seen. */
