@@ -1,7 +1,8 @@
 # Everything a newcomer needs: `make look`, `make demo` and `make test`. `make help` lists the rest.
 SHELL := /bin/bash
 # The first of these that runs; pyenv's shims are there also for versions that are not.
-PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.14 python3; do $$p -c '' 2> /dev/null && echo $$p && break; done)
+PYTHONS := $(shell for p in python3.11 python3.12 python3.13 python3.14; do $$p -c '' 2> /dev/null && echo $$p; done)
+PYTHON ?= $(firstword $(PYTHONS) python3)
 VENV := .venv
 BIN := $(VENV)/bin
 PHOTOS ?=
@@ -94,11 +95,12 @@ protos: setup  ## write the .proto from the contract's types, and its Python
 
 # The C++ library goes into the extension, so that the wheel runs where it is older than here; what must be as new as
 # here is glibc alone, and auditwheel writes which one into the name.
-dist: setup page-can-be-built  ## wheels of the product and the client in dist/, and a check that they run without compiler and Node.js
+dist: setup page-can-be-built  ## wheels in dist/ for each CPython 3.11 to 3.14 that is here, and a check that they run without compiler and Node.js
 	$(PIP_INSTALL) $$($(BIN)/python docker/requirements.py release)
 	rm -rf dist build/wheels
-	LDFLAGS="-static-libstdc++ -Wl,--exclude-libs,ALL" $(BIN)/python -m build --wheel --outdir build/wheels .
-	$(BIN)/python -m build --wheel --outdir dist client
+	for python in $(PYTHONS); do LDFLAGS="-static-libstdc++ -Wl,--exclude-libs,ALL" \
+	  $(BIN)/pip --python "$$(command -v $$python)" wheel --no-deps --wheel-dir build/wheels . || exit 1; done
+	$(BIN)/pip wheel --no-deps --wheel-dir dist ./client
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/auditwheel repair --strip --wheel-dir dist build/wheels/fastsplat-*.whl
 	$(BIN)/python release/check_wheels.py dist
 

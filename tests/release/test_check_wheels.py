@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from release.check_wheels import check_page, free_ports, wheels_of
+from release.check_wheels import check_page, free_ports, interpreter_of, wheels_of, without_local_addresses
 
 _PRODUCT = "fastsplat-1.0-cp311-cp311-manylinux_2_34_x86_64.whl"
 _CLIENT = "fastsplat_client-1.0-py3-none-any.whl"
@@ -26,13 +26,16 @@ def wheels(folder: Path, product: str = _PRODUCT, holds: tuple[str, ...] = (_PAG
 
 
 def test_a_pair_that_is_whole_is_taken(tmp_path: Path) -> None:
-    assert [wheel.name for wheel in wheels_of(wheels(tmp_path))] == [_PRODUCT, _CLIENT]
+    later = _PRODUCT.replace("cp311", "cp312")
+    products, client = wheels_of(wheels(wheels(tmp_path), later))
+    assert ([product.name for product in products], client.name) == ([_PRODUCT, later], _CLIENT)
+    assert [interpreter_of(product) for product in products] == ["python3.11", "python3.12"]
 
 
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        ({"product": _PRODUCT.replace("manylinux_2_34", "linux")}, "0 wheels fastsplat"),
+        ({"product": _PRODUCT.replace("manylinux_2_34", "linux")}, "0 manylinux wheels"),
         ({"holds": (_KERNELS,)}, "index"),
         ({"holds": (_PAGE,)}, "_cpu"),
         ({"client": "fastsplat_client/fast.so"}, "fast.so"),
@@ -45,8 +48,18 @@ def test_what_would_not_run_elsewhere_is_refused(tmp_path: Path, made: dict, sai
 
 def test_two_releases_in_one_folder_are_refused(tmp_path: Path) -> None:
     wheels(tmp_path, _PRODUCT.replace("1.0", "2.0"))
-    with pytest.raises(SystemExit, match="2 wheels"):
+    with pytest.raises(SystemExit, match="2 manylinux wheels of the product for 1 interpreters"):
         wheels_of(wheels(tmp_path))
+
+
+def test_the_bill_has_digests_in_place_of_files_of_this_machine() -> None:
+    digest, page = {"alg": "SHA-256", "content": "ab"}, {"type": "website", "url": "https://numpy.org"}
+    built = {"name": "fastsplat", "externalReferences": [{"url": "file:///made/a.whl", "hashes": [digest]}]}
+    fetched = {"name": "numpy", "externalReferences": [page]}
+    assert without_local_addresses({"components": [built, fetched]})["components"] == [
+        {"name": "fastsplat", "externalReferences": [], "hashes": [digest]},
+        fetched,
+    ]
 
 
 _SERVER = """
