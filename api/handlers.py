@@ -263,6 +263,23 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=localize_examples.LOCALIZATION,
         ),
         Handler(
+            calls.OBSERVE_SCENE,
+            lambda service, asked: service.observations.observe(asked, caller_id()),
+            computes=True,
+            example=localize_examples.OBSERVATION,
+        ),
+        Handler(
+            calls.LIST_OBSERVATIONS,
+            lambda service, asked: service.observations.all(
+                asked.scene_id, asked.version, asked.page_size, asked.page_token
+            ),
+            example=localize_examples.OBSERVATIONS,
+        ),
+        Handler(
+            calls.GET_OBSERVATION,
+            lambda service, asked: service.observations.get(asked.scene_id, asked.observation_id, asked.version),
+        ),
+        Handler(
             calls.LIST_BEST_VIEWS,
             lambda service, asked: service.photos.best_views(
                 asked.scene_id, asked.things, asked.text, asked.max_views, asked.version

@@ -1,8 +1,9 @@
-"""`fastsplat scenes localize`: where photos were taken in a finished scene."""
+"""`fastsplat scenes localize` and `observe`: photos of another day in a finished scene."""
 
 from __future__ import annotations
 
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -11,10 +12,12 @@ import typer
 from fastsplat.cli.options import SceneId, Version, service_command
 from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.session import Session
-from fastsplat.cli.tables import point
+from fastsplat.cli.short_ids import SHOWN
+from fastsplat.cli.tables import minute, point
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.localize_messages import LocalizedPhoto
+from fastsplat_contract.observation_messages import Observation, ObservationList
 from fastsplat_contract.poses import Pose
 
 
@@ -48,6 +51,54 @@ def localize(
     session.tell(answer, "\n".join(lines))
     if any(photo.refusal is not None for photo in answer.photos):
         raise typer.Exit(1)
+
+
+@service_command(scenes_app)
+def observe(
+    session: Session,
+    scene: SceneId,
+    photos: Annotated[list[Path], typer.Argument(help="Image files, or folders of them.", metavar="PHOTO...")],
+    seen_at: Annotated[
+        datetime | None,
+        typer.Option(help="When they were taken, in this machine's time zone. Default: by their metadata, or now."),
+    ] = None,
+    focal: Annotated[
+        list[float],
+        typer.Option(
+            help="Focal length, pixels of the upright photo; one for all, or one for each. Default: found out."
+        ),
+    ] = [],
+) -> None:
+    """Keep photos of another day with a scene, and say what is gone, moved, new or changed; `things undo` takes them
+    back."""
+    files = [file for path in photos for file in _files(path)]
+    contents = [_bytes(path) for path in files]
+    when = None if seen_at is None else seen_at.astimezone()
+    observation = session.client.observe(session.scene(scene), contents, focals=focal, seen_at=when)
+    session.tell(observation, _told(observation))
+
+
+@service_command(scenes_app)
+def observations(session: Session, scene: SceneId, version: Version = "") -> None:
+    """Say what photos of other days showed, the newest first."""
+    scene_id = session.scene(scene)
+    version = session.version(scene_id, version)
+    told = tuple(session.client.observations(scene_id, version=version))
+    lines = [_told(each) for each in told] or ["no photos of another day are kept with this scene"]
+    session.tell(ObservationList(told, "", version), "\n".join(lines))
+
+
+def _told(observation: Observation) -> str:
+    photos = f"{len(observation.photos)} photos of {minute(observation.seen_at)}"
+    lines = [f"{observation.id[:SHOWN]}: {photos}: {len(observation.looked_at)} things were looked at"]
+    lines += [
+        f"  {change.sentence} ({change.probability:.0%}, {len(change.photos)} photos)" for change in observation.changes
+    ] or [f"  {observation.sentence}"]
+    return "\n".join([*lines, *(f"  left out: {each}" for each in observation.left_out)])
+
+
+def _files(path: Path) -> list[Path]:
+    return sorted(file for file in path.iterdir() if file.is_file()) if path.is_dir() else [path]
 
 
 def _line(name: str, photo: LocalizedPhoto, unit: str) -> str:

@@ -13,6 +13,7 @@ IDS = {
     "upload_id": "c4e2a0f8d6b44a2e9f1d3b5c7a9e8f60",
     "key_id": "5d0c9a7e3b1f",
     "version": "7b1e9c3d5f2a4e6b9d8c0f1a3b5d7e92",
+    "observation_id": "e5b0c9f2e7d1a4b38",
     "name_id": "8a6b1d2c4e5f4a3b9c7d0e1f2a3b4c5d-1",
 }
 """Ids of things that are on no server: whoever tries an example puts their own in."""

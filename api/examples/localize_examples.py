@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.localize_messages import Localization, LocalizedPhoto, PhotoDifference, SceneChange, ThingInView
+from fastsplat_contract.observation_messages import Observation, ObservationList, ObservedPhoto
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.thing_prompts import PixelBox
 
@@ -26,6 +28,9 @@ LOCALIZE_FORM: Mapping[str, Any] = {
     "poses": [json.dumps(to_plain(pose)) for pose in _ROUGH],
 }
 """The form with two photos, here by their names, from one camera half a unit apart."""
+
+OBSERVE_FORM: Mapping[str, Any] = {**LOCALIZE_FORM, "seen_at": "2026-11-23T18:00:00+01:00", "request_id": "monday"}
+"""The form with two photos of another day."""
 
 LOCALIZATION = Localization(
     photos=(
@@ -78,3 +83,18 @@ LOCALIZATION = Localization(
     meters=True,
     version="1",
 )
+
+_CAMERA = PosedCamera(Camera(4032, 3024, 3024.0, 3024.0, 2016.0, 1512.0), np.eye(4))
+OBSERVATION = Observation(
+    scene_id="5b0c9f2e7d1a4b38a6e1c0d94f7b2a35",
+    id="e5b0c9f2e7d1a4b38",
+    seen_at=datetime(2026, 11, 23, 17, 0, tzinfo=UTC),
+    seen_at_source="given",
+    photos=tuple(ObservedPhoto(f"e5b0c9f2e7d1a4b38/{number}", _CAMERA, ()) for number in range(2)),
+    left_out=(),
+    changes=LOCALIZATION.changes,
+    looked_at=(1, 2),
+    meters=True,
+    sentence=LOCALIZATION.changes[0].sentence,
+)
+OBSERVATIONS = ObservationList((OBSERVATION,), "", "e5b0c9f2e7d1a4b38")

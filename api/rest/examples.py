@@ -10,7 +10,7 @@ from fastsplat.api.errors import refusal_of
 from fastsplat.api.examples import scene_examples
 from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import PARAMETERS
-from fastsplat.api.examples.localize_examples import LOCALIZE_FORM
+from fastsplat.api.examples.localize_examples import LOCALIZE_FORM, OBSERVE_FORM
 from fastsplat.api.examples.scene_examples import FORM, OPERATION, VIEW
 from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
@@ -56,6 +56,10 @@ _BODIES: Mapping[str, Bodies] = {
 """By the name of the type: bodies that a route takes which takes that."""
 
 
+_FORMS = {"localize": LOCALIZE_FORM, "observe_scene": OBSERVE_FORM}
+"""By the operation: forms other than that of an upload."""
+
+
 def add_examples(document: dict[str, Any]) -> None:
     """Put an example beside every body, parameter and answer of an OpenAPI document that is not plain bytes."""
     document["components"]["examples"] = {
@@ -72,7 +76,7 @@ def add_examples(document: dict[str, Any]) -> None:
             parameter["example"] = PARAMETERS.get(f"{operation['operationId']} {name}", PARAMETERS.get(name))
         for media_type, content in operation.get("requestBody", {}).get("content", {}).items():
             if media_type == "multipart/form-data":
-                content["example"] = dict(LOCALIZE_FORM if operation["operationId"] == "localize" else FORM)
+                content["example"] = dict(_FORMS.get(operation["operationId"], FORM))
             elif (kind := _type_of(content)) is not None:
                 content["examples"] = {
                     name: {"summary": summary, "value": to_plain(value)}

@@ -21,7 +21,7 @@ MAX_HEADERS = 100
 
 _HOST = re.compile(r"([\w.~-]+|\[[0-9A-Fa-f:.%]+\])(:[0-9]{1,5})?")
 _log = logging.getLogger(__name__)
-_UPLOADS = re.compile(r"POST /v1/scenes(/\w+:localize)?|(POST|PATCH) /v1/uploads(/\w+)?")
+_UPLOADS = re.compile(r"POST /v1/scenes(/\w+(:localize|/observations))?|(POST|PATCH) /v1/uploads(/\w+)?")
 
 MAX_BODY_BYTES = 4 * 2**20
 """What a request other than an upload may weigh: as much as a gRPC message."""

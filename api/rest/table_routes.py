@@ -18,12 +18,12 @@ from fastsplat.api.rest.responses import PROBLEMS, accepted, json_of_call, json_
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.call import Call, Tag
-from fastsplat_contract.calls import LOCALIZE
+from fastsplat_contract.calls import LOCALIZE, OBSERVE_SCENE
 from fastsplat_contract.json_codec import to_json
 from fastsplat_contract.members import Member, members
 from fastsplat_contract.wire import Request as Body
 
-_FORMS = {LOCALIZE.rpc}
+_FORMS = {LOCALIZE.rpc, OBSERVE_SCENE.rpc}
 """Calls whose request is no JSON over REST; their routes are written elsewhere, as are those that answer with files."""
 
 

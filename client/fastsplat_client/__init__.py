@@ -48,6 +48,7 @@ from fastsplat_contract.masks import Segmentation, ViewMask, decode_mask3d
 from fastsplat_contract.measure_messages import Length, LocatedPlace, Measurement
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.next_photo_messages import NextPhoto
+from fastsplat_contract.observation_messages import Observation, ObservedPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
@@ -111,6 +112,8 @@ __all__ = [
     "NextPhoto",
     "NotFoundError",
     "NotReadyError",
+    "Observation",
+    "ObservedPhoto",
     "Operation",
     "OperationError",
     "PermissionDeniedError",

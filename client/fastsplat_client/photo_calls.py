@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import uuid
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from pathlib import Path
 
 from fastsplat_client.errors import read
@@ -12,6 +14,7 @@ from fastsplat_contract import calls, requests
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.localize_messages import Localization
 from fastsplat_contract.next_photo_messages import NextPhoto
+from fastsplat_contract.observation_messages import GetObservationRequest, ListObservationsRequest, Observation
 from fastsplat_contract.photo_messages import BestView, ScenePhoto
 from fastsplat_contract.poses import Pose
 
@@ -54,16 +57,47 @@ class PhotoCalls(TableCalls):
             version: of the scene; "" is the current one.
             timeout_s: when to give up; the first request to a scene takes longer.
         """
-        sent = [photo.read_bytes() if isinstance(photo, Path) else photo for photo in photos]
-        form: list[tuple[str, tuple[str | None, bytes | str]]] = [
-            ("photos", (f"photo{number}", content)) for number, content in enumerate(sent)
-        ]
-        form += [("focals", (None, repr(float(focal)))) for focal in focals]
-        form += [("poses", (None, json.dumps(to_plain(pose)))) for pose in poses]
-        form.append(("version", (None, version)))
+        form = _form(photos, focals, poses, version=version)
         path = f"{scene_path(scene_id)}:localize"
         answer = self._transport.call("POST", path, content=lambda: {"files": form}, timeout_s=timeout_s)
         return read(Localization, answer)
+
+    def observe(
+        self,
+        scene_id: str,
+        photos: Sequence[Path | bytes],
+        *,
+        focals: Sequence[float] = (),
+        poses: Sequence[Pose] = (),
+        seen_at: datetime | None = None,
+        request_id: str = "",
+        timeout_s: float | None = None,
+    ) -> Observation:
+        """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene; `undo_edit`
+        takes the newest back.
+
+        Args:
+            scene_id: which scene.
+            photos: image files, or their bytes; two at least.
+            focals, poses: as for `localize`.
+            seen_at: when they were taken, with its time zone; None: by their metadata, or now.
+            request_id: the same id with the same photos returns the same observation; "": a new one.
+            timeout_s: when to give up.
+        """
+        seen = {} if seen_at is None else {"seen_at": seen_at.isoformat()}
+        form = _form(photos, focals, poses, request_id=request_id or uuid.uuid4().hex, **seen)
+        path = f"{scene_path(scene_id)}/observations"
+        answer = self._transport.call("POST", path, content=lambda: {"files": form}, timeout_s=timeout_s)
+        return read(Observation, answer)
+
+    def observations(self, scene_id: str, *, version: str = "") -> Iterator[Observation]:
+        """What photos of other days said of a scene, the newest photos first, page by page."""
+        pages = self._pages(calls.LIST_OBSERVATIONS, ListObservationsRequest(scene_id, version))
+        return (each for page in pages for each in page.observations)
+
+    def observation(self, scene_id: str, observation_id: str, *, version: str = "") -> Observation:
+        """What photos of another day said of a scene. Their own files: `photo` of their `view`."""
+        return self.call(calls.GET_OBSERVATION, GetObservationRequest(scene_id, version, observation_id))
 
     def next_photos(self, scene_id: str, version: str = "") -> tuple[NextPhoto, ...]:
         """Where to stand for the next photos of a scene: at most three places, the most useful first."""
@@ -84,3 +118,16 @@ class PhotoCalls(TableCalls):
         ids = (things,) if isinstance(things, int) else tuple(things)
         request = requests.ListBestViewsRequest(scene_id, version, ids, text, max_views)
         return self.call(calls.LIST_BEST_VIEWS, request).views
+
+
+def _form(
+    photos: Sequence[Path | bytes], focals: Sequence[float], poses: Sequence[Pose], **texts: str
+) -> list[tuple[str, tuple[str | None, bytes | str]]]:
+    """The parts of a form with photos."""
+    sent = [photo.read_bytes() if isinstance(photo, Path) else photo for photo in photos]
+    form: list[tuple[str, tuple[str | None, bytes | str]]] = [
+        ("photos", (f"photo{number}", content)) for number, content in enumerate(sent)
+    ]
+    form += [("focals", (None, repr(float(focal)))) for focal in focals]
+    form += [("poses", (None, json.dumps(to_plain(pose)))) for pose in poses]
+    return [*form, *((name, (None, text)) for name, text in texts.items())]

@@ -23,6 +23,13 @@ from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
 from fastsplat_contract.next_photo_messages import NextPhotoList
+from fastsplat_contract.observation_messages import (
+    GetObservationRequest,
+    ListObservationsRequest,
+    Observation,
+    ObservationList,
+    ObserveRequest,
+)
 from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLogRequest, JobLog, Project, ProjectList
 from fastsplat_contract.operations import JobEstimate, Operation, OperationList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
@@ -260,6 +267,17 @@ LOCALIZE = Call(
     "Localize", "queries", LocalizeRequest, Localization, SHOW, f"POST {_SCENE}:localize",
     "Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in "
     "one message; REST takes larger ones.")
+OBSERVE_SCENE = Call(
+    "ObserveScene", "queries", ObserveRequest, Observation, EDIT, f"POST {_SCENE}/observations",
+    "Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene: a new version, "
+    "current on return. All photos of a request are in one message; REST takes larger ones.", repeatable=False)
+LIST_OBSERVATIONS = Call(
+    "ListObservations", "queries", ListObservationsRequest, ObservationList, SHOW, f"GET {_SCENE}/observations",
+    "What photos of other days said of a scene, in pages, the newest photos first.")
+GET_OBSERVATION = Call(
+    "GetObservation", "queries", GetObservationRequest, Observation, SHOW,
+    f"GET {_SCENE}/observations/{{observation_id}}",
+    "What photos of another day said of a scene.")
 LIST_BEST_VIEWS = Call(
     "ListBestViews", "queries", ListBestViewsRequest, BestViewList, SHOW, f"GET {_SCENE}/views",
     "Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.")

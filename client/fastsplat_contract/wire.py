@@ -8,10 +8,19 @@ from __future__ import annotations
 
 import base64
 import inspect
+import json
 from collections.abc import Callable
+from datetime import datetime
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar, cast, get_type_hints
 
-from pydantic import BeforeValidator, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, PlainSerializer
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    TypeAdapter,
+)
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from fastsplat_contract.errors import InvalidInputError
@@ -120,6 +129,15 @@ Base64 = Annotated[
     PlainSerializer(lambda data: base64.b64encode(data).decode("ascii"), return_type=str),
 ]
 """Bytes are base64 (RFC 4648, section 4) in JSON."""
+
+
+def _from_rfc_3339(value: Any) -> Any:
+    return _TIMES.validate_json(json.dumps(value)) if isinstance(value, str) else value
+
+
+_TIMES = TypeAdapter(datetime)
+RFC_3339 = BeforeValidator(_from_rfc_3339)
+"""Of a time in a request: its text is read, as a strict reader of Python's values would not."""
 
 
 class Carried(NamedTuple):

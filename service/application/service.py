@@ -33,6 +33,7 @@ from fastsplat.service.application.base.validate import (
     check_scene_name,
     check_splat_options,
 )
+from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
@@ -117,11 +118,11 @@ class SceneService:
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
         self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
+        self.observations = Observations(store, settings, scenes, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""
         self.training = FurtherTraining(store, settings, scenes, self._quotas, project)
-        """Finished scenes trained further."""
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,

@@ -17,5 +17,5 @@ class LocalizationOptions(Options):
 class LocalizationSettings(LocalizationOptions, SettingGroup, section="localization"):
     """How photos find their place in a finished scene."""
 
-    max_photos: int = Field(8, ge=1, le=64)
+    max_photos: int = Field(10, ge=1, le=64)
     """Photos of one request."""

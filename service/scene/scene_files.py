@@ -86,6 +86,7 @@ def write_scene(scene: Scene, folder: Path) -> None:
             groups=() if scene.things is None else scene.things.groups,
             scaling=scene.scaling,
             alignment=scene.alignment,
+            observations=scene.observations,
         ),
         cameras,
     )
@@ -147,6 +148,7 @@ def _read_scene(folder: Path) -> Scene:
         things=things,
         scaling=manifest.scaling,
         alignment=manifest.alignment,
+        observations=manifest.observations,
     )
 
 

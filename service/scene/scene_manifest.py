@@ -14,11 +14,13 @@ from pydantic import AfterValidator, Field, ValidationError
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene.alignment import Alignment, alignment_from_json, alignment_to_json
+from fastsplat.service.scene.observations import observations_from_json, observations_to_json
 from fastsplat.service.scene.scaling import Scaling, scaling_from_json, scaling_to_json
 from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
 from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing, ThingGroup
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
+from fastsplat_contract.observation_messages import Observation
 from fastsplat_contract.scenes import Scale
 
 SCHEMA = 12
@@ -27,7 +29,7 @@ confidence of dictionary entries: it is read as 1. 3 had no things: a scene with
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
 no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
 what answers by a label mode. 10 had no groups of things, and did not say who suggests a name. 11 did not
-say what is written on things."""
+say what is written on things, and had no observations."""
 
 _READABLE = range(1, SCHEMA + 1)
 
@@ -54,7 +56,7 @@ class Manifest:
         parts: the table of parts; None for things without.
         parts_entries, parts_sha256: of the parts' membership, as of the things'.
         groups: of the things.
-        scaling, alignment: as in `Scene`.
+        scaling, alignment, observations: as in `Scene`.
     """
 
     dictionary: Dictionary
@@ -82,6 +84,7 @@ class Manifest:
     groups: tuple[ThingGroup, ...] = ()
     scaling: Scaling | None = None
     alignment: Alignment | None = None
+    observations: tuple[Observation, ...] = ()
 
 
 def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
@@ -107,6 +110,7 @@ def manifest_to_bytes(manifest: Manifest, cameras: bytes) -> bytes:
         "scale": manifest.scale,
         "scaling": scaling_to_json(manifest.scaling),
         "alignment": alignment_to_json(manifest.alignment),
+        "observations": observations_to_json(manifest.observations),
         "training": training,
         "quality": quality,
         "sizes": {
@@ -171,6 +175,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     try:
         checked = _Body.model_validate(_upgraded(body))
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
+        observations = observations_from_json(checked.observations)
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
     if checked.label_mode in ("evidence", "things") and getattr(checked, checked.label_mode) is None:
@@ -206,6 +211,7 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         groups=() if checked.things is None else tuple(group_of_row(row) for row in checked.things.groups),
         scaling=scaling_from_json(None if checked.scaling is None else checked.scaling.model_dump()),
         alignment=alignment_from_json(None if checked.alignment is None else checked.alignment.model_dump()),
+        observations=observations,
     )
 
 
@@ -323,6 +329,7 @@ class _Body(StrictRow):
     cameras_sha256: str
     scaling: _Scaling | None = None
     alignment: _Alignment | None = None
+    observations: list[dict[str, Any]] = Field(default_factory=list)
 
 
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]

@@ -18,6 +18,7 @@ from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.scene.suggestions import Suggestion as Suggestion
 from fastsplat.service.scene.upright import up_of, vertical_of
 from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.observation_messages import Observation
 from fastsplat_contract.scenes import Scale, SceneVertical
 from fastsplat_contract.thing_messages import NameSource as NameSource
 from fastsplat_contract.thing_reads import ThingRead
@@ -316,6 +317,8 @@ class Scene:
             `fastsplat.service.query.things.labeled_things`.
         scaling: by which known lengths it was scaled since it was trained; None if it was not.
         alignment: how it was put into the frame of a map since; None if it was not.
+        observations: what photos of other days said of it, in the order in which they came; in the frame of the trained
+            version, see `fastsplat.service.scene.observations`.
     """
 
     gaussians: Gaussians
@@ -332,6 +335,7 @@ class Scene:
     things: Things | None = None
     scaling: Scaling | None = None
     alignment: Alignment | None = None
+    observations: tuple[Observation, ...] = ()
 
     def __post_init__(self) -> None:
         classes = len(self.dictionary) + 1

@@ -122,6 +122,8 @@ EXAMPLES = (
     Example("ListPhotos", {"page_size": 1, "version": "1"}),
     Example("DownloadPhoto", {"view": "photos/left side & ü.png"}),
     Example("ListNextPhotos"),
+    Example("ListObservations", {"version": "1"}),
+    _bad("GetObservation", {"observation_id": "e0"}, "observation_id", "NOT_FOUND"),
     *(
         Example("ListBestViews", fields)
         for fields in (

@@ -29,7 +29,7 @@ Request = Any
 CALLS: Mapping[str, Call[Any, Any]] = {call.rpc: call for call in calls.CALLS}
 ELSEWHERE = {
     *("Query", "StreamQuery", "WatchOperation"),  # answered in pieces
-    *("CreateScene", "Localize"),  # sent as forms and in pieces: see test_api_uploads and test_api_localize
+    *("CreateScene", "Localize", "ObserveScene"),  # forms, pieces: see test_api_uploads, _localize, _observations
     "AlignScene",  # an edit by another name: see test_api_improving
     "OpenSample",  # the same scene for all who ask: see test_api_sample
     "DeleteKnownNames",  # asks and answers nothing: see test_api_known_names

@@ -30,7 +30,7 @@ from fastsplat_contract.members import members
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.calls import CALLS
-from tests.api.made_scene import PLAIN_PNG, add_known_name, add_scene
+from tests.api.made_scene import OBSERVED, PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_training_job
 
@@ -48,6 +48,7 @@ _REQUESTS: dict[str, dict[str, Any]] = {
     "POST /v1/scenes/{scene_id}:query": {"json": {"texts": ["mug"]}},
     "POST /v1/scenes/{scene_id}:render": {"json": {"kind": "rgb", "view": "front.png"}},
     "POST /v1/scenes/{scene_id}:localize": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
+    "POST /v1/scenes/{scene_id}/observations": {"files": [("photos", ("plain.png", PLAIN_PNG))]},
     "POST /mcp": {
         "json": {"jsonrpc": "2.0", "id": 1, "method": "tools/list"},
         "headers": {"Accept": "application/json"},
@@ -105,6 +106,7 @@ class Guarded:
             "operation_id": self.service.get_scene(scene_id).operation_id,
             "key_id": self.service.admin.keys.create("another", "reader")[0].id,
             "name_id": add_known_name(self.service, scene_id),
+            "observation_id": OBSERVED,
             "upload_id": self.service.resumable.create("default", "a.zip", 3).id,
         }
 

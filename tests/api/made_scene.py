@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.name_repository import NewName, VersionNames, record_names
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.observation_messages import Observation
 from tests.scenes import add_photos, labelled_scene, store_scene
 
 
@@ -43,6 +45,11 @@ PHOTO_COLORS = ((200, 10, 10), (10, 200, 10), (10, 10, 200))
 PLAIN_PNG = _png(Image.new("RGB", (32, 24), (120, 130, 140)))
 """An image file in which nothing is to be seen."""
 _PER_BLOB = 60
+OBSERVED = "e0123456789abcdef"
+"""The observation of the made scene: all three things were looked at, none has changed."""
+_OBSERVATION = Observation(
+    "", OBSERVED, datetime(2026, 3, 2, 18, tzinfo=UTC), "given", (), (), (), (1, 2, 3), True, "Nothing has changed."
+)
 _CAMERA = Camera(width=48, height=36, fx=45.0, fy=45.0, cx=24.0, cy=18.0)
 
 
@@ -85,6 +92,7 @@ def made_scene(encoder: TextEncoder) -> Scene:
             dataclasses.replace(turned(angle), name=name)
             for angle, name in ((0.0, "front.png"), (0.3, "photos/left side & ü.png"), (-0.3, "a/b/right.png"))
         ],
+        observations=(_OBSERVATION,),
         quality={"psnr": 31.5, "images": 3, "registered": 3, "stage_seconds": {"training": 12.5}},
     )
 

@@ -31,7 +31,7 @@ _SHOWN = {
     "GetGoal",
     "ListDetections",
     "GetThingSheet",
-    "Localize",
+    *("Localize", "ListObservations", "GetObservation"),
 }
 """The calls that a key of one scene may make. A new call is not among them by itself."""
 

@@ -100,6 +100,7 @@ LOOKING = (
     "scenes show $scene",
     "scenes photos $failed_scene",
     "scenes next-photos $scene",
+    "scenes observations $scene",
     "scenes clean $scene --isolation-above 1.2 --preview",
     "jobs list",
     "jobs list --state failed --limit 1",

@@ -26,7 +26,8 @@ def textured_room(
     seed: int = 0, *, block: bool = False, cameras: int = 8, labels: Sequence[str] = WALLS, **others: Any
 ) -> Scene:
     """Three square walls of two units that meet in the origin, each with a pattern of its own by `seed`; with `block`,
-    a plain bright cube stands on the floor. The cameras look at the corner's middle from inside.
+    a plain bright cube stands on the floor, with the fourth label if there is one. The cameras look at the corner's
+    middle from inside.
 
     `others`: as for `labelled_scene`.
     """
@@ -48,7 +49,7 @@ def textured_room(
     ids = np.concatenate([np.full(len(part), row + 1) for row, part in enumerate(points)])
     return labelled_scene(
         means,
-        np.minimum(ids, 3),
+        np.minimum(ids, len(labels)),
         labels,
         scales=0.6 * _LENGTH / _SIDE,
         sh=((rgb - 0.5) / SH_C0)[:, None, :],

@@ -448,6 +448,7 @@ class _EditActionEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_EditAction
     EDIT_ACTION_ALIGN: _EditAction.ValueType  # 14
     EDIT_ACTION_TRAIN_MORE: _EditAction.ValueType  # 15
     EDIT_ACTION_SUGGEST: _EditAction.ValueType  # 16
+    EDIT_ACTION_OBSERVE: _EditAction.ValueType  # 17
 
 class EditAction(_EditAction, metaclass=_EditActionEnumTypeWrapper): ...
 
@@ -468,6 +469,7 @@ EDIT_ACTION_SCALE: EditAction.ValueType  # 13
 EDIT_ACTION_ALIGN: EditAction.ValueType  # 14
 EDIT_ACTION_TRAIN_MORE: EditAction.ValueType  # 15
 EDIT_ACTION_SUGGEST: EditAction.ValueType  # 16
+EDIT_ACTION_OBSERVE: EditAction.ValueType  # 17
 Global___EditAction: _TypeAlias = EditAction  # noqa: Y015
 
 class _ThingSide:
@@ -968,6 +970,25 @@ CHANGE_KIND_MOVED: ChangeKind.ValueType  # 2
 CHANGE_KIND_NEW: ChangeKind.ValueType  # 3
 CHANGE_KIND_CHANGED: ChangeKind.ValueType  # 4
 Global___ChangeKind: _TypeAlias = ChangeKind  # noqa: Y015
+
+class _SeenAtSource:
+    ValueType = _typing.NewType("ValueType", _builtins.int)
+    V: _TypeAlias = ValueType  # noqa: Y015
+
+class _SeenAtSourceEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_SeenAtSource.ValueType], _builtins.type):
+    DESCRIPTOR: _descriptor.EnumDescriptor
+    SEEN_AT_SOURCE_UNSPECIFIED: _SeenAtSource.ValueType  # 0
+    SEEN_AT_SOURCE_GIVEN: _SeenAtSource.ValueType  # 1
+    SEEN_AT_SOURCE_METADATA: _SeenAtSource.ValueType  # 2
+    SEEN_AT_SOURCE_RECEIVED: _SeenAtSource.ValueType  # 3
+
+class SeenAtSource(_SeenAtSource, metaclass=_SeenAtSourceEnumTypeWrapper): ...
+
+SEEN_AT_SOURCE_UNSPECIFIED: SeenAtSource.ValueType  # 0
+SEEN_AT_SOURCE_GIVEN: SeenAtSource.ValueType  # 1
+SEEN_AT_SOURCE_METADATA: SeenAtSource.ValueType  # 2
+SEEN_AT_SOURCE_RECEIVED: SeenAtSource.ValueType  # 3
+Global___SeenAtSource: _TypeAlias = SeenAtSource  # noqa: Y015
 
 class _Role:
     ValueType = _typing.NewType("ValueType", _builtins.int)
@@ -3633,7 +3654,7 @@ class Edit(_message.Message):
     the scene's units meters by known lengths or sizes, those of earlier such edits included; Gaussians, boxes and
     cameras are scaled with it. align: puts the scene into the frame of a map, by a rigid motion or by pairs of points.
     suggest: names that things may have, which can be asked for and which nothing bears until a person gives them.
-    look_again and train_more: stand in the versions that such jobs have made, and are no edits to send
+    look_again, train_more and observe: stand in the versions that such calls have made, and are no edits to send
     """
     label: _builtins.str
     object_id: _builtins.str
@@ -6586,6 +6607,253 @@ class SceneChange(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___SceneChange: _TypeAlias = SceneChange  # noqa: Y015
+
+@_typing.final
+class ObserveSceneRequest(_message.Message):
+    """Photos of another day, to be kept as what was seen then."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    FOCALS_FIELD_NUMBER: _builtins.int
+    POSES_FIELD_NUMBER: _builtins.int
+    SEEN_AT_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    request_id: _builtins.str
+    """same id: the observation that it made is returned again (AIP-155)"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.bytes]:
+        """image files, as for a capture: JPEG, PNG, WebP, TIFF, BMP or HEIC; two at least"""
+
+    @_builtins.property
+    def focals(self) -> _containers.RepeatedScalarFieldContainer[_builtins.float]:
+        """see LocalizeRequest"""
+
+    @_builtins.property
+    def poses(self) -> _containers.RepeatedCompositeFieldContainer[Global___Pose]:
+        """see LocalizeRequest"""
+
+    @_builtins.property
+    def seen_at(self) -> _timestamp_pb2.Timestamp:
+        """when they were taken; absent: by their metadata, or when they came"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.bytes] | None = ...,
+        focals: _abc.Iterable[_builtins.float] | None = ...,
+        poses: _abc.Iterable[Global___Pose] | None = ...,
+        seen_at: _timestamp_pb2.Timestamp | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["seen_at", b"seen_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["focals", b"focals", "photos", b"photos", "poses", b"poses", "request_id", b"request_id", "scene_id", b"scene_id", "seen_at", b"seen_at"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ObserveSceneRequest: _TypeAlias = ObserveSceneRequest  # noqa: Y015
+
+@_typing.final
+class Observation(_message.Message):
+    """What photos of another day say of a scene. It made a version of the scene, and is undone as any version is."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    ID_FIELD_NUMBER: _builtins.int
+    SEEN_AT_FIELD_NUMBER: _builtins.int
+    SEEN_AT_SOURCE_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    LEFT_OUT_FIELD_NUMBER: _builtins.int
+    CHANGES_FIELD_NUMBER: _builtins.int
+    LOOKED_AT_FIELD_NUMBER: _builtins.int
+    METERS_FIELD_NUMBER: _builtins.int
+    SENTENCE_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    id: _builtins.str
+    """the name of the version that it made"""
+    seen_at_source: Global___SeenAtSource.ValueType
+    """given: by who sent them; metadata: the newest of the photos' own; received: when they came"""
+    meters: _builtins.bool
+    """whether a scene unit is a meter"""
+    sentence: _builtins.str
+    """what has changed, in words"""
+    @_builtins.property
+    def seen_at(self) -> _timestamp_pb2.Timestamp:
+        """when its photos were taken"""
+
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedCompositeFieldContainer[Global___ObservedPhoto]:
+        """those that found their place"""
+
+    @_builtins.property
+    def left_out(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """why each other photo of the request is not among them"""
+
+    @_builtins.property
+    def changes(self) -> _containers.RepeatedCompositeFieldContainer[Global___SceneChange]:
+        """against the scene as it was made, the surest first"""
+
+    @_builtins.property
+    def looked_at(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
+        """ids of the things that two photos should show: of the others it says nothing"""
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        id: _builtins.str = ...,
+        seen_at: _timestamp_pb2.Timestamp | None = ...,
+        seen_at_source: Global___SeenAtSource.ValueType = ...,
+        photos: _abc.Iterable[Global___ObservedPhoto] | None = ...,
+        left_out: _abc.Iterable[_builtins.str] | None = ...,
+        changes: _abc.Iterable[Global___SceneChange] | None = ...,
+        looked_at: _abc.Iterable[_builtins.int] | None = ...,
+        meters: _builtins.bool = ...,
+        sentence: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["seen_at", b"seen_at"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["changes", b"changes", "id", b"id", "left_out", b"left_out", "looked_at", b"looked_at", "meters", b"meters", "photos", b"photos", "scene_id", b"scene_id", "seen_at", b"seen_at", "seen_at_source", b"seen_at_source", "sentence", b"sentence"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___Observation: _TypeAlias = Observation  # noqa: Y015
+
+@_typing.final
+class ObservedPhoto(_message.Message):
+    """A photo of an observation."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VIEW_FIELD_NUMBER: _builtins.int
+    CAMERA_FIELD_NUMBER: _builtins.int
+    DIFFERENCES_FIELD_NUMBER: _builtins.int
+    view: _builtins.str
+    """its name for DownloadPhoto; empty where it was not kept: where the server keeps no photos, or people were to be
+    left out of the scene's own
+    """
+    @_builtins.property
+    def camera(self) -> Global___PosedCamera:
+        """where it was taken, of the upright, undistorted photo as sent"""
+
+    @_builtins.property
+    def differences(self) -> _containers.RepeatedCompositeFieldContainer[Global___PhotoDifference]:
+        """the changes that it shows, where it shows them"""
+
+    def __init__(
+        self,
+        *,
+        view: _builtins.str = ...,
+        camera: Global___PosedCamera | None = ...,
+        differences: _abc.Iterable[Global___PhotoDifference] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["camera", b"camera", "differences", b"differences", "view", b"view"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ObservedPhoto: _TypeAlias = ObservedPhoto  # noqa: Y015
+
+@_typing.final
+class ListObservationsRequest(_message.Message):
+    """Which page of a scene's observations."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    PAGE_SIZE_FIELD_NUMBER: _builtins.int
+    PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    page_size: _builtins.int
+    """0: the server's default; more than the server's maximum counts as the maximum"""
+    page_token: _builtins.str
+    """empty: the first page; otherwise next_page_token of the page before"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        page_size: _builtins.int = ...,
+        page_token: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["page_size", b"page_size", "page_token", b"page_token", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListObservationsRequest: _TypeAlias = ListObservationsRequest  # noqa: Y015
+
+@_typing.final
+class ListObservationsResponse(_message.Message):
+    """One page of a scene's observations, the newest photos first."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    OBSERVATIONS_FIELD_NUMBER: _builtins.int
+    NEXT_PAGE_TOKEN_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    next_page_token: _builtins.str
+    """empty on the last page"""
+    version: _builtins.str
+    """which version was read"""
+    @_builtins.property
+    def observations(self) -> _containers.RepeatedCompositeFieldContainer[Global___Observation]: ...
+    def __init__(
+        self,
+        *,
+        observations: _abc.Iterable[Global___Observation] | None = ...,
+        next_page_token: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["next_page_token", b"next_page_token", "observations", b"observations", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ListObservationsResponse: _TypeAlias = ListObservationsResponse  # noqa: Y015
+
+@_typing.final
+class GetObservationRequest(_message.Message):
+    """Which observation."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    OBSERVATION_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    version: _builtins.str
+    """of the scene; empty: the current one"""
+    observation_id: _builtins.str
+    """which observation"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        version: _builtins.str = ...,
+        observation_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["observation_id", b"observation_id", "scene_id", b"scene_id", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___GetObservationRequest: _TypeAlias = GetObservationRequest  # noqa: Y015
 
 @_typing.final
 class ListBestViewsRequest(_message.Message):

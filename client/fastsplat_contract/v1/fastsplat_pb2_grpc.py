@@ -270,6 +270,21 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Localization.FromString,
                 _registered_method=True)
+        self.ObserveScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ObserveScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ObserveSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Observation.FromString,
+                _registered_method=True)
+        self.ListObservations = channel.unary_unary(
+                '/fastsplat.v1.SceneService/ListObservations',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsResponse.FromString,
+                _registered_method=True)
+        self.GetObservation = channel.unary_unary(
+                '/fastsplat.v1.SceneService/GetObservation',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetObservationRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Observation.FromString,
+                _registered_method=True)
         self.ListBestViews = channel.unary_unary(
                 '/fastsplat.v1.SceneService/ListBestViews',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListBestViewsRequest.SerializeToString,
@@ -689,6 +704,28 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ObserveScene(self, request, context):
+        """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene: a new version,
+        current on return. All photos of a request are in one message; REST takes larger ones.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListObservations(self, request, context):
+        """What photos of other days said of a scene, in pages, the newest photos first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetObservation(self, request, context):
+        """What photos of another day said of a scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def ListBestViews(self, request, context):
         """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures.
         """
@@ -1033,6 +1070,21 @@ def add_SceneServiceServicer_to_server(servicer, server):
                     servicer.Localize,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Localization.SerializeToString,
+            ),
+            'ObserveScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.ObserveScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ObserveSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Observation.SerializeToString,
+            ),
+            'ListObservations': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListObservations,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsResponse.SerializeToString,
+            ),
+            'GetObservation': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetObservation,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetObservationRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Observation.SerializeToString,
             ),
             'ListBestViews': grpc.unary_unary_rpc_method_handler(
                     servicer.ListBestViews,
@@ -2379,6 +2431,87 @@ class SceneService:
             '/fastsplat.v1.SceneService/Localize',
             fastsplat_dot_v1_dot_fastsplat__pb2.LocalizeRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Localization.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ObserveScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ObserveScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ObserveSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Observation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListObservations(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/ListObservations',
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.ListObservationsResponse.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetObservation(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/GetObservation',
+            fastsplat_dot_v1_dot_fastsplat__pb2.GetObservationRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Observation.FromString,
             options,
             channel_credentials,
             insecure,

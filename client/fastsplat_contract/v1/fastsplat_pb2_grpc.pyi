@@ -175,6 +175,14 @@ class SceneServiceStub:
     """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in
     one message; REST takes larger ones.
     """
+    ObserveScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ObserveSceneRequest, _fastsplat_pb2.Observation]
+    """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene: a new version,
+    current on return. All photos of a request are in one message; REST takes larger ones.
+    """
+    ListObservations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObservationsRequest, _fastsplat_pb2.ListObservationsResponse]
+    """What photos of other days said of a scene, in pages, the newest photos first."""
+    GetObservation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetObservationRequest, _fastsplat_pb2.Observation]
+    """What photos of another day said of a scene."""
     ListBestViews: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]
     """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures."""
     GetThingSheet: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetThingSheetRequest, _fastsplat_pb2.ThingSheet]
@@ -333,6 +341,14 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in
     one message; REST takes larger ones.
     """
+    ObserveScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ObserveSceneRequest, _fastsplat_pb2.Observation]  # type: ignore[assignment]
+    """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene: a new version,
+    current on return. All photos of a request are in one message; REST takes larger ones.
+    """
+    ListObservations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListObservationsRequest, _fastsplat_pb2.ListObservationsResponse]  # type: ignore[assignment]
+    """What photos of other days said of a scene, in pages, the newest photos first."""
+    GetObservation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetObservationRequest, _fastsplat_pb2.Observation]  # type: ignore[assignment]
+    """What photos of another day said of a scene."""
     ListBestViews: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListBestViewsRequest, _fastsplat_pb2.ListBestViewsResponse]  # type: ignore[assignment]
     """Which of the scene's cameras show some things, or the answer to a text, best; and where in their pictures."""
     GetThingSheet: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetThingSheetRequest, _fastsplat_pb2.ThingSheet]  # type: ignore[assignment]
@@ -767,6 +783,32 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Where photos were taken in a scene, what is seen from there, and what has changed. All photos of a request are in
         one message; REST takes larger ones.
         """
+
+    @_abc_1.abstractmethod
+    def ObserveScene(
+        self,
+        request: _fastsplat_pb2.ObserveSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Observation, _abc.Awaitable[_fastsplat_pb2.Observation]]:
+        """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene: a new version,
+        current on return. All photos of a request are in one message; REST takes larger ones.
+        """
+
+    @_abc_1.abstractmethod
+    def ListObservations(
+        self,
+        request: _fastsplat_pb2.ListObservationsRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.ListObservationsResponse, _abc.Awaitable[_fastsplat_pb2.ListObservationsResponse]]:
+        """What photos of other days said of a scene, in pages, the newest photos first."""
+
+    @_abc_1.abstractmethod
+    def GetObservation(
+        self,
+        request: _fastsplat_pb2.GetObservationRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Observation, _abc.Awaitable[_fastsplat_pb2.Observation]]:
+        """What photos of another day said of a scene."""
 
     @_abc_1.abstractmethod
     def ListBestViews(

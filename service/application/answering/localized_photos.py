@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,22 @@ from fastsplat_contract.localize_messages import (
 )
 from fastsplat_contract.thing_prompts import PixelBox
 
+
+@dataclass(frozen=True)
+class LocalizedPictures:
+    """What became of the photos of a request, and their pixels.
+
+    Attributes:
+        answer: what is said of them.
+        pictures: uint8 [H, W, 3] each, undistorted, as they were compared with the scene; None without a place.
+        taken_at: see `SentPhoto`.
+    """
+
+    answer: Localization
+    pictures: tuple[NDArray[np.uint8] | None, ...]
+    taken_at: tuple[float | None, ...]
+
+
 _LEAST_SHARE = 0.001
 _VIEW_SIDE = 256
 
@@ -36,7 +53,7 @@ def localized_photos(
     focals: Sequence[float | None],
     rough: Sequence[NDArray[np.float64]],
     version: str,
-) -> Localization:
+) -> LocalizedPictures:
     """One answer for each photo, in order, and what two of them agree has changed.
 
     Args:
@@ -57,7 +74,9 @@ def localized_photos(
         _answer(index, one, own, shown.get(number, ()))
         for number, (one, own) in enumerate(zip(sent, placed, strict=True))
     ]
-    return Localization(tuple(answers), changes, looked_at, index.scene.scale == "METRIC", version)
+    answer = Localization(tuple(answers), changes, looked_at, index.scene.scale == "METRIC", version)
+    pictures = tuple(None if own.photo is None else own.photo.picture for own in placed)
+    return LocalizedPictures(answer, pictures, tuple(one.taken_at for one in sent))
 
 
 def _photo(sent: SentPhoto, focal: float | None) -> Photo:

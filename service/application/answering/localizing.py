@@ -22,7 +22,10 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 
 if TYPE_CHECKING:  # torch and pycolmap load when they are used
+    from fastsplat.service.application.answering.localized_photos import LocalizedPictures
     from fastsplat.service.query.scene_index import SceneIndex
+
+    Located = tuple[SceneIndex, LocalizedPictures]
 
 MAX_PHOTOS_BYTES = 32 * 2**20
 """Bytes of all photos of a request over REST; over gRPC a message has at most 4 MiB."""
@@ -77,13 +80,17 @@ class Localizing:
             LimitExceededError: too many photos, or too large ones.
             ResourceError: decoding a photo took more than it may.
         """
+        return self.locate(request)[1].answer
+
+    def locate(self, request: LocalizeRequest) -> Located:
+        """As `localize`, with the version that was read, and the photos' pixels."""
         from fastsplat.service.application.answering.localized_photos import localized_photos
 
         check_photos(request, self._settings)
         side = self._settings.localization.max_side
         square = Camera(side, side, float(side), float(side), side / 2, side / 2)
 
-        def read(index: SceneIndex, version: str) -> Localization:
+        def read(index: SceneIndex, version: str) -> Located:
             gaussians = len(index.scene.gaussians)
             charge(len(request.photos) * (3 * _PHOTO_COST + 8 * gaussians))
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
@@ -92,7 +99,7 @@ class Localizing:
                 landmarks = self._landmarks.of(request.scene_id, version, index, folder, self._store.blobs)
                 sent = self._decoder.decode(request.photos, side)
                 rough = [pose.matrix() for pose in request.poses]
-                return localized_photos(index, landmarks, sent, _focals(request), rough, version)
+                return index, localized_photos(index, landmarks, sent, _focals(request), rough, version)
 
         try:
             return self._scenes.reading(request.scene_id, request.version, read)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +15,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
-from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
@@ -29,6 +30,8 @@ from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList,
 from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.requests import MAX_VIEWS
 
+_OBSERVED = re.compile(r"(e[0-9a-f]{16})/([0-9]{1,4})")
+"""Names of photos of observations, see `ObservedPhoto.view`."""
 _USUAL_VIEWS = 3
 _MAX_NAMED = 20
 
@@ -60,7 +63,8 @@ class Photos:
         return PhotoList(tuple(ScenePhoto(name, size) for name, size in sizes if size), token, version)
 
     def path(self, scene_id: str, view: str, version: str = "") -> tuple[Path, str]:
-        """The JPEG file of one camera's photo, and its version; never changes once there, gone with the scene.
+        """The JPEG file of a camera's photo, or of an observation's, and its version; gone with the scene, never
+        changed.
 
         Raises:
             NotFoundError: there is no such scene, version or view, or no photo of it is stored.
@@ -69,12 +73,16 @@ class Photos:
         """
         check_texts(view, "view")
         version, names, folder = self._cameras(scene_id, version)
-        if view not in names:
+        observed = _OBSERVED.fullmatch(view)
+        if view not in names and observed is None:
             known = ", ".join(names[:_MAX_NAMED])
             raise NotFoundError(
                 f"no view {view[:80]!r} in this scene", field="view", hint=f"Its views are: {known[:2_000]}."
             )
-        path = photo_path(folder, names.index(view))
+        if view in names or observed is None:
+            path = photo_path(folder, names.index(view))
+        else:
+            path = observed_photo_path(folder, observed[1], int(observed[2]))
         if path.is_file():
             try:
                 self._store.blobs.check_version(folder, path.relative_to(folder).as_posix())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fastsplat.service.localization.changes import COMPARED_SIDE, Change, LaterView, find_changes
 from fastsplat.service.localization.photo_placement import PlacedPhoto
 from fastsplat.service.localization.photometric_refinement import compared
-from fastsplat.service.query.language.sentences import quoted
+from fastsplat.service.query.language.change_sentences import change_sentence
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat_contract.localize_messages import PhotoDifference, SceneChange
@@ -105,19 +105,8 @@ def _told(index: SceneIndex, change: Change, numbers: Sequence[int]) -> SceneCha
         before=_box(change.before),
         after=_box(change.after),
         photos=tuple(numbers[row] for row in change.views),
-        sentence=_sentence(change, name, distance, index.scene.scale == "METRIC"),
+        sentence=change_sentence(change.kind, change.thing, name, distance, index.scene.scale == "METRIC"),
     )
-
-
-def _sentence(change: Change, name: str, distance: float, meters: bool) -> str:
-    called = f"The {quoted(name)}" if name else f"Thing {change.thing}, which has no name,"
-    if change.kind == "gone":
-        return f"{called} is not where it was."
-    if change.kind == "moved":
-        return f"{called} has moved by {distance:.2f} {'m' if meters else 'scene units'}."
-    if change.kind == "changed":
-        return f"Something else stands where {called[0].lower()}{called[1:]} was."
-    return "Something new stands where nothing stood."
 
 
 def _box(corners: F64 | None) -> Box | None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import secrets
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +14,7 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
+from fastsplat.service.application.editing.version_files import new_version_name, write_version
 from fastsplat.service.application.editing.version_rows import (
     ASKS_KIND,
     PROMPTED,
@@ -23,19 +22,15 @@ from fastsplat.service.application.editing.version_rows import (
     dictionary_rows,
     version_of,
 )
-from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.changes import changed_views
 from fastsplat.service.scene.drafts import provisional_of
-from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scaling import scaling_to_json
-from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Scene, Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
@@ -57,8 +52,8 @@ _TRIES = 5
 
 
 @dataclass(frozen=True)
-class _Order:
-    """What `Versions.edit` was called with, the edits also as JSON."""
+class VersionOrder:
+    """What a version is made by, the edits also as JSON; see `Versions.edit`."""
 
     scene_id: str
     edits: Sequence[Edit]
@@ -116,10 +111,12 @@ class Versions:
             for remaining in reversed(range(_TRIES)):
                 earlier = self._store.versions.made_by(scene_id, request_id, digest)
                 if earlier is not None:
-                    return self._in_force(earlier)
+                    return self.in_force(earlier)
                 current = self._scenes.version(scene_id, "")
                 try:
-                    return self._make(_Order(scene_id, edits, rows, digest, request_id, looked_at, author), current)
+                    return self._make(
+                        VersionOrder(scene_id, edits, rows, digest, request_id, looked_at, author), current
+                    )
                 except ConflictError:  # an undo, a job or another machine was faster; this one is made of its result
                     if not remaining:
                         raise
@@ -215,7 +212,7 @@ class Versions:
         """
         return self._scenes.version(scene_id, version)
 
-    def _in_force(self, earlier: VersionRecord) -> SceneVersion:
+    def in_force(self, earlier: VersionRecord) -> SceneVersion:
         """The version that a request id made, if the current one is it or was made of it.
 
         Raises:
@@ -233,7 +230,7 @@ class Versions:
             )
         return versions[version]
 
-    def _make(self, order: _Order, parent: str) -> SceneVersion:
+    def _make(self, order: VersionOrder, parent: str) -> SceneVersion:
         seen: Things | None = None
         if order.looked_at:
             seen = self._scenes.reading(order.scene_id, order.looked_at, lambda index, _: index.things.table)
@@ -251,17 +248,41 @@ class Versions:
                 }
                 for number, (edit, row) in enumerate(zip(order.edits, order.rows, strict=True))
             ]
-            return self._publish(replace(order, rows=rows), parent, before, index)
+            return self.publish(replace(order, rows=rows), parent, before, index)
 
-    def _publish(self, order: _Order, parent: str, before: SceneIndex, index: SceneIndex) -> SceneVersion:
+    def publish(
+        self,
+        order: VersionOrder,
+        parent: str,
+        before: SceneIndex,
+        index: SceneIndex,
+        version: str = "",
+        add_files: Callable[[Path], None] = lambda folder: None,
+    ) -> SceneVersion:
+        """Make `index` the current version of a scene, under a name of its own or this one.
+
+        Args:
+            order: what it is made by.
+            parent: the current version, of which it was made.
+            before: the index of that.
+            index: of the new one.
+            version: its name, of `new_version_name`.
+            add_files: writes what else belongs to it into its folder, before anybody sees it.
+
+        Raises:
+            ConflictError: another version is current by now; nothing is left of this one.
+            NotFoundError: the scene was deleted.
+        """
         scene_id = order.scene_id
         edited = index.scene
-        version = f"e{secrets.token_hex(8)}"
+        version = version or new_version_name()
         record = self._store.scenes.scene(scene_id)
         dictionary = dictionary_rows(record.dictionary, index)
         changes = list(changed_views(edited.quality))
         same = edited.gaussians is before.scene.gaussians
-        self._write(edited, scene_id, version, self._scenes.folder(scene_id, parent), same)
+        write_version(
+            edited, self._store.blobs, scene_id, version, self._scenes.folder(scene_id, parent), same, add_files
+        )
         key = self._store.keys.find(order.author) if order.author else None
         try:
             names = names_between(before.scene.things, edited.things, self._settings.calls.max_known_names)
@@ -357,26 +378,3 @@ class Versions:
                 limit=f"{limit}",
                 hint="Add fewer, or remove some first.",
             )
-
-    def _write(self, scene: Scene, scene_id: str, version: str, parent: Path, same_gaussians: bool) -> None:
-        """The version's folder, whole or not at all; a scratch folder that is left behind counts as an upload. The
-        folder of its parent lends its photos, and where the Gaussians are the same its PLY file."""
-        scratch = self._store.blobs.upload(version)
-        try:
-            scratch.mkdir(parents=True)
-            write_scene(scene, scratch / "artefact")
-            if not same_gaussians or not _linked(parent / "scene.ply", scratch / "scene.ply"):
-                write_ply(scene.gaussians, scratch / "scene.ply")
-            share_photos(parent, scratch)
-            self._store.blobs.publish(scratch, scene_id, version)
-        finally:
-            remove(scratch)
-
-
-def _linked(file: Path, place: Path) -> bool:
-    """Whether `place` is the same file now; not every file system has links."""
-    try:
-        os.link(file, place)
-    except OSError:
-        return False
-    return True

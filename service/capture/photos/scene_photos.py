@@ -2,15 +2,17 @@
 
 A photo's number is that of its camera in the scene. The copies are undistorted as trained, so that they fit the pinhole
 cameras that the scene serves, and are made of pixels alone: what else the file said (place, device) is left out. When
-they were taken stands in the scene's quality (`TAKEN_AT`).
+they were taken stands in the scene's quality (`TAKEN_AT`). Photos of observations lie beside them, below `observed/`.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat.service.capture.formats.kept_capture import keep_rest
@@ -57,6 +59,36 @@ def photo_path(folder: Path, number: int) -> Path:
         number: of the camera.
     """
     return folder / _FOLDER / f"{number:05d}.jpg"
+
+
+def observed_photo_path(folder: Path, observation_id: str, number: int) -> Path:
+    """Where a photo of an observation is, by its number in it from 0, if it is kept.
+
+    Args:
+        folder: of the version.
+        observation_id: whose.
+        number: of the photo.
+    """
+    return folder / _FOLDER / "observed" / observation_id / f"{number:05d}.jpg"
+
+
+def write_observed_photos(
+    pictures: Sequence[NDArray[np.uint8]], folder: Path, observation_id: str, settings: PhotoSettings
+) -> None:
+    """Write the photos of an observation below the folder of a version, beside the scene's own, as those are.
+
+    Args:
+        pictures: uint8 [H, W, 3] each, RGB, undistorted.
+        folder: of the version, which is not published yet.
+        observation_id: whose.
+        settings: see `PhotoSettings`.
+    """
+    for number, pixels in enumerate(pictures):
+        path = observed_photo_path(folder, observation_id, number)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        small = Image.fromarray(pixels)
+        small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS)
+        small.save(path, format="JPEG", quality=settings.quality, optimize=True)
 
 
 def photo_folder(folder: Path) -> Path:

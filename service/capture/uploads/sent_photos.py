@@ -33,11 +33,13 @@ class SentPhoto:
         pixels: uint8 [H, W, 3], upright, reduced.
         size: width and height before it was reduced, upright.
         focal: focal length over the longer side, as its metadata say; None where they do not.
+        taken_at: when it was taken, seconds since 1970; None where its metadata do not say it with its time zone.
     """
 
     pixels: NDArray[np.uint8]
     size: tuple[int, int]
     focal: float | None
+    taken_at: float | None = None
 
 
 class SparePhotoDecoder:
@@ -115,7 +117,7 @@ class _Child:
             info = self._decoder.header(self._photos, name)
             size = reduced_size(*info.upright_size, max_side)
             pixels = self._decoder.photo(self._photos, info, size)
-            decoded.append(SentPhoto(pixels, info.upright_size, info.focal_of_side))
+            decoded.append(SentPhoto(pixels, info.upright_size, info.focal_of_side, info.taken_at))
             (self._photos / name).unlink()
         return tuple(decoded)
 

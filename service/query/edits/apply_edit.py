@@ -88,12 +88,10 @@ def apply_edit(
             that is missing, superfluous, out of range or not rigid.
         LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
     """
-    if edit.action in ("look_again", "train_more") or edit.texts:
+    if edit.action in _CALLS or edit.texts:
+        what, call = _CALLS.get(edit.action, _CALLS["look_again"])
         raise InvalidInputError(
-            "training a scene further is no edit" if edit.action == "train_more" else "looking again is no edit",
-            field="texts" if edit.texts else "action",
-            hint=f"{'TrainMore' if edit.action == 'train_more' else 'LookAgain'} is a call of its own, and makes an "
-            "operation.",
+            f"{what} is no edit", field="texts" if edit.texts else "action", hint=f"{call} is a call of its own."
         )
     kind = _KINDS.get(edit.action)
     if kind is None:
@@ -191,6 +189,12 @@ def _suggest(order: _Order) -> Scene:
     return suggest_names(order.index.things, order.edit.suggestions)
 
 
+_CALLS = {
+    "look_again": ("looking again", "LookAgain"),
+    "train_more": ("training a scene further", "TrainMore"),
+    "observe": ("an observation", "ObserveScene"),
+}
+"""Actions that stand in versions and that nobody sends as edits: what they are, and by which call they are made."""
 _KINDS: Mapping[str, _Kind] = {
     "recolor": _Kind(_of_rows(recolor), ("color",)),
     "remove": _Kind(_remove, takes=("filter",)),

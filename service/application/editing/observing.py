@@ -1,0 +1,254 @@
+"""Observations of scenes: photos of another day, compared with the scene and kept with it as a version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.application.answering.localizing import Localizing
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.paging import page_of
+from fastsplat.service.application.base.validate import check_page_size, check_request_id, check_texts
+from fastsplat.service.application.editing.version_files import new_version_name
+from fastsplat.service.application.editing.versions import VersionOrder, Versions
+from fastsplat.service.capture.photos.scene_photos import write_observed_photos
+from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.change_sentences import changes_sentence, in_words
+from fastsplat.service.scene.frames import frame_of
+from fastsplat.service.scene.observations import in_frame
+from fastsplat.service.settings import Settings
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.localize_messages import LocalizeRequest
+from fastsplat_contract.observation_messages import (
+    Observation,
+    ObservationList,
+    ObservedPhoto,
+    ObserveRequest,
+    SeenAtSource,
+)
+from fastsplat_contract.scenes import Edit
+
+if TYPE_CHECKING:  # torch loads when it is used
+    from fastsplat.service.application.answering.localized_photos import LocalizedPictures
+    from fastsplat.service.query.scene_index import SceneIndex
+
+MAX_OBSERVATIONS = 100
+"""Of one version of a scene: each later version has a link to each photo of them."""
+_FEWEST_PHOTOS = 2
+"""With a place: an event is what two photos agree on."""
+_TRIES = 3
+_AHEAD = timedelta(days=1)
+"""So far may the clocks of cameras be ahead."""
+
+
+class Observations:
+    """The observations of scenes. Every method is safe from any thread."""
+
+    def __init__(
+        self, store: Store, settings: Settings, scenes: OpenScenes, localizing: Localizing, versions: Versions
+    ) -> None:
+        self._store = store
+        self._settings = settings
+        self._scenes = scenes
+        self._localizing = localizing
+        self._versions = versions
+
+    def observe(self, request: ObserveRequest, author: str = "") -> Observation:
+        """Compare photos of another day with a scene, and keep them, and what they say, as a new version of it; the
+        version is durable and current on return.
+
+        Args:
+            request: the photos, and when they were taken.
+            author: the id of the key by which this is asked for; "" for none.
+
+        Raises:
+            NotFoundError: there is no such scene.
+            NotReadyError: it is still being made, or no photos are kept with it.
+            InvalidInputError: fewer than two photos that find their place, or as `Localizing.localize`; a time without
+                a time zone, or to come.
+            LimitExceededError: too many photos, too large ones, or too many observations.
+            ConflictError: the request id was used before for other photos, or the observation that it made was undone.
+            ResourceError: as `Localizing.localize`.
+        """
+        check_request_id(request.request_id)
+        now = datetime.now(UTC)
+        _check_time(request.seen_at, now)
+        digest = _digest(request)
+        for remaining in reversed(range(_TRIES)):
+            current = self._scenes.finished(request.scene_id)
+            earlier = self._store.versions.made_by(request.scene_id, request.request_id, digest)
+            if earlier is not None:
+                return self.get(request.scene_id, self._versions.in_force(earlier).version)
+            asked = LocalizeRequest(
+                scene_id=request.scene_id,
+                photos=request.photos,
+                focals=request.focals,
+                poses=request.poses,
+                version=current,
+            )
+            index, located = self._localizing.locate(asked)
+            observation, pictures = _observation(request, index, located, now, self._keeps_photos(index))
+            check_cancelled()
+            try:
+                self._publish(request, observation, pictures, index, current, digest, author)
+            except ConflictError:  # an edit was faster; this is compared again with its result
+                if not remaining:
+                    raise
+                continue
+            return self.get(request.scene_id, observation.id)
+        raise AssertionError
+
+    def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> ObservationList:
+        """The observations of a version of a scene, in pages as `SceneService.list_scenes`, the newest photos first.
+
+        Raises:
+            NotFoundError: there is no such scene or version.
+            NotReadyError, InvalidInputError: as `Answers.query` and `SceneService.list_scenes`.
+        """
+        size = check_page_size(page_size, self._settings.store)
+        check_texts(version, "version")
+
+        def read(index: SceneIndex, name: str) -> ObservationList:
+            newest = _told(index, scene_id)[::-1]
+            page, token = page_of(newest, size, page_token, f"observations {scene_id} {name}")
+            return ObservationList(tuple(page), token, name)
+
+        return self._scenes.reading(scene_id, version, read)
+
+    def get(self, scene_id: str, observation_id: str, version: str = "") -> Observation:
+        """One observation of a version of a scene.
+
+        Raises:
+            NotFoundError: there is no such scene, version or observation, or it was undone.
+            NotReadyError: as `Answers.query`.
+        """
+        check_texts((version, observation_id), "observation_id")
+        observations = self._scenes.reading(scene_id, version, lambda index, _: _told(index, scene_id))
+        for each in observations:
+            if each.id == observation_id:
+                return each
+        raise NotFoundError(
+            f"no observation {observation_id[:80]!r} in this version of the scene",
+            field="observation_id",
+            hint="List the scene's observations; one that was undone is in the version that it made.",
+        )
+
+    def _keeps_photos(self, index: SceneIndex) -> bool:
+        """Whether photos may stay with this scene: none where its own do not, or had people left out, whom nobody has
+        looked for in these."""
+        withheld = index.scene.quality.get("withheld") or {}
+        return self._settings.photos.keep == "on" and withheld.get("privacy") is None
+
+    def _publish(
+        self,
+        request: ObserveRequest,
+        observation: Observation,
+        pictures: Sequence[NDArray[np.uint8]],
+        index: SceneIndex,
+        parent: str,
+        digest: str,
+        author: str,
+    ) -> None:
+        if len(index.scene.observations) >= MAX_OBSERVATIONS:
+            raise LimitExceededError(
+                "one observation more than a scene may have",
+                field="scene_id",
+                limit=f"{MAX_OBSERVATIONS} observations",
+                hint="Undo some, or train a new scene of newer photos.",
+            )
+        stored = in_frame(observation, frame_of(index.scene).inverse())
+        after = index.after(replace(index.scene, observations=(*index.scene.observations, stored)))
+        edit = Edit("observe")
+        rows = [to_plain(edit)]
+        order = VersionOrder(request.scene_id, (edit,), rows, digest, request.request_id, "", author)
+
+        def add_photos(folder: Path) -> None:
+            write_observed_photos(pictures, folder, observation.id, self._settings.photos)
+
+        self._versions.publish(order, parent, index, after, observation.id, add_photos)
+
+
+def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
+    """The observations of a version of this scene, which may be a copy of another one, the oldest photos first."""
+    names = {thing.id: thing.name for thing in index.things.table.table}
+    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.history.observations)
+
+
+def _observation(
+    request: ObserveRequest, index: SceneIndex, located: LocalizedPictures, now: datetime, keep: bool
+) -> tuple[Observation, Sequence[NDArray[np.uint8]]]:
+    """What is kept of a comparison, in the frame of the version, and the pictures that stay with it."""
+    answer, observation_id = located.answer, new_version_name()
+    there = [number for number, photo in enumerate(answer.photos) if photo.camera is not None]
+    left_out = [
+        f"photos[{number}]: {photo.explanation}" for number, photo in enumerate(answer.photos) if photo.camera is None
+    ]
+    if len(there) < _FEWEST_PHOTOS:
+        raise InvalidInputError(
+            f"{len(there)} of {len(answer.photos)} photos found their place in the scene",
+            field="photos",
+            limit=f"{_FEWEST_PHOTOS} photos or more, from several places",
+            hint=left_out[0].partition(": ")[2] if left_out else "Send more photos of the same place.",
+        )
+    row = {number: place for place, number in enumerate(there)}
+    photos = tuple(
+        ObservedPhoto(f"{observation_id}/{place}" if keep else "", camera, answer.photos[number].differences)
+        for place, number in enumerate(there)
+        if (camera := answer.photos[number].camera) is not None
+    )
+    changes = tuple(each._replace(photos=tuple(row[number] for number in each.photos)) for each in answer.changes)
+    seen_at, source = _time_of(request, located, there, now)
+    observation = Observation(
+        scene_id=request.scene_id,
+        id=observation_id,
+        seen_at=seen_at,
+        seen_at_source=source,
+        photos=photos,
+        left_out=tuple(left_out),
+        changes=changes,
+        looked_at=answer.looked_at,
+        meters=answer.meters,
+        sentence=changes_sentence(changes, len(answer.looked_at)),
+    )
+    pictures = [picture for number in there if (picture := located.pictures[number]) is not None]
+    return observation, pictures if keep else ()
+
+
+def _time_of(
+    request: ObserveRequest, located: LocalizedPictures, there: Sequence[int], now: datetime
+) -> tuple[datetime, SeenAtSource]:
+    if request.seen_at is not None:
+        return request.seen_at.astimezone(UTC), "given"
+    taken = [seconds for number in there if (seconds := located.taken_at[number]) is not None]
+    if taken and (newest := datetime.fromtimestamp(max(taken), UTC)) <= now + _AHEAD:
+        return newest, "metadata"
+    return now, "received"
+
+
+def _check_time(seen_at: datetime | None, now: datetime) -> None:
+    if seen_at is None:
+        return
+    if seen_at.tzinfo is None:
+        raise InvalidInputError(
+            "a time without its time zone", field="seen_at", hint="Send e.g. 2026-11-23T18:00:00+01:00."
+        )
+    if seen_at > now + _AHEAD:
+        raise InvalidInputError(
+            "photos that are still to be taken", field="seen_at", limit=f"{now.isoformat(timespec='seconds')}"
+        )
+
+
+def _digest(request: ObserveRequest) -> str:
+    said = {name: value for name, value in to_plain(request).items() if name not in ("photos", "request_id")}
+    photos = [hashlib.sha256(photo).hexdigest() for photo in request.photos]
+    return hashlib.sha256(json.dumps([said, photos], sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,61 @@
+"""The folder of a new version."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+
+from fastsplat.service.capture.photos.scene_photos import share_photos
+from fastsplat.service.scene.ply import write_ply
+from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.types import Scene
+from fastsplat.service.store.blobs import Blobs, remove
+
+
+def new_version_name() -> str:
+    """A name that no version has."""
+    return f"e{secrets.token_hex(8)}"
+
+
+def write_version(
+    scene: Scene,
+    blobs: Blobs,
+    scene_id: str,
+    version: str,
+    parent: Path,
+    same_gaussians: bool,
+    add_files: Callable[[Path], None] = lambda folder: None,
+) -> None:
+    """Write a version's folder, whole or not at all; a scratch folder that is left behind counts as an upload.
+
+    Args:
+        scene: what it holds.
+        blobs: where it goes.
+        scene_id, version: whose it is.
+        parent: the folder of the version before, which lends its photos, and where the Gaussians are the same its PLY
+            file.
+        same_gaussians: whether they are.
+        add_files: writes what else belongs to the version into the folder, before anybody sees it.
+    """
+    scratch = blobs.upload(version)
+    try:
+        scratch.mkdir(parents=True)
+        write_scene(scene, scratch / "artefact")
+        if not same_gaussians or not _linked(parent / "scene.ply", scratch / "scene.ply"):
+            write_ply(scene.gaussians, scratch / "scene.ply")
+        share_photos(parent, scratch)
+        add_files(scratch)
+        blobs.publish(scratch, scene_id, version)
+    finally:
+        remove(scratch)
+
+
+def _linked(file: Path, place: Path) -> bool:
+    """Whether `place` is the same file now; not every file system has links."""
+    try:
+        os.link(file, place)
+    except OSError:
+        return False
+    return True

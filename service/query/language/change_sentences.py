@@ -1,0 +1,47 @@
+"""What has changed in a scene, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from fastsplat.service.query.language.sentences import quoted
+from fastsplat_contract.localize_messages import ChangeKind, SceneChange
+from fastsplat_contract.observation_messages import Observation
+
+
+def in_words(observation: Observation, names: Mapping[int, str]) -> Observation:
+    """The observation with the names that things have now, and its sentences with them.
+
+    Args:
+        observation: in the frame and the unit of the scene's version.
+        names: of the version's things, by their ids; empty for a thing without one.
+    """
+
+    def told(change: SceneChange) -> SceneChange:
+        name = names.get(change.thing_id, change.name)
+        sentence = change_sentence(change.kind, change.thing_id, name, change.distance, observation.meters)
+        return change._replace(name=name, sentence=sentence)
+
+    changes = tuple(map(told, observation.changes))
+    return replace(observation, changes=changes, sentence=changes_sentence(changes, len(observation.looked_at)))
+
+
+def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
+    """What an observation says, in words."""
+    if changes:
+        return " ".join(change.sentence for change in changes)
+    things = "the one thing" if looked_at == 1 else f"the {looked_at} things"
+    return f"None of {things} that were looked at has changed." if looked_at else "The photos show no thing twice."
+
+
+def change_sentence(kind: ChangeKind, thing_id: int, name: str, distance: float, meters: bool) -> str:
+    """One change in words."""
+    called = f"The {quoted(name)}" if name else f"Thing {thing_id}, which has no name,"
+    if kind == "gone":
+        return f"{called} is not where it was."
+    if kind == "moved":
+        return f"{called} has moved by {distance:.2f} {'m' if meters else 'scene units'}."
+    if kind == "changed":
+        return f"Something else stands where {called[0].lower()}{called[1:]} was."
+    return "Something new stands where nothing stood."

@@ -1,0 +1,83 @@
+"""Where things were seen, and from when they are missing: what a scene's photos and its observations say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+from fastsplat.service.scene.frames import frame_of
+from fastsplat.service.scene.observations import in_frame
+from fastsplat.service.scene.types import TAKEN_AT, Scene
+from fastsplat_contract.localize_messages import SceneChange
+from fastsplat_contract.observation_messages import Observation
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """What one observation says of a thing.
+
+    Attributes:
+        at: when its photos were taken.
+        observation_id: of the observation.
+        change: what has become of the thing; None: it is where it was when the scene was made.
+    """
+
+    at: datetime
+    observation_id: str
+    change: SceneChange | None = None
+
+    @property
+    def missing(self) -> bool:
+        """Whether the thing was looked for and not found anywhere."""
+        return self.change is not None and self.change.kind in ("gone", "changed")
+
+
+@dataclass(frozen=True)
+class SceneHistory:
+    """What is known of the things of a scene over time.
+
+    Attributes:
+        made_at: when the newest photo of the scene's capture was taken; None where the photos do not say it.
+        observations: the oldest photos first, in the frame of the scene's version; its sentences are of the day on
+            which they came.
+        sightings: of each thing that was looked at again, by its id, the oldest first.
+    """
+
+    made_at: datetime | None
+    observations: tuple[Observation, ...]
+    sightings: Mapping[int, tuple[Sighting, ...]]
+
+    def last_seen(self, thing_id: int) -> datetime | None:
+        """When a photo last showed a thing; None where that is unknown."""
+        seen = [each.at for each in self.sightings.get(thing_id, ()) if not each.missing]
+        return seen[-1] if seen else self.made_at
+
+    def missing_since(self, thing_id: int) -> datetime | None:
+        """When a thing was first looked for in vain, of the last times that it was looked for; None for one that was
+        not, or that was found again."""
+        since: datetime | None = None
+        for each in self.sightings.get(thing_id, ()):
+            since = (since or each.at) if each.missing else None
+        return since
+
+    def seen_in(self, thing_id: int) -> str:
+        """The id of the last observation that says something of a thing; "" for none."""
+        own = self.sightings.get(thing_id, ())
+        return own[-1].observation_id if own else ""
+
+
+def scene_history(scene: Scene) -> SceneHistory:
+    """The history of a version's things."""
+    frame = frame_of(scene)
+    placed = [replace(in_frame(each, frame), meters=scene.scale == "METRIC") for each in scene.observations]
+    observations = tuple(sorted(placed, key=lambda each: each.seen_at))
+    sightings: dict[int, list[Sighting]] = {}
+    for each in observations:
+        changed = {change.thing_id: change for change in each.changes if change.thing_id}
+        for thing_id in {*each.looked_at, *changed}:
+            sightings.setdefault(thing_id, []).append(Sighting(each.seen_at, each.id, changed.get(thing_id)))
+    taken = scene.quality.get(TAKEN_AT)
+    times = [float(each) for each in taken.values()] if isinstance(taken, Mapping) else []
+    made_at = datetime.fromtimestamp(max(times), UTC) if times else None
+    return SceneHistory(made_at, observations, {thing_id: tuple(own) for thing_id, own in sightings.items()})
