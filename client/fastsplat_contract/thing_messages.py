@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
@@ -94,6 +95,20 @@ class SceneThing(Response):
         Many[ThingRead],
         Field(description="what photos show written on it, the surest first, at most 24"),
     ] = ()
+    last_seen: Annotated[
+        datetime | None,
+        Field(description="when a photo last showed it, of the capture or of an observation; absent where unknown"),
+    ] = None
+    missing_since: Annotated[
+        datetime | None,
+        Field(
+            description="when it was first looked for in vain, if it was not found anywhere since; its box is then "
+            "where it was. Absent for what is there, or was not looked for"
+        ),
+    ] = None
+    seen_in: Annotated[
+        str, Field(description="id of the last observation that says something of it; empty without one")
+    ] = ""
 
 
 @travels(request=False, proto="ListThingsResponse")

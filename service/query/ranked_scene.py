@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.query.language.english import is_foreign, names_nothing
+from fastsplat.service.query.language.history_answers import HistoryAnswers
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.ranking import Ranked, Ranker
 from fastsplat.service.query.language.sentences import spoken
+from fastsplat.service.query.language.time_questions import TimeQuestion, time_question
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
 from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.phrases.types import ParsedQuestion
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
+from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -28,6 +33,8 @@ from fastsplat_contract.queries import Answer
 if TYPE_CHECKING:
     from fastsplat.service.query.things.thing_index import SceneThings
 
+_MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)
+"""Some words of every question about time."""
 _PER_THING = 1_024
 """Bytes: a row of the table, its place among its label's, suggestions."""
 
@@ -53,6 +60,7 @@ class RankedScene:
         self._words = ThingWords(names)
         self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
         self._unseen = unseen
+        self._history = scene_history(scene)
         self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
@@ -102,19 +110,30 @@ class RankedScene:
                 of one without a name, or where the scene stores none.
             asker: float64 [4, 4], world from who asks.
         """
-        return tuple(self._in_words(ranked, things) for ranked in self._answered(query, things, asker))
+        if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.sightings:
+            return tuple(self._in_words(ranked, things, None) for ranked in self._answered(query, things, asker))
+        now = datetime.now(UTC)
+        questions = [time_question(text, now) for text in query.texts]
+        pairs = zip(questions, query.texts, strict=True)
+        # Who asks what has moved names nothing: "object" is ranked in its place, and what comes of that is not told.
+        texts = tuple(text if asked is None else asked.about or query.negatives[0] for asked, text in pairs)
+        ranked = self._answered(replace(query, texts=texts), things, asker)
+        answers = (self._in_words(each, things, asked) for each, asked in zip(ranked, questions, strict=True))
+        return tuple(replace(answer, text=text) for answer, text in zip(answers, query.texts, strict=True))
 
-    def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings]) -> Answer:
+    def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings], question: TimeQuestion | None) -> Answer:
         words = self._words
-        if ranked.answer.things and not self.names.stored:
+        if (ranked.answer.things or self._history.sightings) and not self.names.stored:
             words = ThingWords(things().names)
-        answer = spoken(
-            ranked.answer,
-            ranked.remarks,
-            words.names,
-            self._unseen,
-            lambda thing_ids: words.listed(thing_ids, lambda: things().measures),
-        )
+
+        def in_words(thing_ids: Sequence[int]) -> str:
+            return words.listed(thing_ids, lambda: things().measures)
+
+        answer = spoken(ranked.answer, ranked.remarks, words.names, self._unseen, in_words)
+        if question is not None or self._history.sightings:
+            unit = "m" if self._unit == "m" else "scene units"
+            of_time = HistoryAnswers(self._history, words.names, in_words, unit)
+            answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
         return replace(answer, provisional=self._provisional) if self._provisional else answer
 
     def _answered(

@@ -33,7 +33,6 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.types import TextEncoder
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
-    from fastsplat.service.query.things.thing_history import SceneHistory
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAX_IMAGE_SIDE = 4_096
@@ -118,13 +117,6 @@ class SceneIndex:
     def gaussian_classes(self) -> NDArray[np.int32]:
         """int32 [G]: dictionary id of each Gaussian, 0 = undetected."""
         return self._labels.classes
-
-    @cached_property
-    def history(self) -> SceneHistory:
-        """What is known of its things over time."""
-        from fastsplat.service.query.things.thing_history import scene_history
-
-        return scene_history(self.scene)
 
     @cached_property
     def isolation(self) -> NDArray[np.float32]:

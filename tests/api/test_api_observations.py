@@ -31,6 +31,7 @@ from fastsplat_contract.errors import (
     NotFoundError,
 )
 from fastsplat_contract.json_codec import from_json
+from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.observation_messages import (
     ListObservationsRequest,
     Observation,
@@ -51,7 +52,7 @@ _CUBE = "elephant"
 _MONDAY = datetime(2026, 3, 2, 18, tzinfo=UTC)
 
 
-def _drawn(*, block: bool) -> tuple[bytes, ...]:
+def drawn_photos(*, block: bool) -> tuple[bytes, ...]:
     """Three photos of the room, with or without the cube."""
     drawn = renderer(textured_room(block=block))
     views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
@@ -66,12 +67,12 @@ def _file(pixels: np.ndarray) -> bytes:
 
 @pytest.fixture(scope="module")
 def without() -> tuple[bytes, ...]:
-    return _drawn(block=False)
+    return drawn_photos(block=False)
 
 
 @pytest.fixture(scope="module")
 def with_cube() -> tuple[bytes, ...]:
-    return _drawn(block=True)
+    return drawn_photos(block=True)
 
 
 def add_room(service: SceneService, settings: Settings, **others: Any) -> str:
@@ -129,6 +130,29 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     assert (version.version, version.parent) == (made.id, first)
     assert [edit.action for edit in version.edits] == ["observe"]
 
+    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (None, _MONDAY, made.id)
+    (asked,) = client.query(room_id, _CUBE, outputs=["objects"])
+    assert (asked.outcome, asked.things) == ("not_here", (cube.id,))
+    missing = f'The "{_CUBE}" is missing since 2 March 2026.'
+    assert asked.sentence == f'Not here any more: "{_CUBE}"; its place is that where it was. {missing}'
+    for text in ("What is gone?", "what has changed since 2 March 2026"):
+        (told,) = client.query(room_id, text, outputs=["mask3d"])
+        assert (told.outcome, told.things, told.text) == ("here", (cube.id,), text)
+        assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+        assert decode_mask3d(told.mask3d or b"", "bits", told.gaussians).sum() == cube.gaussian_count
+    (told,) = client.query(room_id, f"when was the {_CUBE} last seen?")
+    assert (told.outcome, told.sentence) == ("not_here", missing)
+    (told,) = client.query(room_id, f"where was the {_CUBE} on 5 March 2026")
+    assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
+    (told,) = client.query(room_id, "what moved?")
+    assert (told.outcome, told.things) == ("not_here", ())
+    assert told.sentence == "Nothing of that: photos of 2 March 2026 looked at the 4 things."
+    (told,) = client.query(room_id, "what is gone since 3 March 2026?")
+    assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
+    (told,) = client.query(room_id, "what is gone", version=first)
+    assert told.sentence == "Cannot say: no photos of another day are kept with this scene."
+
     path = tmp_path / "tuesday"
     path.mkdir()
     for number, content in enumerate(with_cube):
@@ -138,13 +162,20 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     later = from_json(Observation, printed.stdout)
     assert later.changes == () and gone.thing_id in later.looked_at and later.seen_at > made.seen_at
 
+    (cube,) = [each for each in client.things(room_id) if each.id == gone.thing_id]
+    assert (cube.last_seen, cube.missing_since, cube.seen_in) == (later.seen_at, None, later.id)
+    (told,) = client.query(room_id, _CUBE)
+    assert told.outcome == "here" and "missing" not in told.sentence
+    (told,) = client.query(room_id, f"where was the {_CUBE} on 2026-03-02?")
+    assert told.sentence == f"By photos of 2 March 2026: {gone.sentence}"
+
     whole = tuple(client.observations(room_id))
     assert_same(whole, (later, made))
     listed = faces.rpc.ListObservations(to_proto(ListObservationsRequest(room_id)))
     assert_same(from_proto(ObservationList, listed).observations, whole)
     assert_same(client.observation(room_id, made.id), made)
-    told = CliRunner().invoke(app, ["scenes", "observations", room_id, "--server", str(faces.rest.base_url)])
-    assert gone.sentence in told.stdout and "None of the 4 things" in told.stdout
+    shown = CliRunner().invoke(app, ["scenes", "observations", room_id, "--server", str(faces.rest.base_url)])
+    assert gone.sentence in shown.stdout and "None of the 4 things" in shown.stdout
 
     client.undo_edit(room_id)
     assert [each.id for each in client.observations(room_id)] == [made.id]

@@ -17,7 +17,7 @@ from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import from_plain, to_plain
+from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -82,7 +82,7 @@ def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
         body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
         over_rest = faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=body)
         assert over_rest.status_code == 200, over_rest.text
-        assert_same(from_plain(PickedThing, over_rest.json()), picked)
+        assert_same(from_json(PickedThing, over_rest.content), picked)
         assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(request))), picked)
     assert_same(client.pick(scene_id, "front.png", pixel=middle), service.answers.pick(requests[0]))
     assert_same(client.pick(scene_id, turned(0.0), box=box).thing, ball)
@@ -245,7 +245,7 @@ def test_parts_are_listed_picked_and_named_alike(
     assert picked.thing.id == 1 and picked.part == part
     body = {name: value for name, value in to_plain(pick).items() if name != "scene_id"}
     over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
-    assert_same(from_plain(PickedThing, over_rest.json()), picked)
+    assert_same(from_json(PickedThing, over_rest.content), picked)
     assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(pick))), picked)
     assert picked.mask is not None
     rows, columns = np.nonzero(picked.mask.array())
@@ -259,7 +259,7 @@ def test_parts_are_listed_picked_and_named_alike(
         body = {name: value for name, value in to_plain(asked).items() if name != "scene_id"}
         by_level = service.answers.pick(asked)
         over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
-        assert_same(from_plain(PickedThing, over_rest.json()), by_level)
+        assert_same(from_json(PickedThing, over_rest.content), by_level)
         assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(asked))), by_level)
         assert_same(
             client.pick(with_part, point=part.box.center.position, level=level, mask3d=True),

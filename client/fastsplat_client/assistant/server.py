@@ -114,7 +114,8 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
 
     @server.tool(annotations=_READS)
     async def find(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Found:
-        """Is there such a thing, and what is it called here? Also by kind and use ("something to drink from")."""
+        """Is there such a thing, and what is it called here? Also by kind and use ("something to drink from"), and over
+        time, where photos of other days are kept ("what moved since Monday?", "when was the mug last seen?")."""
         return await answered(context, lambda client: tools.find(client, text, scene))
 
     @server.tool(annotations=_READS)

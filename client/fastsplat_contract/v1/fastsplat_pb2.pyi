@@ -2895,6 +2895,9 @@ class SceneThing(_message.Message):
     GUESS_FIELD_NUMBER: _builtins.int
     GROUPS_FIELD_NUMBER: _builtins.int
     READS_FIELD_NUMBER: _builtins.int
+    LAST_SEEN_FIELD_NUMBER: _builtins.int
+    MISSING_SINCE_FIELD_NUMBER: _builtins.int
+    SEEN_IN_FIELD_NUMBER: _builtins.int
     id: _builtins.int
     """from 1; the same in all versions of the scene that have the thing"""
     name: _builtins.str
@@ -2916,6 +2919,8 @@ class SceneThing(_message.Message):
     """of a part: the thing that it is a part of; else 0"""
     guess: _builtins.bool
     """whether the name is a detector's and less probable than 0.95: to be shown as a guess"""
+    seen_in: _builtins.str
+    """id of the last observation that says something of it; empty without one"""
     @_builtins.property
     def suggestions(self) -> _containers.RepeatedCompositeFieldContainer[Global___NameSuggestion]:
         """names that nobody has settled, likeliest first"""
@@ -2942,6 +2947,16 @@ class SceneThing(_message.Message):
     def reads(self) -> _containers.RepeatedCompositeFieldContainer[Global___ThingRead]:
         """what photos show written on it, the surest first, at most 24"""
 
+    @_builtins.property
+    def last_seen(self) -> _timestamp_pb2.Timestamp:
+        """when a photo last showed it, of the capture or of an observation; absent where unknown"""
+
+    @_builtins.property
+    def missing_since(self) -> _timestamp_pb2.Timestamp:
+        """when it was first looked for in vain, if it was not found anywhere since; its box is then where it was. Absent for
+        what is there, or was not looked for
+        """
+
     def __init__(
         self,
         *,
@@ -2962,10 +2977,13 @@ class SceneThing(_message.Message):
         guess: _builtins.bool = ...,
         groups: _abc.Iterable[_builtins.int] | None = ...,
         reads: _abc.Iterable[Global___ThingRead] | None = ...,
+        last_seen: _timestamp_pb2.Timestamp | None = ...,
+        missing_since: _timestamp_pb2.Timestamp | None = ...,
+        seen_in: _builtins.str = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "source", b"source"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "last_seen", b"last_seen", "missing_since", b"missing_since", "source", b"source"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "groups", b"groups", "guess", b"guess", "id", b"id", "kind", b"kind", "meters", b"meters", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "reads", b"reads", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_source", b"_source", "box", b"box", "centroid", b"centroid", "consensus", b"consensus", "gaussian_count", b"gaussian_count", "groups", b"groups", "guess", b"guess", "id", b"id", "kind", b"kind", "last_seen", b"last_seen", "meters", b"meters", "missing_since", b"missing_since", "name", b"name", "parent", b"parent", "parts", b"parts", "probability", b"probability", "reads", b"reads", "seen_in", b"seen_in", "source", b"source", "suggestions", b"suggestions", "surface", b"surface"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__source: _TypeAlias = _typing.Literal["source"]  # noqa: Y015
     _WhichOneofArgType__source: _TypeAlias = _typing.Literal["_source", b"_source"]  # noqa: Y015

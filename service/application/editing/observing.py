@@ -181,7 +181,7 @@ class Observations:
 def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:
     """The observations of a version of this scene, which may be a copy of another one, the oldest photos first."""
     names = {thing.id: thing.name for thing in index.things.table.table}
-    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.history.observations)
+    return tuple(replace(in_words(each, names), scene_id=scene_id) for each in index.things.history.observations)
 
 
 def _observation(

@@ -15,6 +15,7 @@ from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
+from fastsplat.service.query.things.thing_history import SceneHistory, scene_history
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
@@ -138,6 +139,11 @@ class SceneThings:
             tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
         return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
+
+    @cached_property
+    def history(self) -> SceneHistory:
+        """What is known of them over time."""
+        return scene_history(self.scene)
 
     @property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:
@@ -304,6 +310,9 @@ class SceneThings:
             guess=thing.guessed,
             groups=tuple(group.id for group in self.groups.values() if thing.id in group.members),
             reads=thing.reads,
+            last_seen=self.history.last_seen(thing.parent or thing.id),
+            missing_since=self.history.missing_since(thing.parent or thing.id),
+            seen_in=self.history.seen_in(thing.parent or thing.id),
         )
 
 

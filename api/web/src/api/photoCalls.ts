@@ -4,6 +4,8 @@ import type { components } from "./schema";
 export type BestView = components["schemas"]["BestView"];
 type BestViewList = components["schemas"]["BestViewList"];
 type PhotoList = components["schemas"]["PhotoList"];
+type Observation = components["schemas"]["Observation"];
+type ObservationList = components["schemas"]["ObservationList"];
 
 const PAGE_SIZE = 500;
 const KEPT_PHOTOS = 60;
@@ -34,6 +36,26 @@ export async function bestViews(
   if ("text" in of) query.set("text", of.text);
   else for (const id of of.things) query.append("things", String(id));
   return (await getJson<BestViewList>(`${path(sceneId)}/views?${query}`, signal)).views;
+}
+
+/** Photos of another day, compared with the scene and kept with it. */
+export async function observe(sceneId: string, files: readonly File[]): Promise<Observation> {
+  const body = new FormData();
+  for (const file of files) body.append("photos", file);
+  return (await (await send(`${path(sceneId)}/observations`, { method: "POST", body })).json()) as Observation;
+}
+
+/** What photos of other days said of a scene, the newest first. */
+export async function listObservations(sceneId: string, version: string, signal: AbortSignal): Promise<Observation[]> {
+  const observations: Observation[] = [];
+  let token = "";
+  do {
+    const query = new URLSearchParams({ version, page_size: String(PAGE_SIZE), page_token: token });
+    const page = await getJson<ObservationList>(`${path(sceneId)}/observations?${query}`, signal);
+    observations.push(...page.observations);
+    token = page.next_page_token;
+  } while (token);
+  return observations;
 }
 
 const photos = new Map<string, Promise<string>>(); // object URLs: a photo of a scene never changes

@@ -15,6 +15,7 @@ export type NamerResult = Schemas["NamerResult"];
 export type NamerStatus = Schemas["NamerStatus"];
 export type NewKey = Schemas["NewKey"];
 export type NextPhotoList = Schemas["NextPhotoList"];
+export type Observation = Schemas["Observation"];
 export type Operation = Schemas["Operation"];
 export type Place = Schemas["Place"];
 export type OperationList = Schemas["OperationList"];

@@ -193,6 +193,12 @@ export class SceneState {
     else this.selected.value = others.length < before.length ? others : [...before, id];
   }
 
+  /** Lights up a thing while something else than things is looked at. */
+  glow(id: number): void {
+    void this.ask("");
+    this.selected.value = [id];
+  }
+
   clearSelection(): void {
     this.selected.value = [];
   }
@@ -222,7 +228,12 @@ export class SceneState {
     return this.#change(() => calls.restore(this.sceneId, version, current), message);
   }
 
-  async #change(call: () => Promise<SceneVersion>, message: string): Promise<boolean> {
+  /** Makes a version by another call than those above, and shows it; true if the server took it. */
+  async make(call: () => Promise<unknown>, message: string): Promise<boolean> {
+    return this.#change(call, message);
+  }
+
+  async #change(call: () => Promise<unknown>, message: string): Promise<boolean> {
     this.busy.value = true;
     this.actionError.value = null;
     this.message.value = "";

@@ -1,0 +1,129 @@
+"""What a scene's history says of things that are there, have moved, are missing, or were found again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from fastsplat.api.examples.scene_examples import ANSWERS
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.query.language.history_answers import HistoryAnswers
+from fastsplat.service.query.language.time_questions import time_question
+from fastsplat.service.query.things.thing_history import scene_history
+from fastsplat.service.query.things.thing_names import ThingNames
+from fastsplat.service.scene.types import TAKEN_AT, Thing
+from fastsplat_contract.localize_messages import ChangeKind, SceneChange
+from fastsplat_contract.observation_messages import Observation
+from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
+from fastsplat_contract.queries import Answer
+from tests.scenes import labelled_scene
+
+_MUG, _LAMP = 1, 2
+_MADE = datetime(2026, 11, 20, 9, tzinfo=UTC)
+_NOW = datetime(2026, 11, 26, 9, tzinfo=UTC)
+_THERE = Box(Pose(Vector3(1.0, 2.0, 0.5), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(0.1, 0.1, 0.1))
+_Days = Sequence[tuple[int, ChangeKind | None]]
+
+
+def _observation(day: int, kind: ChangeKind | None) -> Observation:
+    """The mug and the lamp were looked at on a day of November; what had become of the mug."""
+    at = datetime(2026, 11, day, 18, tzinfo=UTC)
+    after = _THERE if kind in ("moved", "changed") else None
+    changes = () if kind is None else (SceneChange(kind, _MUG, "mug", 0.9, 0.4, _THERE, after, (0, 1), ""),)
+    return Observation("s", f"e{day}", at, "given", (), (), changes, (_MUG, _LAMP), True, "")
+
+
+def _answers(days: _Days) -> HistoryAnswers:
+    """Of a scene of 20 November, and of later days; they come in any order."""
+    scene = labelled_scene(
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+        [1, 2],
+        ("mug", "lamp"),
+        quality={TAKEN_AT: {"a.jpg": _MADE.timestamp()}},
+        observations=tuple(_observation(*each) for each in reversed(days)),
+    )
+    things = tuple(Thing(number, name, "person", 1.0) for number, name in ((_MUG, "mug"), (_LAMP, "lamp")))
+    names = ThingNames(dictionary_of(("mug", "lamp")), things, (), None)
+    return HistoryAnswers(scene_history(scene), names, lambda ids: f'"{names.called[ids[0]]}"', "m")
+
+
+def _found(thing: int = _MUG) -> Answer:
+    return replace(
+        ANSWERS.answers[0], things=(thing,), outcome="here", sentence="Here.", explanation="Here.", matches=()
+    )
+
+
+def _asked(days: _Days, text: str) -> Answer:
+    question = time_question(text, _NOW)
+    assert question is not None
+    return _answers(days).asked(question, _found())
+
+
+@pytest.mark.parametrize(
+    ("days", "outcome", "sentence"),
+    [
+        ([], "here", "Here."),
+        ([(23, None)], "here", "Here."),
+        (
+            [(23, "moved")],
+            "here",
+            'Here. By photos of 23 November 2026: The "mug" has moved by 0.40 m, to (1.00, 2.00, 0.50) m.',
+        ),
+        (
+            [(23, "gone"), (24, "changed")],
+            "not_here",
+            'Not here any more: "mug"; its place is that where it was. The "mug" is missing since 23 November 2026, '
+            "and was last seen on 20 November 2026.",
+        ),
+        ([(23, "gone"), (24, None)], "here", "Here."),
+    ],
+)
+def test_a_plain_question_hears_of_it(days: _Days, outcome: str, sentence: str) -> None:
+    told = _answers(days).plain(_found())
+    assert (told.outcome, told.sentence, told.explanation) == (outcome, sentence, sentence)
+    assert _answers(days).plain(_found(_LAMP)) == _found(_LAMP)
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("where was the mug on 21 November?", 'The "mug" was where the scene shows it, by photos of 20 November 2026'),
+        ("where was the mug on 19 November?", "No photo is of 19 November 2026 or before"),
+        ("where was the mug on Monday?", 'By photos of 23 November 2026: The "mug" has moved by 0.40 m, to (1.00'),
+        (
+            "where was the mug yesterday?",
+            "By photos of 24 November 2026, nobody having looked on 25 November 2026: The",
+        ),
+        (
+            "when was the mug last seen?",
+            'The "mug" is missing since 24 November 2026, and was last seen on 23 November',
+        ),
+        ("what is gone?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where it was.'),
+        ("what is gone since Monday?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where'),
+        ("what moved?", "Nothing of that: photos of 23 November 2026 and 24 November 2026 looked at the 2 things."),
+        (
+            "what moved since yesterday?",
+            "Cannot say: no photos of another day are kept with this scene since 25 November",
+        ),
+    ],
+)
+def test_a_question_of_time_is_answered_by_the_photos_of_the_day(text: str, sentence: str) -> None:
+    assert _asked([(23, "moved"), (24, "gone")], text).sentence.startswith(sentence)
+
+
+def test_what_is_as_it_was_before_the_day_has_not_become_so_since() -> None:
+    days: _Days = [(22, "gone"), (25, "gone")]
+    assert _asked(days, "what is gone?").things == (_MUG,)
+    since = _asked(days, "what is gone since Monday?")
+    assert (since.things, since.outcome) == ((), "not_here")
+
+
+def test_when_it_is_missing_and_when_it_was_seen() -> None:
+    history = _answers([(22, "gone"), (23, None), (24, "gone"), (25, "changed")])._history
+    day = datetime(2026, 11, 1, 18, tzinfo=UTC)
+    assert history.last_seen(_MUG) == day + timedelta(22) and history.missing_since(_MUG) == day + timedelta(23)
+    assert history.seen_in(_MUG) == "e25" and history.missing_since(_LAMP) is None
+    assert history.last_seen(3) == _MADE and history.seen_in(3) == ""
