@@ -45,5 +45,12 @@ export default defineConfig({
   },
   server: { proxy: { "/v1": "http://127.0.0.1:8000", "/query": "http://127.0.0.1:8000" } },
   // One process and one set of modules for all tests: they are pure, and what one of them stubs is put back after it.
-  test: { include: ["src/**/*.test.ts"], pool: "threads", isolate: false, fileParallelism: false, unstubGlobals: true },
+  test: {
+    include: ["src/**/*.test.ts"],
+    pool: "threads",
+    isolate: false,
+    fileParallelism: false,
+    unstubGlobals: true,
+    testTimeout: 120_000, // of the 200 gestures, on a machine that does other things, too
+  },
 });

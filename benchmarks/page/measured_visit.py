@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, Page, Playwright, Request
+from playwright.sync_api import Browser, Page, Playwright, Request, ViewportSize
 
 _PROBE = (Path(__file__).parent / "probe.js").read_text()
 _WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 _NO_WEBGL = ("--disable-3d-apis", "--disable-gpu", "--no-sandbox")
-_SIDES = {"width": 992, "height": 536}  # of the window, so that the 3D view has 640 x 480 pixels
+_SIDES: ViewportSize = {"width": 1000, "height": 569}  # of the window, so that the 3D view has 640 x 480 pixels
 _PATIENCE_MS = 300_000
 _ORBIT = """async (seconds) => {
   const canvas = document.querySelector("canvas");
@@ -37,9 +37,11 @@ class Visited:
         view: width and height of the 3D view, pixels.
         renderer: of WebGL; "" without.
         first_paint_s, interactive_s, scene_shown_s: since the navigation began: something is painted; a question can be
-            typed; the scene is drawn.
-        bytes: transferred with their headers, by kind.
-        frames_per_s: while orbiting.
+            typed; the scene is shown, as a picture of the server.
+        ready_s: from a first gesture until the browser draws the scene; without WebGL, until the page knows what photos
+            saw of it.
+        bytes: transferred with their headers until then, by kind.
+        frames_per_s: while orbiting after that.
         enter_to_glow_s: from the key to the first frame in which the answer glows.
         server_pictures: sizes of the pictures that the server drew, and how many of each.
     """
@@ -49,6 +51,7 @@ class Visited:
     first_paint_s: float
     interactive_s: float
     scene_shown_s: float
+    ready_s: float
     bytes: dict[str, int]
     frames_per_s: float
     enter_to_glow_s: float
@@ -70,13 +73,12 @@ def opened(playwright: Playwright, *, webgl: bool) -> Iterator[Browser]:
     browser.close()
 
 
-def visit(browser: Browser, url: str, key: str, scene_id: str, text: str, seconds: float) -> Visited:
+def visit(browser: Browser, url: str, scene_id: str, text: str, seconds: float) -> Visited:
     """Opens a scene in a new profile, orbits, and asks.
 
     Args:
         browser: which.
-        url: of the server, without a slash at its end.
-        key: of the server.
+        url: of a server without keys, without a slash at its end.
         scene_id: which scene.
         text: a question that the scene answers.
         seconds: how long to orbit.
@@ -85,7 +87,6 @@ def visit(browser: Browser, url: str, key: str, scene_id: str, text: str, second
     try:
         page = context.new_page()
         page.set_default_timeout(_PATIENCE_MS)
-        page.add_init_script(f"localStorage.setItem('fastsplat-key', {json.dumps(key)})")
         page.add_init_script(_PROBE)
         sizes: Counter[str] = Counter()
         loaded: list[Request] = []
@@ -96,6 +97,10 @@ def visit(browser: Browser, url: str, key: str, scene_id: str, text: str, second
         interactive = page.evaluate("() => performance.now()") / 1000
         page.locator("canvas[data-shown]").wait_for()
         shown = _awaited(page, "shown")
+        begun = page.evaluate("() => performance.now()")
+        page.keyboard.press("Shift")  # a gesture that moves nothing
+        page.locator("canvas[data-drawn]").wait_for()
+        ready = (page.evaluate("() => performance.now()") - begun) / 1000
         page.wait_for_timeout(2_000)
         transferred = _bytes(loaded)
         sizes.clear()
@@ -115,6 +120,7 @@ def visit(browser: Browser, url: str, key: str, scene_id: str, text: str, second
             / 1000,
             interactive_s=interactive,
             scene_shown_s=shown,
+            ready_s=ready,
             bytes=transferred,
             frames_per_s=frames,
             enter_to_glow_s=glow,

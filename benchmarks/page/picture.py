@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import ViewportSize, sync_playwright
 
 from benchmarks.page.measured_visit import opened
 from benchmarks.provenance import ROOT, parser_of
@@ -23,7 +23,7 @@ from fastsplat_client import Client
 
 _OUT = ROOT / "docs" / "page.jpg"
 _SAMPLE = ROOT / "demo-output" / "service"
-_WINDOW = {"width": 1280, "height": 800}
+_WINDOW: ViewportSize = {"width": 1280, "height": 800}
 _MOST_BYTES = 300_000
 _QUALITIES = (90, 85, 80, 75, 70, 60)
 

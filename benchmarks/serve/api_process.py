@@ -30,6 +30,7 @@ class Api:
             **os.environ,
             "FASTSPLAT_DATA_DIR": str(settings.data_dir),
             "FASTSPLAT_MODELS": str(settings.models),
+            "FASTSPLAT_AUTH": settings.auth,
             "FASTSPLAT_HTTP_PORT": str(self.http_port),
             "FASTSPLAT_GRPC_PORT": str(self.grpc_port),
             "FASTSPLAT_METRICS_PORT": str(metrics_port),
@@ -53,7 +54,7 @@ class Api:
             if self._process.poll() is not None or time.monotonic() > deadline:
                 raise RuntimeError("the API did not start")
             time.sleep(0.1)
-        self.key = self._settings.first_key.read_text().strip()
+        self.key = self._settings.first_key.read_text().strip() if self._settings.auth == "on" else ""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:

@@ -114,7 +114,7 @@ class Visit:
     def requests_within(self, seconds: float) -> list[str]:
         """What the page asks for, of its own accord, while its clock is put forward by so much."""
         before = len(self._requests)
-        self.page.clock.run_for(1000 * seconds)
+        self.page.clock.run_for(round(1000 * seconds))
         with self.page.expect_request("**/livez"):  # after all that were made before it
             self.page.evaluate("void fetch('livez')")
         return [url for url in self._requests[before:] if not url.endswith("/livez")]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 from tests.web.browser import visiting
 from tests.web.places import Place
@@ -67,6 +67,18 @@ def test_things_that_are_drawn_over_go(place: Place, own: str, webgl_browser: Br
         assert _goes(page) >= ball.gaussian_count
         visit.at_rest()
         assert page.url == view  # the camera stood still
+        asked: list[Route] = []
+        page.route("**/*:query", lambda route: asked.append(route))  # kept waiting
         page.get_by_role("button", name="Remove them").click()
+        expect(page.get_by_role("tab", name="Things 2")).to_be_visible()
+        visit.at_rest()
+        # Until the question is answered anew, nothing is asked of what is no more.
+        version = place.service.get_scene(own).version
+        assert not [url for url in visit.requests if "/views?" in url and f"version={version}" in url]
+        assert page.get_by_role("alert").count() == 0
+        for route in asked:
+            route.continue_()
         expect(page.get_by_text("Cleaned up.")).to_be_visible()
         assert ball.id not in {thing.id for thing in place.service.answers.list_things(own).things}
+        visit.tab("Ask")
+        expect(page.get_by_text("Not here")).to_be_visible()

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from playwright.sync_api import Browser, expect
 
-from tests.scenes import queued_job
+from fastsplat_contract.job_watching import Provisional
+from tests.scenes import finish_job, queued_job
 from tests.web.browser import visiting
 from tests.web.places import Place
+from tests.web.table import table
 
 _MARKUP = '<img src=x onerror="document.title=1"><b>bold</b>'
 
 
 def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None:
-    job = queued_job("in the queue")
-    place.service._store.scenes.create(job)
+    store, draft, job = place.service._store, queued_job("half done"), queued_job("in the queue")
+    store.scenes.create(draft)
+    finish_job(store, draft.operation_id, table(place.settings), version="draft", draft=Provisional("points", 0.0))
+    store.scenes.create(job)
     with visiting(browser, place.url) as visit:
         card = visit.page.get_by_role("link", name="a table")
         expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
         expect(card.first).to_contain_text("Ready")
         expect(card.first).to_contain_text("3 names: ")
+        expect(visit.page.get_by_role("img", name="Picture of half done")).to_be_visible()
         expect(visit.page.get_by_role("link", name="in the queue")).to_contain_text("Waiting for a worker.")
         visit.check_accessible()
 

@@ -38,8 +38,9 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
   const [error, setError] = useState<unknown>(null);
   const { change } = state;
   const set = (changes: Partial<CleanUp>) => setTool((before) => ({ ...before, ...changes }));
-  const version = state.version.value;
-  const things = change.brush.value ?? [];
+  const version = state.thingsVersion.value; // in a newer one, a thing that is marked may be gone
+  const listed = state.things.value ?? [];
+  const things = (change.brush.value ?? []).filter((id) => listed.some((thing) => thing.id === id));
   const edits = editsOf({ ...tool, things });
   const asked = JSON.stringify(edits);
   const cameras = state.scene.value?.cameras ?? [];
@@ -80,7 +81,7 @@ function Controls({ state, onDone }: { state: SceneState; onDone: () => void }) 
     };
   }, [state, change, version, asked]); // eslint-disable-line react-hooks/exhaustive-deps -- `asked` says what `edits` are
 
-  const current = preview?.version === version && preview.counts.length === edits.length ? preview : null;
+  const current = preview?.version === state.version.value && preview.counts.length === edits.length ? preview : null;
   const all = current !== null && current.count === current.gaussians;
   const apply = async () => {
     const useful = edits.filter((_, number) => (current?.counts[number] ?? 0) > 0);

@@ -19,10 +19,10 @@ interface Properties {
 /** The photos that show something best, with its outline; a click flies to where the photo was taken. */
 export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
   const [views, setViews] = useState<readonly BestView[]>([]);
-  // A thing of one version may be gone in the next: whoever asks for its views waits for the list of things.
-  const listed = text ? state.version.value : state.things.value;
+  // What is in one version may be gone in the next: that of the answer, or of the things that are listed.
+  const version = text ? (state.answer.value?.version ?? "") : state.thingsVersion.value;
   useEffect(() => {
-    const version = state.version.peek();
+    if (!version) return;
     const controller = new AbortController();
     const { signal } = controller;
     setViews([]);
@@ -33,7 +33,7 @@ export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
       },
     );
     return () => controller.abort();
-  }, [state, listed, text, thing]);
+  }, [state, version, text, thing]);
   if (views.length === 0) return null;
   const title = views.some((view) => view.photo) ? texts.look.bestPhotos : texts.look.bestViews;
   return (
@@ -48,7 +48,7 @@ export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
               aria-label={texts.look.flyTo(view.view)}
               onClick={() => state.look.goTo(view.view)}
             >
-              <Picture state={state} view={view} />
+              <Picture state={state} version={version} view={view} />
               <Outline view={view} />
             </button>
           </li>
@@ -58,18 +58,18 @@ export function BestPhotos({ state, text = "", thing = 0 }: Properties) {
   );
 }
 
-function Picture({ state, view }: { state: SceneState; view: BestView }) {
+function Picture({ state, version, view }: { state: SceneState; version: string; view: BestView }) {
   const [address, setAddress] = useState("");
   useEffect(() => {
     let gone = false;
-    photoAddress(state.sceneId, state.version.peek(), view.view, view.photo).then(
+    photoAddress(state.sceneId, version, view.view, view.photo).then(
       (loaded) => !gone && setAddress(loaded),
       () => undefined, // its outline shows where the thing is without it
     );
     return () => {
       gone = true;
     };
-  }, [state, view]);
+  }, [state, version, view]);
   return address ? <img class="picture" src={address} alt="" /> : null;
 }
 

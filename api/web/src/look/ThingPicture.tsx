@@ -6,11 +6,12 @@ import { cropAround, decodeRle } from "./outline";
 
 const SIDE = 96; // pixels
 
-/** A thing without a name, as the photo shows it that shows it best. */
+/** A thing of the answer that has no name, as the photo shows it that shows it best. */
 export function ThingPicture({ state, thing }: { state: SceneState; thing: number }) {
   const canvas = useRef<HTMLCanvasElement>(null);
-  const version = state.version.value;
+  const version = state.answer.value?.version ?? "";
   useEffect(() => {
+    if (!version) return;
     const controller = new AbortController();
     const { signal } = controller;
     const draw = async () => {

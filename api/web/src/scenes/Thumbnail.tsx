@@ -27,7 +27,7 @@ const shown = new Map<string, Shown>(); // by scene and version: a version never
 const waiting: (() => void)[] = [];
 let running = 0;
 
-/** A ready scene's photo, or its picture where none is stored, of the camera in the middle; loaded when it is in sight. */
+/** A scene's photo, or its picture where none is stored, of the camera in the middle; loaded when it is in sight. */
 export function Thumbnail({
   scene,
   name,
@@ -40,7 +40,7 @@ export function Thumbnail({
   const id = `${scene.id} ${scene.version}`;
   const [address, setAddress] = useState(shown.get(id)?.address ?? "");
   const frame = useRef<HTMLSpanElement>(null);
-  const ready = scene.state === "READY";
+  const viewable = scene.version !== ""; // a draft is, too
   const told = useRef(onLoaded);
   told.current = onLoaded;
   useEffect(() => {
@@ -50,7 +50,7 @@ export function Thumbnail({
     };
     const known = shown.get(id);
     if (known) take(known);
-    if (!ready || known || !frame.current) return;
+    if (!viewable || known || !frame.current) return;
     const controller = new AbortController();
     const observer = new IntersectionObserver((entries) => {
       if (!entries.some((entry) => entry.isIntersecting)) return;
@@ -70,7 +70,7 @@ export function Thumbnail({
       observer.disconnect();
       controller.abort();
     };
-  }, [id, ready]); // eslint-disable-line react-hooks/exhaustive-deps -- a scene of that id and version never changes
+  }, [id, viewable]); // eslint-disable-line react-hooks/exhaustive-deps -- a scene of that id and version never changes
   return (
     <span class="thumbnail" ref={frame}>
       {address ? <img src={address} alt={texts.scenes.pictureOf(name)} /> : <Icon name="photos" />}
