@@ -273,11 +273,13 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             lambda service, asked: service.observations.all(
                 asked.scene_id, asked.version, asked.page_size, asked.page_token
             ),
+            computes=True,
             example=localize_examples.OBSERVATIONS,
         ),
         Handler(
             calls.GET_OBSERVATION,
             lambda service, asked: service.observations.get(asked.scene_id, asked.observation_id, asked.version),
+            computes=True,
         ),
         Handler(
             calls.LIST_BEST_VIEWS,

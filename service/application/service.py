@@ -118,7 +118,7 @@ class SceneService:
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
         self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
-        self.observations = Observations(store, settings, scenes, self.localizing, self.versions)
+        self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""

@@ -147,7 +147,7 @@ def test_a_cube_that_is_gone_is_kept_found_again_and_undone_over_every_face(
     assert told.sentence == f"By photos of 2 March 2026, nobody having looked on 5 March 2026: {gone.sentence}"
     (told,) = client.query(room_id, "what moved?")
     assert (told.outcome, told.things) == ("not_here", ())
-    assert told.sentence == "Nothing of that: photos of 2 March 2026 looked at the 4 things."
+    assert told.sentence == "Nothing has moved: photos of 2 March 2026 looked at 4 things."
     (told,) = client.query(room_id, "what is gone since 3 March 2026?")
     assert told.outcome == "cannot_say" and "since 3 March 2026" in told.sentence
     (told,) = client.query(room_id, "what is gone", version=first)

@@ -103,7 +103,7 @@ def test_a_plain_question_hears_of_it(days: _Days, outcome: str, sentence: str) 
         ),
         ("what is gone?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where it was.'),
         ("what is gone since Monday?", 'By photos of 23 November 2026 and 24 November 2026: The "mug" is not where'),
-        ("what moved?", "Nothing of that: photos of 23 November 2026 and 24 November 2026 looked at the 2 things."),
+        ("what moved?", "Nothing has moved: photos of 23 November 2026 and 24 November 2026 looked at 2 things."),
         (
             "what moved since yesterday?",
             "Cannot say: no photos of another day are kept with this scene since 25 November",
@@ -127,3 +127,13 @@ def test_when_it_is_missing_and_when_it_was_seen() -> None:
     assert history.last_seen(_MUG) == day + timedelta(22) and history.missing_since(_MUG) == day + timedelta(23)
     assert history.seen_in(_MUG) == "e25" and history.missing_since(_LAMP) is None
     assert history.last_seen(3) == _MADE and history.seen_in(3) == ""
+
+
+def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
+    answers = _answers([(23, None)])
+    (one,) = answers._history.observations
+    answers._history = replace(answers._history, observations=(replace(one, looked_at=(_LAMP,)),))
+    question = time_question("what is gone?", _NOW)
+    assert question is not None
+    told = answers.asked(question, _found())
+    assert told.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 things."

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.application.answering.localizing import Localizing
 from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_request_id, check_texts
 from fastsplat.service.application.editing.version_files import new_version_name
@@ -55,11 +56,18 @@ class Observations:
     """The observations of scenes. Every method is safe from any thread."""
 
     def __init__(
-        self, store: Store, settings: Settings, scenes: OpenScenes, localizing: Localizing, versions: Versions
+        self,
+        store: Store,
+        settings: Settings,
+        scenes: OpenScenes,
+        memory: MemoryBudget,
+        localizing: Localizing,
+        versions: Versions,
     ) -> None:
         self._store = store
         self._settings = settings
         self._scenes = scenes
+        self._memory = memory
         self._localizing = localizing
         self._versions = versions
 
@@ -167,7 +175,6 @@ class Observations:
                 hint="Undo some, or train a new scene of newer photos.",
             )
         stored = in_frame(observation, frame_of(index.scene).inverse())
-        after = index.after(replace(index.scene, observations=(*index.scene.observations, stored)))
         edit = Edit("observe")
         rows = [to_plain(edit)]
         order = VersionOrder(request.scene_id, (edit,), rows, digest, request.request_id, "", author)
@@ -175,7 +182,9 @@ class Observations:
         def add_photos(folder: Path) -> None:
             write_observed_photos(pictures, folder, observation.id, self._settings.photos)
 
-        self._versions.publish(order, parent, index, after, observation.id, add_photos)
+        with self._memory.reserve(edit_bytes(index.scene, ()), "photos"):
+            after = index.after(replace(index.scene, observations=(*index.scene.observations, stored)))
+            self._versions.publish(order, parent, index, after, observation.id, add_photos)
 
 
 def _told(index: SceneIndex, scene_id: str) -> tuple[Observation, ...]:

@@ -101,12 +101,10 @@ class HistoryAnswers:
         seen = {each for observation in fresh for each in observation.looked_at}
         days = enumerated(list(dict.fromkeys(_day(each.seen_at) for each in fresh))[-_MOST_TOLD:])
         if not changes:
-            things = "the one thing" if len(seen) == 1 else f"the {len(seen)} things"
-            none = (
-                f"Nothing of that: photos of {days} looked at {things}."
-                if seen
-                else f"Photos of {days} show too little."
-            )
+            total = max(len(self._names.present), len(seen))
+            share = f"{len(seen)} of {total}" if len(seen) < total else f"{total}"
+            things = f"{share} thing{'' if total == 1 else 's'}"
+            none = f"{_nothing(question)}: photos of {days} looked at {things}."
             return _saying(replace(about, verdict="absent", relation="absent"), "not_here", none)
         told = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
         more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
@@ -209,6 +207,12 @@ class HistoryAnswers:
 
 def _saying(answer: Answer, outcome: Outcome, sentence: str) -> Answer:
     return replace(answer, outcome=outcome, sentence=sentence, explanation=sentence)
+
+
+def _nothing(question: TimeQuestion) -> str:
+    if len(question.events) > 2:
+        return "Nothing has changed"
+    return "Nothing has moved" if "moved" in question.events else f"Nothing is {min(question.events & {'gone', 'new'})}"
 
 
 def _day(at: datetime) -> str:
