@@ -50,6 +50,7 @@ BENCHMARKS = {
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
     "poses": Benchmark("photos placed by structure from motion, and their errors", ("--data", _DATA)),
+    "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
     "query": Benchmark("milliseconds of questions to a scene, in process", _MODELS),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),

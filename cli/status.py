@@ -1,14 +1,22 @@
-"""`fastsplat status`: what a server can do, and how much room a project has left."""
+"""`fastsplat status`: what a server can do, whether it is well, and how much room a project has left."""
 
 from __future__ import annotations
 
 from fastsplat.cli.session import Session
-from fastsplat.cli.tables import facts, minute, size
-from fastsplat_contract.server_status import ModelStatus, QuotaStatus, ServerStatus
+from fastsplat.cli.tables import duration, facts, minute, size
+from fastsplat_contract.server_status import (
+    DiskHealth,
+    ModelStatus,
+    QueueHealth,
+    QuotaStatus,
+    ServerHealth,
+    ServerStatus,
+    WorkerHealth,
+)
 
 
 def status(session: Session) -> None:
-    """Show what the server can do: models, workers, limits, and the project's quotas."""
+    """Show what the server can do, the project's quotas, and to operators the health of workers, queue and disk."""
     told = session.client.server_status()
     session.tell(told, _facts(told))
 
@@ -23,6 +31,7 @@ def _facts(told: ServerStatus) -> str:
                 "workers",
                 f"{told.workers}, which train with {told.training_backend}" if told.workers else "none: jobs wait",
             ),
+            *(_health(told.health) if told.health is not None else ()),
             ("answers", f"are drawn with {told.backend}"),
             *((model.role.replace("_", " "), _model(model)) for model in told.models),
             *((quota.kind, _quota(quota)) for quota in told.quotas),
@@ -30,6 +39,26 @@ def _facts(told: ServerStatus) -> str:
             ("page", " ".join(told.addresses)),
         )
     )
+
+
+def _health(told: ServerHealth) -> tuple[tuple[str, str], ...]:
+    return (*(("worker", _worker(worker)) for worker in told.workers), ("queue", _queue(told.queue)), _disk(told.disk))
+
+
+def _worker(worker: WorkerHealth) -> str:
+    silent = duration(worker.silent_s)
+    heard = f"alive, heard {silent} ago" if worker.alive else f"silent for {silent}: other workers get its jobs"
+    return f"process {worker.pid} of {worker.host}: {heard}"
+
+
+def _queue(queue: QueueHealth) -> str:
+    longest = "" if queue.waits_s is None else f", the longest for {duration(queue.waits_s)}"
+    return f"{queue.waiting:,} wait{longest}; {queue.running:,} run"
+
+
+def _disk(disk: DiskHealth) -> tuple[str, str]:
+    refused = "are refused" if disk.free_bytes < disk.floor_bytes else f"stop below {size(disk.floor_bytes)}"
+    return "disk", f"{size(disk.free_bytes)} of {size(disk.total_bytes)} free; uploads {refused}"
 
 
 def _model(model: ModelStatus) -> str:

@@ -10,7 +10,15 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKe
 from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
 from fastsplat_contract.operating_messages import CreateProjectRequest, Project
-from fastsplat_contract.server_status import ModelStatus, QuotaStatus, ServerStatus
+from fastsplat_contract.server_status import (
+    DiskHealth,
+    ModelStatus,
+    QueueHealth,
+    QuotaStatus,
+    ServerHealth,
+    ServerStatus,
+    WorkerHealth,
+)
 
 _MADE = datetime(2026, 1, 1, 12, 0, tzinfo=UTC)
 
@@ -48,7 +56,7 @@ AGREEMENTS: Bodies = {
 STATUS = ServerStatus(
     version="0.1.0",
     project="default",
-    role="editor",
+    role="operator",
     key_expires_at=None,
     upload_operation="",
     models=(
@@ -63,6 +71,11 @@ STATUS = ServerStatus(
     max_images=2_000,
     addresses=("http://192.168.1.20:8000/",),
     namer=NAMER,
+    health=ServerHealth(
+        workers=(WorkerHealth("b2f1c0", 4_217, 1.5, alive=True), WorkerHealth("b2f1c0", 4_218, 1.9, alive=True)),
+        queue=QueueHealth(waiting=3, running=2, waits_s=340.0),
+        disk=DiskHealth(500_000_000_000, 62_000_000_000, 1_073_741_824),
+    ),
 )
 
 NEW_KEYS: Bodies = {

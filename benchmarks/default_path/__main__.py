@@ -32,11 +32,12 @@ from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.evaluation.predictions import truth_ids
 from fastsplat.service.evaluation.registry import METRICS
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
-from fastsplat.service.evaluation.train_eval import train_on_split
+from fastsplat.service.evaluation.train_eval import TrainingLabels, train_on_split
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings, load_settings
+from fastsplat_contract.operations import PresetName
 
 NAMES = ("sample", "tabletop", "skull")
 _MASK_LABELS = {"skull": "skull"}
@@ -72,13 +73,21 @@ def main() -> None:
         print(f"{name}: {json.dumps(row, ensure_ascii=False)}", flush=True)
 
 
-def measure(dataset: Dataset, settings: Settings, name: str, *, profiled: bool = False) -> dict[str, Any]:
+def measure(
+    dataset: Dataset,
+    settings: Settings,
+    name: str,
+    *,
+    profiled: bool = False,
+    labels: TrainingLabels = "default",
+    preset: PresetName = "balanced",
+) -> dict[str, Any]:
     """Every metric of the data set's measured views, the seconds of each stage, and where all of it comes from."""
     start, cpu = begin(), time.process_time()
     watch = OwnSeconds()
     watched = watch if profiled else nullcontext()
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, watched:
-        trained = train_on_split(dataset, settings, Path(work), silent, labels="default", preset="balanced")
+        trained = train_on_split(dataset, settings, Path(work), silent, labels=labels, preset=preset)
     cpu = time.process_time() - cpu
     index = SceneIndex(
         trained.scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query

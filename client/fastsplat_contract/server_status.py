@@ -47,6 +47,45 @@ class QuotaStatus(Response):
 
 
 @dataclass(frozen=True)
+class WorkerHealth(Response):
+    """One worker that registered, alive or not: one that stopped by itself is none."""
+
+    host: Annotated[str, Field(description="the machine that it runs on, as `fastsplat health` knows it")]
+    pid: Annotated[int, Field(description="its process there")]
+    silent_s: Annotated[float, Field(description="seconds since its last heartbeat")]
+    alive: Annotated[bool, Field(description="whether that is recent enough for its jobs to be left to it")]
+
+
+@dataclass(frozen=True)
+class QueueHealth(Response):
+    """Jobs of all projects."""
+
+    waiting: Int64
+    running: Int64
+    waits_s: Annotated[
+        float | None, Field(description="seconds for which the one that waits longest does; absent: none waits")
+    ]
+
+
+@dataclass(frozen=True)
+class DiskHealth(Response):
+    """The disk of the server's data folder."""
+
+    total_bytes: Int64
+    free_bytes: Int64
+    floor_bytes: Annotated[Int64, Field(description="uploads are refused while less is free")]
+
+
+@dataclass(frozen=True)
+class ServerHealth(Response):
+    """Whether there is somebody to do the jobs, room for them, and a queue that moves."""
+
+    workers: Many[WorkerHealth]
+    queue: QueueHealth
+    disk: DiskHealth
+
+
+@dataclass(frozen=True)
 class ServerStatus(Response):
     """What a server can do, as the caller may know it."""
 
@@ -74,4 +113,7 @@ class ServerStatus(Response):
     namer: Annotated[
         NamerStatus | None,
         Field(description="absent where the settings name none, for readers, and for keys that do one thing"),
+    ]
+    health: Annotated[
+        ServerHealth | None, Field(description="absent for everybody but operators: it tells of all projects")
     ]

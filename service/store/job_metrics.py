@@ -27,6 +27,13 @@ class JobMetrics:
             counts = {str(row[0]): int(row[1]) for row in connection.execute(query)}
         return {**dict.fromkeys(get_args(OperationState), 0), **counts}
 
+    def waits_since(self) -> float | None:
+        """When the operation that waits longest began to wait, in seconds since 1970; None if none waits."""
+        query = select(func.min(operations.c.updated_at)).where(operations.c.state == "QUEUED")
+        with self._reading() as connection:
+            since = connection.scalar(query)
+        return None if since is None else float(since)
+
     def ended_since(self, moment: float) -> Sequence[tuple[str, float, Sequence[Mapping[str, Any]]]]:
         """(id, time of the last change, stages) of the operations that ended after `moment`."""
         query = select(operations.c.id, operations.c.updated_at, operations.c.stages).where(

@@ -10,6 +10,7 @@ import pytest
 
 from fastsplat_client import Client, Retry
 from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.server_status import ServerHealth
 from tests.api.served import Faces
 
 
@@ -34,6 +35,9 @@ def assert_same(one: Any, other: Any) -> None:
     """Equal in everything, numbers to 1e-6; masks and texts to the byte."""
     if isinstance(one, float) or isinstance(other, float):
         assert one == pytest.approx(other, abs=1e-6)
+    elif isinstance(one, ServerHealth):  # seconds of silence and of waiting, and free bytes are those of the moment
+        assert isinstance(other, ServerHealth) and one.disk.total_bytes == other.disk.total_bytes
+        assert (one.queue.waiting, one.queue.running) == (other.queue.waiting, other.queue.running)
     elif dataclasses.is_dataclass(one) and not isinstance(one, type):
         assert type(one) is type(other)
         for field in dataclasses.fields(one):

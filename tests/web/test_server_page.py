@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from playwright.sync_api import Browser, Page, expect
+import re
 
+from playwright.sync_api import Browser, Page, expect
+from sqlalchemy import update
+
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.schema import workers
 from fastsplat_contract.keys import Role
 from tests.api.made_scene import add_known_name
 from tests.scenes import queued_job
@@ -26,6 +31,7 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
         page = _signed_in(visit, guarded, "admin")
         expect(page.get_by_text("No worker is alive, so jobs wait.")).to_be_visible()
         expect(page.get_by_text("not calibrated: answers have no probabilities")).to_be_visible()
+        expect(page.get_by_text("Jobs of all projects")).to_have_count(0)  # an operator's
         visit.check_accessible()
         page.get_by_label("Whose key it is").fill(MARKUP)
         page.get_by_label("What it may do").select_option("reader")
@@ -53,6 +59,22 @@ def test_an_admin_makes_a_key_that_is_shown_once_and_revokes_it(guarded: Place, 
         page.get_by_label("Whose key it is").fill("x" * 10_000)
         page.get_by_role("button", name="Make a key").click()
         expect(page.get_by_role("alert")).to_contain_text("too long")
+
+
+def test_an_operator_sees_which_worker_fell_silent_what_waits_and_the_disk(guarded: Place, browser: Browser) -> None:
+    store = guarded.service._store
+    store.workers.update_heartbeat("silent", "kitchen-machine", 77)
+    with transaction(store.engine) as connection:
+        connection.execute(update(workers).where(workers.c.executor_id == "silent").values(heartbeat_at=1.0))
+    try:
+        with visiting(browser, guarded.url) as visit:
+            page = _signed_in(visit, guarded, "operator")
+            expect(page.get_by_text("process 77 of kitchen-machine: nothing heard for")).to_be_visible()
+            expect(page.get_by_text("Jobs of all projects")).to_be_visible()
+            expect(page.locator("dd").filter(has_text=re.compile(r"^[0-9].* of .* free$"))).to_have_count(1)
+            visit.check_accessible()
+    finally:
+        store.workers.unregister("silent")
 
 
 def test_jobs_are_cancelled_and_retried_from_the_list(guarded: Place, browser: Browser) -> None:

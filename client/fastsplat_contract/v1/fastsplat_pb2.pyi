@@ -7500,6 +7500,7 @@ class ServerStatus(_message.Message):
     MAX_IMAGES_FIELD_NUMBER: _builtins.int
     ADDRESSES_FIELD_NUMBER: _builtins.int
     NAMER_FIELD_NUMBER: _builtins.int
+    HEALTH_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """the release that runs"""
     project: _builtins.str
@@ -7540,6 +7541,10 @@ class ServerStatus(_message.Message):
     def namer(self) -> Global___NamerStatus:
         """absent where the settings name none, for readers, and for keys that do one thing"""
 
+    @_builtins.property
+    def health(self) -> Global___ServerHealth:
+        """absent for everybody but operators: it tells of all projects"""
+
     def __init__(
         self,
         *,
@@ -7557,10 +7562,11 @@ class ServerStatus(_message.Message):
         max_images: _builtins.int = ...,
         addresses: _abc.Iterable[_builtins.str] | None = ...,
         namer: Global___NamerStatus | None = ...,
+        health: Global___ServerHealth | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["key_expires_at", b"key_expires_at", "namer", b"namer"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["health", b"health", "key_expires_at", b"key_expires_at", "namer", b"namer"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "namer", b"namer", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["addresses", b"addresses", "backend", b"backend", "health", b"health", "key_expires_at", b"key_expires_at", "max_images", b"max_images", "max_upload_bytes", b"max_upload_bytes", "models", b"models", "namer", b"namer", "project", b"project", "quotas", b"quotas", "role", b"role", "training_backend", b"training_backend", "upload_operation", b"upload_operation", "version", b"version", "workers", b"workers"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -7664,6 +7670,128 @@ class NamerStatus(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NamerStatus: _TypeAlias = NamerStatus  # noqa: Y015
+
+@_typing.final
+class ServerHealth(_message.Message):
+    """Whether there is somebody to do the jobs, room for them, and a queue that moves."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    WORKERS_FIELD_NUMBER: _builtins.int
+    QUEUE_FIELD_NUMBER: _builtins.int
+    DISK_FIELD_NUMBER: _builtins.int
+    @_builtins.property
+    def workers(self) -> _containers.RepeatedCompositeFieldContainer[Global___WorkerHealth]: ...
+    @_builtins.property
+    def queue(self) -> Global___QueueHealth: ...
+    @_builtins.property
+    def disk(self) -> Global___DiskHealth: ...
+    def __init__(
+        self,
+        *,
+        workers: _abc.Iterable[Global___WorkerHealth] | None = ...,
+        queue: Global___QueueHealth | None = ...,
+        disk: Global___DiskHealth | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["disk", b"disk", "queue", b"queue"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["disk", b"disk", "queue", b"queue", "workers", b"workers"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___ServerHealth: _TypeAlias = ServerHealth  # noqa: Y015
+
+@_typing.final
+class WorkerHealth(_message.Message):
+    """One worker that registered, alive or not: one that stopped by itself is none."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    HOST_FIELD_NUMBER: _builtins.int
+    PID_FIELD_NUMBER: _builtins.int
+    SILENT_S_FIELD_NUMBER: _builtins.int
+    ALIVE_FIELD_NUMBER: _builtins.int
+    host: _builtins.str
+    """the machine that it runs on, as `fastsplat health` knows it"""
+    pid: _builtins.int
+    """its process there"""
+    silent_s: _builtins.float
+    """seconds since its last heartbeat"""
+    alive: _builtins.bool
+    """whether that is recent enough for its jobs to be left to it"""
+    def __init__(
+        self,
+        *,
+        host: _builtins.str = ...,
+        pid: _builtins.int = ...,
+        silent_s: _builtins.float = ...,
+        alive: _builtins.bool = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["alive", b"alive", "host", b"host", "pid", b"pid", "silent_s", b"silent_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WorkerHealth: _TypeAlias = WorkerHealth  # noqa: Y015
+
+@_typing.final
+class QueueHealth(_message.Message):
+    """Jobs of all projects."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    WAITING_FIELD_NUMBER: _builtins.int
+    RUNNING_FIELD_NUMBER: _builtins.int
+    WAITS_S_FIELD_NUMBER: _builtins.int
+    waiting: _builtins.int
+    running: _builtins.int
+    waits_s: _builtins.float
+    """seconds for which the one that waits longest does; absent: none waits"""
+    def __init__(
+        self,
+        *,
+        waiting: _builtins.int = ...,
+        running: _builtins.int = ...,
+        waits_s: _builtins.float | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_waits_s", b"_waits_s", "waits_s", b"waits_s"]  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_waits_s", b"_waits_s", "running", b"running", "waiting", b"waiting", "waits_s", b"waits_s"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    _WhichOneofReturnType__waits_s: _TypeAlias = _typing.Literal["waits_s"]  # noqa: Y015
+    _WhichOneofArgType__waits_s: _TypeAlias = _typing.Literal["_waits_s", b"_waits_s"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__waits_s) -> _WhichOneofReturnType__waits_s | None: ...
+
+Global___QueueHealth: _TypeAlias = QueueHealth  # noqa: Y015
+
+@_typing.final
+class DiskHealth(_message.Message):
+    """The disk of the server's data folder."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    TOTAL_BYTES_FIELD_NUMBER: _builtins.int
+    FREE_BYTES_FIELD_NUMBER: _builtins.int
+    FLOOR_BYTES_FIELD_NUMBER: _builtins.int
+    total_bytes: _builtins.int
+    free_bytes: _builtins.int
+    floor_bytes: _builtins.int
+    """uploads are refused while less is free"""
+    def __init__(
+        self,
+        *,
+        total_bytes: _builtins.int = ...,
+        free_bytes: _builtins.int = ...,
+        floor_bytes: _builtins.int = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["floor_bytes", b"floor_bytes", "free_bytes", b"free_bytes", "total_bytes", b"total_bytes"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___DiskHealth: _TypeAlias = DiskHealth  # noqa: Y015
 
 @_typing.final
 class AgreeToNamerRequest(_message.Message):

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
+from fastsplat.service.application.admin.server_health import server_health
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
@@ -66,6 +67,7 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         max_images=settings.capture.max_images,
         namer=None if role in (*APART, "reader") else namer_status(store, settings, project),
         addresses=() if role in (*APART, "reader") else page_addresses(settings),
+        health=server_health(store, settings) if role == "operator" else None,
     )
 
 

@@ -38,6 +38,7 @@ export type SceneSummary = Schemas["SceneSummary"];
 export type SceneThing = Schemas["SceneThing"];
 export type SceneVersion = Schemas["SceneVersion"];
 export type Segmentation = Schemas["Segmentation"];
+export type ServerHealth = Schemas["ServerHealth"];
 export type ServerStatus = Schemas["ServerStatus"];
 export type StageProgress = Schemas["StageProgress"];
 export type ThingList = Schemas["ThingList"];

@@ -1,4 +1,5 @@
-import type { ServerStatus } from "../api/types";
+import type { ServerHealth, ServerStatus } from "../api/types";
+import { duration } from "../jobs/timing";
 import { texts } from "../texts";
 import { bytesText } from "../ui/bytes";
 
@@ -13,6 +14,11 @@ export function Abilities({ status }: { status: ServerStatus }) {
           {texts.server.noWorkers}
         </p>
       )}
+      {status.health && status.health.disk.free_bytes < status.health.disk.floor_bytes && (
+        <p class="note error" role="status">
+          {texts.server.diskFull}
+        </p>
+      )}
       {full.map((quota) => (
         <p key={quota.kind} class="note error" role="status">
           {texts.quota.full[quota.kind]}
@@ -22,6 +28,7 @@ export function Abilities({ status }: { status: ServerStatus }) {
         <Fact name={texts.server.version} value={status.version} />
         <Fact name={texts.server.project} value={`${status.project} (${texts.server.roles[status.role]})`} />
         <Fact name={texts.server.workers} value={String(status.workers)} />
+        {status.health && <Health health={status.health} />}
         <Fact name={texts.server.training} value={texts.server.backends[status.training_backend] ?? ""} />
         <Fact name={texts.server.drawing} value={texts.server.backends[status.backend] ?? ""} />
         {status.quotas.map((quota) => (
@@ -48,6 +55,31 @@ export function Abilities({ status }: { status: ServerStatus }) {
         ))}
       </ul>
     </section>
+  );
+}
+
+/** What operators alone are told: silent workers, the queue and the disk. */
+function Health({ health: { workers, queue, disk } }: { health: ServerHealth }) {
+  return (
+    <>
+      {workers
+        .filter((worker) => !worker.alive)
+        .map((worker) => (
+          <Fact
+            key={`${worker.host} ${worker.pid}`}
+            name={texts.server.silentWorker}
+            value={texts.server.silentFor(worker.host, worker.pid, duration(worker.silent_s))}
+          />
+        ))}
+      <Fact
+        name={texts.server.queue}
+        value={texts.server.queued(queue.waiting, queue.running, queue.waits_s === null ? "" : duration(queue.waits_s))}
+      />
+      <Fact
+        name={texts.server.disk}
+        value={texts.server.free(bytesText(disk.free_bytes), bytesText(disk.total_bytes))}
+      />
+    </>
   );
 }
 

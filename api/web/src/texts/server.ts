@@ -9,6 +9,15 @@ export const serverTexts = {
     project: "Project",
     workers: "Workers alive",
     noWorkers: "No worker is alive, so jobs wait. Start one with: fastsplat worker",
+    silentWorker: "Silent worker",
+    silentFor: (host: string, pid: number, time: string): string =>
+      `process ${pid} of ${host}: nothing heard for ${time}. Other workers get its jobs.`,
+    queue: "Jobs of all projects",
+    queued: (waiting: number, running: number, longest: string): string =>
+      `${waiting} waiting${longest && `, the longest for ${longest}`}; ${running} running`,
+    disk: "Disk",
+    free: (free: string, total: string): string => `${free} of ${total} free`,
+    diskFull: "The disk is almost full, so uploads are refused. Delete scenes, or free space.",
     training: "Training on",
     drawing: "Answers drawn on",
     backends: { cpu: "CPU", cuda: "GPU (CUDA)", reference: "CPU (reference)" } as Record<string, string>,

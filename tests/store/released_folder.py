@@ -1,0 +1,111 @@
+"""The data folder of a release, small, to be opened by every later one: `python -m tests.store.released_folder`.
+
+It is written once for a minor release, into `tests/store/released/`, and stays for as long as that release's data
+folders are read: whoever makes it anew tests nothing any more. Beside the folder it has `told.json`, what the release
+that made it told of what is in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import tempfile
+import zipfile
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.settings import Settings
+from fastsplat_contract.scenes import Edit
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene, write_words
+from tests.api.training_job import add_cancelled_job
+from tests.scenes import finish_job, queued_job
+
+RELEASED = Path(__file__).with_name("released")
+MOST_BYTES = 200_000
+_OTHER = "kitchen"
+
+
+def minor_release() -> str:
+    """As the file of its folder is called: "0.1"."""
+    return ".".join(version("fastsplat").split(".")[:2])
+
+
+def opened(folder: Path, models: Path) -> SceneService:
+    """The service of a data folder."""
+    perception = {"text_encoder": ENCODER}
+    return open_service(Settings.model_validate({"data_dir": folder, "models": models, "perception": perception}))
+
+
+def make(archive: Path) -> None:
+    """Write the folder of the release that runs: scenes of two projects, edits, names, photos, jobs and keys.
+
+    Raises:
+        FileExistsError: it was written before, and stays.
+        SystemExit: it got too large to be kept.
+    """
+    with tempfile.TemporaryDirectory() as made:
+        folder, models = Path(made) / "data", Path(made) / "models"
+        write_words(models)
+        with opened(folder, models) as service:
+            service.admin.keys.ensure_first(folder / "key")
+            service.admin.projects.create(_OTHER)
+            service.admin.keys.create("robot", "reader", project=_OTHER)
+            scene = add_scene(service, service._settings, "edited")
+            for edits in ([Edit("name", things=(2,), name="beaker")], [Edit("remove", things=(3,))]):
+                service.versions.edit(scene, edits)
+            service.versions.undo(scene)
+            add_known_name(service, scene)
+            job = replace(queued_job("as trained"), project=_OTHER)
+            store = service.in_project(_OTHER)._store
+            store.scenes.create(job)
+            finish_job(store, job.operation_id, made_scene(open_text_encoder(ENCODER, models)))
+            add_cancelled_job(service, "a.jpg")
+            told = told_by(service)
+        with zipfile.ZipFile(archive, "x", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
+            file.writestr("told.json", json.dumps(told, indent=1))
+            for path in sorted(path for path in folder.rglob("*") if path.is_file() and path.name != ".reserve"):
+                file.write(path, Path("data") / path.relative_to(folder))
+    if archive.stat().st_size > MOST_BYTES:
+        archive.unlink()
+        raise SystemExit(f"the folder has more than {MOST_BYTES} bytes")
+
+
+def told_by(service: SceneService) -> dict[str, Any]:
+    """What a service tells of its scenes, their things and versions, jobs and keys: what no later release may lose."""
+    return {
+        "scenes": {
+            scene.name: _scene(each, scene.id)
+            for each in (service, service.in_project(_OTHER))
+            for scene in each.list_scenes().scenes
+            if scene.name
+        },
+        "jobs": sorted(operation.state for operation in service.list_operations().operations),
+        "keys": sorted([key.id, key.project, key.role] for key in service.admin.keys.all()),
+        "known": [[name.id, name.name] for name in service.known_names.list().names],
+    }
+
+
+def _scene(service: SceneService, scene_id: str) -> dict[str, Any]:
+    scene, versions = service.get_scene(scene_id), service.versions.all(scene_id)
+    return {
+        "id": scene_id,
+        "gaussians": scene.gaussians,
+        "scale": scene.scale,
+        "labels": sorted(label.label for label in service.list_labels(scene_id).labels),
+        "things": sorted([thing.id, thing.name] for thing in service.answers.list_things(scene_id).things),
+        "versions": [version.version for version in versions],
+        "photos": [
+            hashlib.sha256(service.photos.path(scene_id, photo.view)[0].read_bytes()).hexdigest()
+            for photo in service.photos.all(scene_id).photos
+        ],
+    }
+
+
+if __name__ == "__main__":
+    RELEASED.mkdir(exist_ok=True)
+    make(Path(sys.argv[1]) if len(sys.argv) > 1 else RELEASED / f"{minor_release()}.zip")

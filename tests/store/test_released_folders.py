@@ -1,0 +1,59 @@
+"""Data folders of earlier releases, as they wrote them: this one opens them, loses nothing, and goes on."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from fastsplat.cli.main import app
+from fastsplat_contract.scenes import Edit
+from tests.api.made_scene import ENCODER, write_words
+from tests.store.released_folder import MOST_BYTES, RELEASED, make, minor_release, opened, told_by
+
+_ARCHIVES = sorted(RELEASED.glob("*.zip"))
+
+
+@pytest.fixture(params=[*(path.name for path in _ARCHIVES), "the next release's"])
+def unpacked(request: pytest.FixtureRequest, tmp_path: Path) -> tuple[Path, dict[str, Any]]:
+    """A data folder as a release left it, and what that told of it; the next release's is made now."""
+    archive = RELEASED / request.param
+    if not archive.is_file():
+        make(archive := tmp_path / "next.zip")
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(tmp_path / "unpacked")
+    write_words(tmp_path / "models")
+    return tmp_path / "unpacked" / "data", json.loads((tmp_path / "unpacked" / "told.json").read_text())
+
+
+def test_everything_is_there_nothing_is_wrong_and_it_goes_on(
+    unpacked: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, told = unpacked
+    with opened(folder, tmp_path / "models") as service:
+        assert json.loads(json.dumps(told_by(service))) == told
+        first = service.admin.keys.valid().find((folder / "key").read_text().strip())
+        assert first is not None and first.role == "operator"
+        scene = told["scenes"]["edited"]
+        redone = service.versions.redo(scene["id"])  # by what an earlier release recorded
+        assert [version.version for version in service.versions.all(scene["id"])] == scene["versions"]
+        assert redone.version == scene["versions"][-1]
+        named = service.versions.edit(scene["id"], [Edit("name", things=(1,), name="cup")])
+        assert service.versions.all(scene["id"])[-1].version == named.version
+        assert service.get_scene(scene["id"]).gaussians < scene["gaussians"]  # the removal that was undone there
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(folder))
+    monkeypatch.setenv("FASTSPLAT_MODELS", str(tmp_path / "models"))
+    monkeypatch.setenv("FASTSPLAT_PERCEPTION__TEXT_ENCODER", ENCODER)
+    examined = CliRunner().invoke(app, ["doctor", "--repair", "--json"])  # an archive keeps no permissions
+    assert (examined.exit_code, json.loads(examined.stdout)) == (0, []), examined.stdout
+
+
+def test_this_minor_release_has_left_its_folder_for_the_later_ones() -> None:
+    assert minor_release() in [path.stem for path in _ARCHIVES], "run: python -m tests.store.released_folder"
+    assert all(path.stat().st_size <= MOST_BYTES for path in _ARCHIVES)
+    with pytest.raises(FileExistsError):
+        make(RELEASED / f"{minor_release()}.zip")
