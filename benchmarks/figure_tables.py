@@ -127,6 +127,20 @@ def _raster(document: Document) -> Iterator[Row]:
             yield row["isa"], f"{row['gaussians']:,}", size, f"{row['forward_ms']:.0f}", f"{row['backward_ms']:.0f}"
 
 
+def _gpu(*documents: Document) -> Iterator[Row]:
+    for document in documents:
+        for row in (*document["training"], *document["rendering"]):
+            cells = f"{row['width']}×{row['height']}", f"{row['ms']:.1f}", f"{row['peak_mib']:.0f}"
+            yield row["what"], f"{row['gaussians']:,}", *cells
+
+
+def _gpu_joint(document: Document) -> Iterator[Row]:
+    for what, name in {"joint": "colors, geometry and codes", "rgb": "colors and geometry alone"}.items():
+        runs = [run for run in document["runs"] if run["what"] == what]
+        cells = (" ".join(f"{run[key]:.{digits}f}" for run in runs) for key, digits in (("train_s", 1), ("psnr", 1)))
+        yield name, *cells, f"{max(run['peak_mib'] for run in runs)}"
+
+
 def _trade(document: Document, factors: Sequence[str], data: str) -> Iterator[Row]:
     for row in document["rows"]:
         if row["data"] == data and row["factor"].startswith(tuple(factors)):
@@ -272,6 +286,12 @@ _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB
 TABLES: Mapping[str, Table] = {
     "summary": Table(("default_path", "things", "absence", "standing"), ("on two CPU cores, no GPU", ""), _summary),
     "raster": Table(("raster",), ("instructions", "Gaussians", "picture", "forward, ms", "backward, ms"), _raster),
+    "gpu": Table(
+        ("gpu", "gpu_million"), ("NVIDIA H200", "Gaussians", "picture", "ms", "peak MiB of the GPU's memory"), _gpu
+    ),
+    "gpu_joint": Table(
+        ("gpu_joint",), ("1,500 steps on an NVIDIA H200", "s, by run", "PSNR, dB, by run", "peak MiB"), _gpu_joint
+    ),
     "frontier": Table(("trade",), _TRADE_HEAD, lambda trade: _trade(trade, ("frontier",), "tabletop")),
     "factors": Table(
         ("trade",),

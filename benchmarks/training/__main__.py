@@ -17,7 +17,9 @@ from typing import Any
 from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, peak_megabytes, provenance, write_json
 from benchmarks.splits import HELD_OUT, Split, add_split, results_file, with_split
 from benchmarks.training.posed_folder import load_posed_folder
+from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent
+from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 
@@ -30,6 +32,7 @@ def main() -> None:
     parser.add_argument("--gaussians", type=int, default=40_000)
     add_split(parser)
     parser.add_argument("--evaluations", type=int, default=24)
+    parser.add_argument("--colors-alone", action="store_true", help="without labels and codes")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=JSON", help="other training settings")
     options = parser.parse_args()
     settings = TrainingSettings.model_validate(
@@ -42,7 +45,7 @@ def main() -> None:
             **{name: json.loads(value) for name, value in (item.split("=", 1) for item in options.set)},
         }
     )
-    result = _measure(options.data, settings, options.split)
+    result = _measure(options.data, settings, options.split, options.colors_alone)
     name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
     write_json(RESULTS / f"{name}.json", result)
     if options.split == "test":
@@ -50,8 +53,10 @@ def main() -> None:
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 
-def _measure(folder: Path, settings: TrainingSettings, split: Split) -> dict[str, Any]:
+def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alone: bool) -> dict[str, Any]:
     capture, labelling = load_posed_folder(folder)
+    if colors_alone:
+        labelling = Labelling(Dictionary(()), ())
     capture, labelling = with_split(capture, labelling, capture.test_names, split)
     curve: list[dict[str, float]] = []
 

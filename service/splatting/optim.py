@@ -1,12 +1,10 @@
-"""Adam: on the CPU in one pass over memory, by the kernels' own threads; elsewhere by torch.
-
-`torch.optim.Adam` is not used because its several passes over memory take longer than a training step's rasterization.
-"""
+"""Adam in one pass over memory: on the CPU by the kernels' own threads; elsewhere by torch's own such kernel."""
 
 from __future__ import annotations
 
 import torch
 from torch import Tensor
+from torch.optim.adam import adam
 
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.errors import InvalidInputError
@@ -53,10 +51,11 @@ def adam_update(
         raise InvalidInputError(f"step {step}", field="step", hint="Steps count from 1.")
     grad = grad.to(torch.float32)
     if backend != "cpu":
-        exp_avg.mul_(betas[0]).add_(grad, alpha=1 - betas[0])
-        exp_avg_sq.mul_(betas[1]).addcmul_(grad, grad, value=1 - betas[1])
-        denom = exp_avg_sq.sqrt().div_((1 - betas[1] ** step) ** 0.5).add_(eps)
-        param.addcdiv_(exp_avg, denom, value=-lr / (1 - betas[0] ** step))
+        before = torch.full((), float(step - 1), device=param.device)
+        adam(
+            [param], [grad], [exp_avg], [exp_avg_sq], [], [before], fused=True,
+            amsgrad=False, beta1=betas[0], beta2=betas[1], lr=lr, weight_decay=0.0, eps=eps, maximize=False,
+        )  # fmt: skip
         return
     from fastsplat.service.splatting.raster.kernels import kernel_options, kernels
 

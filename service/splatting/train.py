@@ -110,23 +110,25 @@ def train(
             assert checkpoint_dir is not None
             write_checkpoint(Checkpoint(state.iteration, elapsed_s, state.tensors()), checkpoint_dir, fingerprint)
 
-        def draft(state: SplatState, share: float) -> None:
-            watch.draft(splats_under_way(state.parameters, labelling, trainer.views, settings), share)
+        there = tuple(view.to(device) for view in views)
 
-        middle = views[len(views) // 2]
+        # Not of the trainer, which has the recorder: in a ring of references all that is on a GPU would stay there.
+        def draft(state: SplatState, share: float) -> None:
+            watch.draft(splats_under_way(state.parameters, labelling, there, settings), share)
+
         recorder = Recorder(
             settings,
             progress,
             run.held_out,
             run.start.random,
             save if checkpoint_dir else None,
-            Previews(middle.to(device), settings.backend, watch.show) if watch.show else None,
+            Previews(there[len(there) // 2], settings.backend, watch.show) if watch.show else None,
             draft,
             watch.drafts_at,
         )
         trainer = Trainer(
             state,
-            tuple(view.to(device) for view in views),
+            there,
             anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
             strategy=strategy or RelocationStrategy(settings, len(run.start.points)),

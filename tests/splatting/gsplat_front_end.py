@@ -33,7 +33,14 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Any:
         "rasterize_to_pixels": _composite,
     }.items():
         monkeypatch.setattr(rendering, name, function)
+    monkeypatch.setattr(gsplat, "spherical_harmonics", _spherical_harmonics)
     return gsplat
+
+
+def _spherical_harmonics(degrees_to_use: int, dirs: Tensor, coeffs: Tensor) -> Tensor:
+    from gsplat.cuda._torch_impl import _spherical_harmonics
+
+    return _spherical_harmonics(degrees_to_use, dirs, coeffs)
 
 
 def _project(

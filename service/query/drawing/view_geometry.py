@@ -23,8 +23,7 @@ class ViewGeometry:
 
     Attributes:
         depth: float32 [H, W], expected camera z Σ w·z / Σ w, scene units.
-        median_depth: float32 [H, W], camera z of the Gaussian where half of the light is gone; `depth` where the
-            backend cannot tell.
+        median_depth: float32 [H, W], camera z of the Gaussian where half of the light is gone.
         spread: float32 [H, W], standard deviation of the blended depth √(Σ w·(z − depth)² / Σ w), scene units.
         normals: float32 [H, W, 3], unit length, world frame, towards the camera.
         confidence: float32 [H, W], 0..1: alpha / (1 + (spread / (`RELATIVE_SPREAD`·depth))²).
@@ -70,7 +69,7 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
     spread = (square - mean**2).clamp_min(0.0).sqrt()
     depth = drawn.depth / weight
     normals = torch.nn.functional.normalize(blended[..., channels + 2 :], dim=-1)
-    median = depth if drawn.median_depth is None else drawn.median_depth
+    assert drawn.median_depth is not None  # no gradient is taken
     confidence = drawn.alpha / (1 + (spread / (RELATIVE_SPREAD * depth.clamp_min(1e-6))) ** 2)
 
     def array(values: Tensor) -> F32:
@@ -79,7 +78,7 @@ def view_geometry(splats: Splats, posed: PosedCamera, *, alpha_min: float, backe
 
     return ViewGeometry(
         depth=array(depth),
-        median_depth=array(median),
+        median_depth=array(drawn.median_depth),
         spread=array(spread),
         normals=array(normals),
         confidence=array(confidence),

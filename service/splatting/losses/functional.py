@@ -1,15 +1,17 @@
 """The public losses: arguments are checked once, then fused kernels compute what is float32 on the CPU, and torch the
 rest.
 
-Of what torch computes, the semantic loss in float32 (a GPU's) never builds the H×W×N logits either.
+What is float32 elsewhere (a GPU's) has value and gradients in one pass of torch, too.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
-from fastsplat.service.splatting.losses import torch_losses
+from fastsplat.service.splatting.losses import one_pass, torch_losses
 from fastsplat_contract.errors import InvalidInputError
 
 
@@ -33,12 +35,15 @@ def image_loss(image: Tensor, target: Tensor, ssim_weight: float, valid: Tensor 
         )
     if valid is not None and valid.shape != image.shape[:2]:
         raise InvalidInputError(f"valid {tuple(valid.shape)} for {tuple(image.shape)}", field="valid")
-    if not _fused(image, target):
+    if not _single(image, target):
         return torch_losses.image_loss(image, target, ssim_weight, valid)
-    from fastsplat.service.splatting.losses import fused
+    way: Any = one_pass.ImageLoss
+    if _fused(image, target):
+        from fastsplat.service.splatting.losses import fused
 
-    valid = None if valid is None else valid.to(torch.bool).contiguous()
-    loss: Tensor = fused.ImageLoss.apply(image.contiguous(), target.contiguous(), valid, ssim_weight)  # type: ignore[no-untyped-call]
+        way, image, target = fused.ImageLoss, image.contiguous(), target.contiguous()
+        valid = None if valid is None else valid.to(torch.bool).contiguous()
+    loss: Tensor = way.apply(image, target, valid, ssim_weight)
     return loss
 
 
@@ -74,13 +79,12 @@ def semantic_loss(codes_image: Tensor, weight: Tensor, bias: Tensor, labels: Ten
 
         if codes_image.shape[2] <= fused.MAX_CODE_SIZE:
             return _fused_semantic(codes_image, weight, bias, labels, class_weights)
-    if labels.numel() and (int(labels.max()) >= classes or int(labels.min()) < 0):
+    least, most = torch.stack(labels.aminmax()).tolist() if labels.numel() else (0, 0)
+    if least < 0 or most >= classes:
         raise InvalidInputError(f"labels outside 0..{classes - 1}", field="labels")
     if not _single(codes_image, weight, bias, class_weights):
         return torch_losses.semantic_loss(codes_image, weight, bias, labels, class_weights)
-    from fastsplat.service.splatting.losses import chunked
-
-    loss: Tensor = chunked.SemanticLoss.apply(  # type: ignore[no-untyped-call]
+    loss: Tensor = one_pass.SemanticLoss.apply(  # type: ignore[no-untyped-call]
         codes_image.flatten(0, 1), weight, bias, labels.reshape(-1), class_weights
     )
     return loss

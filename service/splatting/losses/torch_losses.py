@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
 from torch import Tensor
 
@@ -10,18 +12,20 @@ SIGMA = 1.5
 C1 = 0.01**2
 C2 = 0.03**2
 LOGIT_LIMIT = 1e30
+_CPU = torch.device("cpu")
 
 
-def window(dtype: torch.dtype) -> Tensor:
-    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1."""
+@cache  # made anew for each step, it would be sent to the GPU each time
+def window(dtype: torch.dtype, device: torch.device = _CPU) -> Tensor:
+    """[11]: the Gaussian of Wang et al. 2004 (SSIM), σ = 1.5 pixels, sum 1. Not to be changed in place."""
     offsets = torch.arange(WINDOW, dtype=torch.float64) - WINDOW // 2
     weights = torch.exp(-0.5 * (offsets / SIGMA) ** 2)
-    return (weights / weights.sum()).to(dtype)
+    return (weights / weights.sum()).to(device, dtype)
 
 
-def _blur(image: Tensor) -> Tensor:
+def blur(image: Tensor) -> Tensor:
     """Separable window with zero padding; [B, 1, H, W] in and out."""
-    taps = window(image.dtype).to(image.device)
+    taps = window(image.dtype, image.device)
     image = torch.nn.functional.conv2d(image, taps.reshape(1, 1, 1, -1), padding=(0, WINDOW // 2))
     return torch.nn.functional.conv2d(image, taps.reshape(1, 1, -1, 1), padding=(WINDOW // 2, 0))
 
@@ -29,8 +33,7 @@ def _blur(image: Tensor) -> Tensor:
 def ssim_map(image: Tensor, target: Tensor) -> Tensor:
     """[H, W, 3]: structural similarity of each pixel and channel (Wang et al. 2004, equation 13)."""
     x, y = image.permute(2, 0, 1)[:, None], target.permute(2, 0, 1)[:, None]
-    # In one go: a GPU's time goes into starting kernels.
-    mu_x, mu_y, square_x, square_y, product = _blur(torch.cat((x, y, x * x, y * y, x * y))).chunk(5)
+    mu_x, mu_y, square_x, square_y, product = blur(torch.cat((x, y, x * x, y * y, x * y))).chunk(5)
     var_x, var_y, cov = square_x - mu_x**2, square_y - mu_y**2, product - mu_x * mu_y
     numerator = (2 * mu_x * mu_y + C1) * (2 * cov + C2)
     denominator = (mu_x**2 + mu_y**2 + C1) * (var_x + var_y + C2)

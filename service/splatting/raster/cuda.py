@@ -2,15 +2,15 @@
 
 What gsplat fixes at compile time and this adapter cannot change: alpha_min 1/255 and transmittance_min 1e-4 (other
 values are refused), an alpha clamp of 0.999 (`alpha_max` is not applied), a radius of at most 3.33 standard deviations,
-and float32 covariances, which lose needles. It does not report a median depth, which is None here. `viewmat` is
-differentiable.
+and float32 covariances, which lose needles. It does not report a median depth: that is composited here, where no
+gradient is taken. `viewmat` is differentiable.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import torch
@@ -18,7 +18,7 @@ from torch import Tensor
 
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
-from fastsplat.service.splatting.raster.harmonics import sh_to_rgb as sh_to_rgb
+from fastsplat.service.splatting.raster.median_depth import median_depth
 from fastsplat.service.splatting.raster.types import LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
@@ -26,7 +26,9 @@ from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 logger = logging.getLogger(__name__)
 
 DEVICE = "cuda"
+_PARTS = ("means", "quats", "scales", "opacities", "features")
 _ALPHA_MIN = 1.0 / 255.0
+_ALPHA_MAX = 0.999
 _TRANSMITTANCE_MIN = 1e-4
 
 
@@ -34,15 +36,28 @@ def rasterize(
     splats: Splats, viewmat: Tensor, camera: Camera, background: Tensor | None, settings: RasterSettings
 ) -> Rendering:
     """See `service.splatting.raster.rasterize`; the tensors must be on one CUDA device."""
+    return _rasterize(splats, viewmat, camera, background, settings, median=not torch.is_grad_enabled())
+
+
+def _rasterize(
+    splats: Splats,
+    viewmat: Tensor,
+    camera: Camera,
+    background: Tensor | None,
+    settings: RasterSettings,
+    *,
+    median: bool,
+) -> Rendering:
     gsplat = gsplat_module()
     _check(splats, settings)
     rows, non_finite = _usable(splats)
-    if not len(rows):
-        return _empty(splats, camera, background, non_finite)
-    device, (count, channels) = splats.means.device, splats.features.shape
+    device, channels = splats.means.device, splats.features.shape[1]
+    drawn = splats if rows is None else Splats(*(getattr(splats, name)[rows] for name in _PARTS))
+    if not len(drawn.means):
+        return _empty(splats, camera, background, non_finite, median=median)
     pictures, alphas, meta = gsplat.rasterization(
-        *(part[rows].float() for part in (splats.means, splats.quats, splats.scales, splats.opacities)),
-        splats.features[rows].float(),
+        *(part.float() for part in (drawn.means, drawn.quats, drawn.scales, drawn.opacities)),
+        drawn.features.float(),
         viewmat[None].to(device, torch.float32),
         _intrinsics(camera, device)[None],
         camera.width,
@@ -57,12 +72,16 @@ def rasterize(
     if int(meta["flatten_ids"].numel()) > settings.max_isects:
         raise isect_limit_error(settings.max_isects)
     sizes = meta["radii"].detach()[0]
-    radii = torch.zeros(count, dtype=torch.int32, device=device)
-    radii[rows] = (sizes.amax(dim=-1) if sizes.ndim == 2 else sizes).to(torch.int32)
+    radii = (sizes.amax(dim=-1) if sizes.ndim == 2 else sizes).to(torch.int32)
+    if rows is not None:
+        radii = torch.zeros(len(splats.means), dtype=torch.int32, device=device).index_copy_(0, rows, radii)
     alpha, image = alphas[0, ..., 0], pictures[0, ..., :channels]
     if background is not None:
         image = image + (1.0 - alpha)[..., None] * background.float()
-    return Rendering(image, alpha, pictures[0, ..., channels], None, radii, non_finite)
+    half = None
+    if median:
+        half = median_depth(meta, camera.height, camera.width, alpha_min=_ALPHA_MIN, alpha_max=_ALPHA_MAX)
+    return Rendering(image, alpha, pictures[0, ..., channels], half, radii, non_finite)
 
 
 def rasterize_bands(
@@ -70,6 +89,14 @@ def rasterize_bands(
 ) -> Iterator[tuple[slice, Rendering]]:
     """See `service.splatting.raster.rasterize_bands`: parts of one whole image, which gsplat cannot draw in bands."""
     yield from classify.bands(rasterize(splats, viewmat, camera, None, settings), max_values)
+
+
+def sh_to_rgb(means: Tensor, sh: Tensor, camera_position: Tensor, degree: int) -> Tensor:
+    """See `service.splatting.raster.sh_to_rgb`: by gsplat's kernel, a few starts of kernels in place of a hundred."""
+    # Far below what tells directions apart: a Gaussian at the camera, which is never drawn, has one all the same.
+    directions = means - camera_position + 1e-12
+    values: Tensor = gsplat_module().spherical_harmonics(degree, directions, sh[:, : (degree + 1) ** 2])
+    return (values + 0.5).clamp_min(0.0)
 
 
 def accumulate_weights(
@@ -97,7 +124,8 @@ def label_map(
     settings: RasterSettings,
 ) -> LabelMap:
     """See `service.splatting.raster.label_map`: rasterized, then classified by torch in pieces."""
-    return classify.label_map(rasterize(splats, viewmat, camera, None, settings), weight, bias, alpha_min, relevancy)
+    drawn = _rasterize(splats, viewmat, camera, None, settings, median=False)
+    return classify.label_map(drawn, weight, bias, alpha_min, relevancy)
 
 
 def label_sums(splats: Splats, viewmat: Tensor, camera: Camera, labels: Tensor, settings: RasterSettings) -> LabelSums:
@@ -156,14 +184,22 @@ def _check(splats: Splats, settings: RasterSettings) -> None:
         )
 
 
-def _usable(splats: Splats) -> tuple[Tensor, int]:
-    """Rows that gsplat may see, and how many of the others are not finite."""
+def _usable(splats: Splats) -> tuple[Tensor | None, int]:
+    """Rows that gsplat may see, None for all, and how many of the others are not finite.
+
+    A step would spend more time on starting the kernels that take rows out of five tensors, and put their gradients
+    back, than on drawing. So one number says whether all rows are usable; only a sum that overflows says so wrongly,
+    and then every row is looked at.
+    """
+    parts = [getattr(splats, name).detach() for name in _PARTS]
+    shortest = parts[1].abs().amax(dim=1)
+    if len(shortest) and bool(torch.stack([part.sum() for part in parts]).isfinite().all() & (shortest.amin() > 0)):
+        return None, 0
     finite = finite_rows(splats)
-    rows = torch.nonzero(finite & (splats.quats.detach().abs().amax(dim=1) > 0))[:, 0]
-    return rows, int((~finite).sum())
+    return torch.nonzero(finite & (shortest > 0))[:, 0], int((~finite).sum())
 
 
-def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite: int) -> Rendering:
+def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite: int, *, median: bool) -> Rendering:
     """A view of nothing: gsplat's kernels do not start for 0 Gaussians."""
     count, channels = splats.features.shape
     # Sums over no rows, so that gradients are zeros and not missing.
@@ -174,12 +210,13 @@ def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite
         image=image if background is None else image + background.float(),
         alpha=zero,
         depth=zero,
-        median_depth=None,
+        median_depth=zero.detach() if median else None,
         radii=torch.zeros(count, dtype=torch.int32, device=zero.device),
         culled_non_finite=non_finite,
     )
 
 
+@lru_cache(maxsize=1024)  # made anew for each step, it would be sent to the GPU each time
 def _intrinsics(camera: Camera, device: torch.device) -> Tensor:
     rows = ((camera.fx, 0.0, camera.cx), (0.0, camera.fy, camera.cy), (0.0, 0.0, 1.0))
     return torch.tensor(rows, dtype=torch.float32, device=device)

@@ -71,7 +71,7 @@ class Rendering:
         alpha: [H, W] = Σ w.
         depth: [H, W] = Σ w·z, the accumulated (not normalized) camera z; divide by alpha for the expected depth.
         median_depth: [H, W], camera z of the Gaussian where transmittance first falls to 0.5 or below, else 0; None
-            where the backend cannot tell, which is `cuda`.
+            from `cuda` where gradients are taken.
         radii: int32 [G], radius in pixels of each Gaussian's visible footprint, 0 for culled ones.
         culled_non_finite: how many Gaussians were dropped because one of their inputs was NaN or infinite.
     """

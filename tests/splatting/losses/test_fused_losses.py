@@ -9,18 +9,18 @@ import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.depth_regularization import depth_roughness, depth_spread, surface_loss
-from fastsplat.service.splatting.losses import chunked, functional, torch_losses
+from fastsplat.service.splatting.losses import functional, one_pass, torch_losses
 from fastsplat.service.splatting.losses.functional import image_loss, semantic_loss
 from fastsplat.service.splatting.raster.kernels import instruction_sets, running_with
 from fastsplat_contract.errors import InvalidInputError
 
 
-@pytest.fixture(params=(*instruction_sets(), "chunked"))
+@pytest.fixture(params=(*instruction_sets(), "one_pass"))
 def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """Every implementation of the semantic loss in float32; `chunked` is what a GPU runs."""
-    if request.param == "chunked":
+    """Every implementation in float32 of the losses; `one_pass` is what a GPU runs."""
+    if request.param == "one_pass":
         monkeypatch.setattr(functional, "_fused", lambda *_: False)
-        monkeypatch.setattr(chunked, "_LOGITS", 50_000)
+        monkeypatch.setattr(one_pass, "_LOGITS", 50_000)
         yield request.param
     else:
         with running_with(isa=request.param):
@@ -41,7 +41,7 @@ def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Te
 @pytest.mark.parametrize(("height", "width"), [(1, 1), (7, 5), (11, 17), (37, 61), (64, 48)])
 @pytest.mark.parametrize("weight", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("masked", [False, True])
-def test_image_loss_and_gradient(isa: str, height: int, width: int, weight: float, masked: bool) -> None:
+def test_image_loss_and_gradient(way: str, height: int, width: int, weight: float, masked: bool) -> None:
     image, target, valid = pictures(height, width)
     mask = valid if masked else None
     ours = image.clone().requires_grad_()
@@ -100,7 +100,7 @@ def test_layouts_other_than_the_kernels_are_copied_not_misread() -> None:
     assert torch.equal(image_loss(flipped, columns, 0.2, valid), image_loss(image, target, 0.2, valid))
 
 
-def test_equal_images_have_no_loss_and_no_valid_pixel_means_zero(isa: str) -> None:
+def test_equal_images_have_no_loss_and_no_valid_pixel_means_zero(way: str) -> None:
     image, target, valid = pictures(24, 24)
     assert abs(float(image_loss(target, target, 0.5))) < 1e-6
     none = image.clone().requires_grad_()

@@ -14,7 +14,7 @@ import pytest
 import torch
 from raster_scenes import crowded
 
-from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.splatting.raster import cuda, median_depth
 from fastsplat.service.splatting.raster.types import RasterSettings
 from tests.splatting import gsplat_front_end
 
@@ -24,7 +24,7 @@ if importlib.util.find_spec("gsplat") is None:
 _SPEC = importlib.util.find_spec("gsplat")
 assert _SPEC is not None and _SPEC.origin is not None
 _GSPLAT = Path(_SPEC.origin).parent
-_ADAPTER = ast.parse(Path(cuda.__file__).read_text())
+_ADAPTER, _MEDIAN = (ast.parse(Path(module.__file__).read_text()) for module in (cuda, median_depth))
 
 
 def _function(path: Path, name: str) -> ast.FunctionDef:
@@ -98,7 +98,7 @@ def test_what_comes_back_is_what_is_taken_apart(rasterization: ast.FunctionDef) 
         if isinstance(node, ast.Assign) and ast.unparse(node.value).startswith("gsplat.rasterization(")
     ]
     assert ast.unparse(taken) == "(pictures, alphas, meta)"
-    used, offered = set(_keys_of_meta(_ADAPTER)), set()
+    used, offered = set(_keys_of_meta(_ADAPTER)) | set(_keys_of_meta(_MEDIAN)), set()
     for node in ast.walk(rasterization):
         if isinstance(node, ast.Call) and ast.unparse(node.func) == "meta.update":
             (update,) = node.args

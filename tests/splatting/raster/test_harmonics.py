@@ -33,6 +33,33 @@ def test_colors_and_gradients(degree: int, isa: str) -> None:
         assert float((ours - truth).norm()) <= 2e-5 * float(truth.norm())
 
 
+@DEGREES
+def test_gsplat_has_the_same_colors_and_gradients(degree: int, gsplat_on_cpu: object) -> None:
+    assert_gsplat_has_the_same(degree, torch.device("cpu"))
+
+
+@DEGREES
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="no NVIDIA GPU")
+def test_so_have_its_kernels(degree: int) -> None:
+    assert_gsplat_has_the_same(degree, torch.device("cuda"))
+
+
+def assert_gsplat_has_the_same(degree: int, device: torch.device) -> None:
+    """Values and gradients of backend `cuda` against the reference."""
+    g = torch.Generator().manual_seed(degree)
+    means, sh, up = (torch.randn(*shape, generator=g) for shape in ((500, 3), (500, 16, 3), (500, 3)))
+    camera = torch.tensor([0.3, -0.2, 0.1])
+    results = []
+    for backend, dtype, place in (("reference", torch.float64, torch.device("cpu")), ("cuda", torch.float32, device)):
+        parts = [part.to(place, dtype, copy=True).requires_grad_() for part in (means, sh)]
+        rgb = sh_to_rgb(*parts, camera.to(place, dtype), degree, backend=backend)
+        (rgb * up.to(place, dtype)).sum().backward()
+        by_means = parts[0].grad if degree else torch.zeros(500, 3)
+        results.append([part.detach().cpu() for part in (rgb, by_means, parts[1].grad)])
+    for truth, ours in zip(*results, strict=True):
+        assert float((ours - truth).norm()) <= 2e-5 * float(truth.norm())
+
+
 def test_the_basis_is_orthonormal_on_the_sphere() -> None:
     g = torch.Generator().manual_seed(0)
     directions = torch.nn.functional.normalize(torch.randn(400_000, 3, generator=g, dtype=torch.float64), dim=1)
@@ -42,8 +69,10 @@ def test_the_basis_is_orthonormal_on_the_sphere() -> None:
 
 
 @DEGREES
-@pytest.mark.parametrize("backend", ["reference", "cpu"])
-def test_poles_axes_and_a_gaussian_at_the_camera(degree: int, backend: str) -> None:
+@pytest.mark.parametrize("backend", ["reference", "cpu", "cuda"])
+def test_poles_axes_and_a_gaussian_at_the_camera(degree: int, backend: str, request: pytest.FixtureRequest) -> None:
+    if backend == "cuda":
+        request.getfixturevalue("gsplat_on_cpu")
     means = torch.tensor([[0, 0, 1.0], [0, 0, -1.0], [1.0, 0, 0], [0, -1.0, 0], [0, 0, 0], [1e-30, 0, 0], [1e30, 0, 0]])
     means.requires_grad_()
     sh = torch.ones(7, 16, 3, requires_grad=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import weakref
 
 import cv2
 import numpy as np
@@ -98,3 +100,20 @@ def test_a_run_that_was_ended_early_is_not_trained_further_after_a_crash(
         train(*world, settings, crash_at_the_end, tmp_path, watch=watch)
     again = train(*world, settings, silent, tmp_path, watch=watch)
     assert again.quality["iterations"] == fewest_steps and again.quality["stopped_at_share"] < 1
+
+
+def test_when_a_run_is_over_nothing_holds_its_views(world, quick, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept: list[weakref.ref[optimization.Trainer]] = []
+
+    class Watched(optimization.Trainer):
+        def run(self) -> None:
+            kept.append(weakref.ref(self))
+            super().run()
+
+    monkeypatch.setattr("fastsplat.service.splatting.train.Trainer", Watched)
+    gc.disable()  # on a GPU, whose memory Python does not count, it may come late
+    try:
+        train(*world, quick(iterations=2), silent, watch=TrainingWatch(lambda picture: None))
+        assert len(kept) == 1 and kept[0]() is None
+    finally:
+        gc.enable()
