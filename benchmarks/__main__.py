@@ -54,6 +54,7 @@ BENCHMARKS = {
     "query": Benchmark("milliseconds of questions to a scene, in process", _MODELS),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
+    "reads": Benchmark("words printed on things in drawn rooms, read in photos (--split test: other rooms)"),
     "relations": Benchmark("questions about places, sizes and colors in drawn rooms"),
     "rooms": Benchmark(
         "twelve drawn rooms: how whole, clean and rightly named things are (six; --split test: the others)"

@@ -43,6 +43,9 @@ _SAME = 0.34
 _TRUST = 0.8
 """What the reader's own probability counts: it knows its letters, and not what a slanted view hides of them."""
 _LEAST_PROBABILITY = 0.5
+_MANY = 4
+"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part;
+chosen on the validation rooms of `benchmarks.reads`."""
 
 Sightings = Mapping[int, Sequence[tuple[int, Writing]]]
 """By thing: the number of a view, and what it shows written on the thing."""
@@ -105,7 +108,8 @@ def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ..
 
     Lines that hardly differ are one line; of its readings the one with most votes counts, a vote being the reader's
     probability. Part of a line that is read whole elsewhere is no line of its own, and contradicts nothing. A line is
-    the surer the more views read it so, and the fewer read it otherwise.
+    the surer the more views read it so, and the fewer read it otherwise. One view alone is not believed where many read
+    something.
 
     Args:
         sightings: the number of a view, and what it shows written on the thing.
@@ -115,13 +119,14 @@ def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ..
         if writing.kind != "text":
             codes.setdefault((writing.kind, writing.text), set()).add(view)
     reads = [ThingRead(kind, text, _probability([1.0] * len(own)), len(own)) for (kind, text), own in codes.items()]
+    seen = len({view for view, _ in sightings})
     for line in _lines([(view, writing) for view, writing in sightings if writing.kind == "text"]):
         text = max(line.votes, key=line.votes.__getitem__)
         key = _key(text)
         agreeing = [sure for said, sure in line.views.values() if _key(said) == key]
         against = sum(sure for said, sure in line.views.values() if _key(said) not in key)
         probability = _probability(agreeing) * sum(agreeing) / (sum(agreeing) + against)
-        if probability >= _LEAST_PROBABILITY:
+        if probability >= _LEAST_PROBABILITY and (len(agreeing) > 1 or seen < _MANY):
             reads.append(ThingRead("text", text, probability, len(agreeing)))
     return bounded_reads(reads)
 

@@ -103,6 +103,12 @@ def test_views_outvote_one_that_misreads_and_a_part_of_a_line_is_none() -> None:
     assert alone.probability < 0.9  # one view is less sure than its reader says
 
 
+def test_one_view_alone_is_not_believed_where_many_read_something_else() -> None:
+    others = [(view, _text("oat milk")) for view in range(1, 3)]
+    assert len(voted_reads([(0, _text("Woolf")), *others])) == 2
+    assert len(voted_reads([(0, _text("Woolf")), *others, (3, _text("oat milk"))])) == 1
+
+
 @given(st.integers(1, 12), st.floats(0.65, 1.0))
 def test_more_views_make_it_surer_and_contradiction_less_sure(views: int, sure: float) -> None:
     agreeing = [(view, _text("oat milk", sure)) for view in range(views)]

@@ -1,0 +1,147 @@
+"""What is written on things: lines read in photos of drawn rooms, and on the right thing.
+
+    python -m benchmarks.reads [--split test] [--rooms 3] [--width 1600]
+
+Each room has about ten boxes and books on a table, labelled with one to three lines of one to three words in five
+typefaces; 27 photos with a phone's faults, no shadows. Things are the true ones, as points on their surfaces: what is
+measured is reading, not discovery. A line is to be read if one photo shows it whole, not much from the side, its
+capitals at least 20 pixels high.
+
+  lines: to be read; recall: of them, those that their thing says letter for letter, capitals and spaces aside;
+  precision: of all lines that things say, those that are printed on them, of whatever height;
+  recall_at_95, threshold: with the least probability from which precision is 0.95 over all rooms;
+  cpu_seconds, seconds: of reading a room's photos.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from benchmarks.provenance import begin, parser_of, provenance, write_json
+from benchmarks.reads.drawing import FlatStudio
+from benchmarks.reads.labels import DOTS, Line, labelled_room, surface_points
+from benchmarks.rooms.drawing import camera_of
+from benchmarks.rooms.pictures import phone_faults, photo_of
+from benchmarks.splits import results_file
+from benchmarks.things.discovered import timed
+from fastsplat.service.capture.types import View
+from fastsplat.service.instances.thing_reads import with_reads
+from fastsplat.service.perception.readers.open_reader import open_reader
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Gaussians, Thing, Things
+from fastsplat.service.settings import Settings, load_settings
+from fastsplat_contract.camera import PosedCamera
+
+_CHOSEN_ON = "how many views must read a line: on the rooms of the validation split"
+_SEEDS = {"validation": 100, "test": 200}
+_LEAST_PX, _PRECISION, _SPACING = 20.0, 0.95, 0.006
+_Said = tuple[float, bool]
+"""Probability of a line that a thing says, and whether it is printed there."""
+
+
+def _main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("--split", choices=tuple(_SEEDS), default="validation", help="which rooms")
+    parser.add_argument("--rooms", type=int, default=3)
+    parser.add_argument("--width", type=int, default=1600, help="of photos, pixels")
+    options = parser.parse_args()
+    start, settings = begin(), load_settings()
+    rows: list[dict[str, Any]] = []
+    said: list[_Said] = []
+    found: list[float] = []
+    for seed in range(_SEEDS[options.split], _SEEDS[options.split] + options.rooms):
+        row, own, probable = _measured(seed, options.width, settings)
+        print(seed, row, flush=True)
+        rows, said, found = [*rows, row], [*said, *own], [*found, *probable]
+    document = {"rooms": rows, **figures(said, found)}
+    print({name: value for name, value in document.items() if name != "rooms"})
+    about = provenance(start, settings=options, chosen_on=_CHOSEN_ON)
+    write_json(results_file("reads", options.split), {**about, **document})
+
+
+def figures(said: Sequence[_Said], found: Sequence[float]) -> dict[str, float]:
+    """Recall and precision of all that is said, and recall where precision is kept.
+
+    Args:
+        said: see `_Said`.
+        found: of each line to be read, the probability with which it is said; 0 where it is not.
+    """
+    likely = sorted({probability for probability, _ in said}, reverse=True)
+    kept = [each for each in likely if _precision([one for one in said if one[0] >= each]) >= _PRECISION]
+    least = min(kept, default=1.0)
+    return {
+        "lines": len(found),
+        "recall": round(float(np.mean([each > 0 for each in found])), 4),
+        "precision": round(_precision(said), 4),
+        "recall_at_95": round(float(np.mean([each >= least and each > 0 for each in found])), 4),
+        "threshold": round(least, 4),
+    }
+
+
+def _precision(said: Sequence[_Said]) -> float:
+    return float(np.mean([right for _, right in said])) if said else 1.0
+
+
+def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any], list[_Said], list[float]]:
+    room, lines = labelled_room(seed)
+    studio, camera, rng = FlatStudio(room, DOTS), camera_of(width), np.random.default_rng([seed, 1])
+    points, owners = surface_points(room, _SPACING)
+    evidence = evidence_of(np.arange(len(points)), owners, np.full(len(points), 16 * UNIT, np.int64), len(points))
+    things = Things(tuple(Thing(number) for number in range(1, len(room.things) + 1)), evidence)
+    views, highest = [], np.zeros(len(lines))
+    with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+        for number, pose in enumerate(room.poses):
+            path = Path(folder) / f"{number:03d}.jpg"
+            shown = studio.shown(PosedCamera(camera, pose, path.name))
+            Image.fromarray(photo_of(shown.light, phone_faults(rng), rng)).save(path, quality=92)
+            views.append(View(shown.posed, path))
+            highest = np.maximum(highest, [line.height_in(shown) for line in lines])
+        reader, side = open_reader(settings.perception, settings.models), settings.discovery.max_side
+        read, seconds = timed(lambda: with_reads(things, _gaussians(points), views, reader, side))
+    said, found = judged(read, lines, (highest >= _LEAST_PX).tolist())
+    return {"photos": len(views), **figures(said, found), **seconds}, said, found
+
+
+def judged(things: Things, lines: Sequence[Line], legible: Sequence[bool]) -> tuple[list[_Said], list[float]]:
+    """What things say, and how probably they say the legible lines that are printed on them.
+
+    Args:
+        things: with their reads.
+        lines: that are printed.
+        legible: bool [len(lines)], those that are to be read.
+    """
+    printed = {(line.thing, _letters(line.text)) for line in lines}
+    said: dict[tuple[int, str], float] = {}
+    for thing in things.table:
+        for read in thing.reads:
+            key = (thing.id, _letters(read.text))
+            said[key] = max(read.probability, said.get(key, 0.0))
+    keys = [(line.thing, _letters(line.text)) for line, own in zip(lines, legible, strict=True) if own]
+    return [(own, key in printed) for key, own in said.items()], [said.get(key, 0.0) for key in keys]
+
+
+def _letters(text: str) -> str:
+    return "".join(letter for letter in text.casefold() if letter.isalnum())
+
+
+def _gaussians(points: NDArray[np.float64]) -> Gaussians:
+    count = len(points)
+    return Gaussians(
+        means=points.astype(np.float32),
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        log_scales=np.full((count, 3), np.log(_SPACING / 2), np.float32),
+        logit_opacities=np.full(count, 4.0, np.float32),
+        sh=np.zeros((count, 1, 3), np.float32),
+        codes=np.zeros((count, 0), np.float32),
+    )
+
+
+if __name__ == "__main__":
+    _main()
