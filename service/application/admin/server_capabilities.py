@@ -1,8 +1,9 @@
-"""Capabilities of this server, as one of its callers may know them."""
+"""Capabilities and health of this server, as one of its callers may know them."""
 
 from __future__ import annotations
 
 import ipaddress
+import shutil
 import socket
 import time
 from collections.abc import Sequence
@@ -12,17 +13,26 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
-from fastsplat.service.application.admin.server_health import server_health
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
 from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.store.reserve import floor_of
 from fastsplat.service.store.store import Store
 from fastsplat_contract.call import APART
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, ModelUnavailableError
 from fastsplat_contract.keys import Role
 from fastsplat_contract.name_suggestions import NamerStatus
-from fastsplat_contract.server_status import ModelRole, ModelStatus, QuotaStatus, ServerStatus
+from fastsplat_contract.server_status import (
+    DiskHealth,
+    ModelRole,
+    ModelStatus,
+    QueueHealth,
+    QuotaStatus,
+    ServerHealth,
+    ServerStatus,
+    WorkerHealth,
+)
 
 _SOMEWHERE = ("192.0.2.1", 9)
 """An address of the documentation's (RFC 5737), to which nothing is sent."""
@@ -67,7 +77,36 @@ def server_status(store: Store, settings: Settings, project: str, role: Role, ke
         max_images=settings.capture.max_images,
         namer=None if role in (*APART, "reader") else namer_status(store, settings, project),
         addresses=() if role in (*APART, "reader") else page_addresses(settings),
-        health=server_health(store, settings) if role == "operator" else None,
+        health=_health(store, settings) if role == "operator" else None,
+    )
+
+
+def _health(store: Store, settings: Settings) -> ServerHealth:
+    """The health of the workers and the queue of this database, and of this server's disk, now.
+
+    Seconds are by this machine's clock: they are wrong by as much as a worker's differs.
+
+    Raises:
+        DatabaseError: the database does not answer.
+        OSError: the data folder is gone.
+    """
+    now, timeout_s = time.time(), settings.jobs.stalled_worker_timeout_s
+    registered = [worker for worker in store.workers.list_workers() if worker.heartbeat_at > 0]
+    jobs, since = store.job_metrics.jobs_by_state(), store.job_metrics.waits_since()
+    root = store.blobs.root
+    disk = shutil.disk_usage(root)
+    return ServerHealth(
+        workers=tuple(
+            WorkerHealth(
+                host=worker.host,
+                pid=worker.pid,
+                silent_s=max(0.0, now - worker.heartbeat_at),
+                alive=worker.heartbeat_at >= now - timeout_s,
+            )
+            for worker in sorted(registered, key=lambda worker: (worker.host, worker.pid))
+        ),
+        queue=QueueHealth(jobs["QUEUED"], jobs["RUNNING"], None if since is None else max(0.0, now - since)),
+        disk=DiskHealth(disk.total, disk.free, floor_of(root, settings.uploads.min_free_bytes)),
     )
 
 
