@@ -120,6 +120,15 @@ def _summary(default: Document, things: Document, absence: Document, standing: D
     yield "[answers to 30 camera poses a second](docs/robots.md#4-stream-poses-get-masks), beside a training", within
 
 
+def _reads(document: Document) -> Iterator[Row]:
+    whole = document["lines"]
+    cpu = max(row["cpu_seconds"] * 26 / row["photos"] for row in document["rooms"])
+    yield "lines said, letter for letter", _count(document["recall"], whole)
+    yield "right of all that things say", f"{document['precision'] * 100:.0f} %"
+    yield f"lines said with a probability from {document['threshold']:.2f}", _count(document["recall_at_95"], whole)
+    yield "CPU seconds for 26 photos, at most", f"{cpu:.0f}"
+
+
 def _raster(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         if row["backend"] == "cpu" and row["threads"] == 2 and row.get("backward_ms") and row["gaussians"] != 20000:
@@ -323,6 +332,7 @@ TABLES: Mapping[str, Table] = {
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
     "names": Table(("names",), ("probability", "mean", "right"), _names),
     "questions": Table(("questions",), ("", "right"), _questions),
+    "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
     "serve": Table(("serve",), ("", ""), _serve),
