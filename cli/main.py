@@ -41,7 +41,7 @@ from fastsplat.cli.settings import load_settings
 from fastsplat.cli.status import status
 from fastsplat.cli.tags import tags
 from fastsplat.cli.thing_commands import things_app
-from fastsplat.service.common.process import PARENT_VARIABLE, die_with_parent, loading_modules
+from fastsplat.service.common.process import die_with_named_parent, loading_modules
 from fastsplat_contract.errors import FastSplatError
 
 logger = logging.getLogger(__name__)
@@ -128,9 +128,7 @@ def _start(role: str) -> None:
     os.umask(0o077)  # photos of homes: what this process and its children write is their owner's alone
     for protection in missing_protections():
         logger.warning("parsers of uploads run without protection: %s", protection)
-    parent = os.environ.pop(PARENT_VARIABLE, "")
-    if parent:  # a child of `fastsplat serve`
-        die_with_parent(int(parent))
+    die_with_named_parent()  # which is `fastsplat serve`
 
 
 if __name__ == "__main__":

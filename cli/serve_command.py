@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from typing import Annotated
 
@@ -31,7 +32,9 @@ def serve(
     from fastsplat.cli.devices import worker_roles
     from fastsplat.cli.serve import Role
     from fastsplat.cli.serve import serve as run
+    from fastsplat.service.common.process import die_with_named_parent
 
+    die_with_named_parent(signal.SIGTERM)  # which is `fastsplat demo`
     if no_auth:
         os.environ["FASTSPLAT_AUTH"] = "off"  # for the API's own process
     settings = load_settings()

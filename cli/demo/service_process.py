@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from fastsplat.cli.browser import is_ready
+from fastsplat.service.common.process import PARENT_VARIABLE
 from fastsplat_contract.errors import ResourceError
 
 _START_SECONDS = 60
@@ -30,6 +31,7 @@ def running_service(*, data_dir: Path, models: Path, log: Path, http_port: int, 
         _require_free(port)
     environment = {
         **os.environ,
+        PARENT_VARIABLE: str(os.getpid()),  # killed, this process could not stop it
         "FASTSPLAT_DATA_DIR": str(data_dir),
         "FASTSPLAT_MODELS": str(models),
         "FASTSPLAT_HTTP_PORT": str(http_port),

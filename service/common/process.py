@@ -58,6 +58,12 @@ def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKI
         os._exit(1)
 
 
+def die_with_named_parent(death_signal: signal.Signals = signal.SIGKILL) -> None:
+    """`die_with_parent` where `PARENT_VARIABLE` names one, which is then no more in the environment."""
+    if parent := os.environ.pop(PARENT_VARIABLE, ""):
+        die_with_parent(int(parent), death_signal)
+
+
 def yield_to_others(niceness: int) -> None:
     """Make this process so much nicer to others than it is; to be called before it starts threads.
 

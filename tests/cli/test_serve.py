@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from release.check_wheels import free_ports
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).parent.parent.parent
@@ -120,3 +121,32 @@ def test_children_do_not_outlive_a_killed_supervisor(serving):
     wait_for(lambda: served.pids("one"))
     served.process.kill()
     wait_for(lambda: not alive(served.pids("one")[0]))
+
+
+_DEMONSTRATION = """
+import sys, time
+from pathlib import Path
+from fastsplat.cli.demo.service_process import running_service
+here, models, http, grpc = Path(sys.argv[1]), Path(sys.argv[2]), *map(int, sys.argv[3:])
+with running_service(data_dir=here / "data", models=models, log=here / "log", http_port=http, grpc_port=grpc):
+    print("ready", flush=True)
+    time.sleep(600)
+"""
+
+
+def test_the_service_of_a_demonstration_that_is_killed_ends_with_it(tmp_path: Path, lexicon_models_dir: Path) -> None:
+    http, grpc = free_ports(2)
+    command = [sys.executable, "-c", _DEMONSTRATION, str(tmp_path), str(lexicon_models_dir), str(http), str(grpc)]
+    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout is not None and process.stdout.readline() == b"ready\n"
+            children = _descendants(process.pid)
+            assert len(children) >= 3  # serve, the API and a worker
+        finally:
+            process.kill()
+    wait_for(lambda: not any(alive(pid) for pid in children))
+
+
+def _descendants(pid: int) -> list[int]:
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [each for child in map(int, children) for each in (child, *_descendants(child))]
