@@ -15,6 +15,7 @@ from xdist.scheduler import LoadScopeScheduling
 REST = (
     "api/test_api_fuzz.py",
     "api/test_api_observations.py",
+    "api/test_api_localize.py",
     "api/test_client_interpreters.py",
     "api/test_dropped_answers.py",
     "api/test_full_disk.py",
