@@ -32,7 +32,7 @@ def median_depth(meta: Mapping[str, Any], height: int, width: int, *, alpha_min:
     starts, ids, side = meta["isect_offsets"][0], meta["flatten_ids"].long(), int(meta["tile_size"])
     rows, columns = starts.shape
     starts = starts.flatten().long()
-    counts = torch.cat((starts[1:], starts.new_tensor([len(ids)]))) - starts
+    counts = starts.diff(append=torch.full((1,), len(ids), device=starts.device))
     found = torch.zeros(len(starts), side * side, device=starts.device)
     for tiles in torch.nonzero(counts)[:, 0].split(max(1, _MOST_VALUES // (_AT_ONCE * side * side))):
         found[tiles] = _of_tiles(meta, ids, tiles, starts[tiles], counts[tiles], columns, alpha_min, alpha_max)
