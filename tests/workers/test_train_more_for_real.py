@@ -20,7 +20,6 @@ from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.common.progress import silent
-from fastsplat.service.common.settings import settings_of
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene
@@ -47,6 +46,18 @@ _TRAINING = TrainingSettings(
     iterations=_STEPS, time_budget_s=None, max_gaussians=400, max_side=64, evaluations=0, checkpoint_every_s=0.0
 )
 
+# A checkpoint after every step is no setting of a server.
+_WORKER = """
+import os
+from fastsplat.cli.logs import log_to_stderr
+from fastsplat.service.settings import load_settings
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.workers.worker_process import run
+log_to_stderr("worker")
+training = TrainingSettings.model_validate_json(os.environ["TRAINING"])
+run(load_settings().model_copy(update={"training": training}))
+"""
+
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[SceneService]:
@@ -62,14 +73,15 @@ def start_worker(service: SceneService, tmp_path: Path) -> Iterator[Callable[[],
     environment = {
         **os.environ,
         "FASTSPLAT_DATA_DIR": str(tmp_path / "data"),
-        "FASTSPLAT_TRAINING": _TRAINING.model_dump_json(include=set(settings_of(TrainingSettings))),
+        "TRAINING": _TRAINING.model_dump_json(),
         "FASTSPLAT_JOBS": json.dumps(changes),
     }
     workers: list[subprocess.Popen[bytes]] = []
 
     def start() -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
-        workers.append(subprocess.Popen(command, env=environment, cwd=_ROOT, start_new_session=True))
+        workers.append(
+            subprocess.Popen([sys.executable, "-c", _WORKER], env=environment, cwd=_ROOT, start_new_session=True)
+        )
         return workers[-1]
 
     yield start
