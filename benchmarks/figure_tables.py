@@ -276,9 +276,15 @@ def _serve(document: Document) -> Iterator[Row]:
 def _page(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         drawn = "browser, WebGL without a GPU" if row["webgl"] else "server"
-        seconds = f"{row['scene_shown_s']:.1f} s", f"{row['enter_to_glow_s']:.1f} s"
+        seconds = (f"{row[each]:.1f} s" for each in ("scene_shown_s", "ready_s", "enter_to_glow_s"))
         loaded = _megabytes(sum(row["bytes"].values()))
         yield f"{row['scene']}, {row['gaussians']:,}", drawn, *seconds, f"{row['frames_per_s']:.0f}", loaded
+
+
+def _lighthouse(document: Document) -> Iterator[Row]:
+    for page, row in document["lighthouse"].items():
+        moments = f"{row['largest-contentful-paint_s']:.1f} s", f"{row['total-blocking-time_s']:.2f} s"
+        yield page, f"{row['performance']}", f"{row['accessibility']}", *moments
 
 
 def _localization(document: Document) -> Iterator[Row]:
@@ -338,8 +344,16 @@ TABLES: Mapping[str, Table] = {
     "serve": Table(("serve",), ("", ""), _serve),
     "page": Table(
         ("page",),
-        ("scene, Gaussians", "drawn by", "shown after", "from Enter to glow", "frames a second", "loaded"),
+        (
+            *("scene, Gaussians", "moved by", "shown after", "free to move after", "from Enter to glow"),
+            *("frames a second", "loaded"),
+        ),
         _page,
+    ),
+    "lighthouse": Table(
+        ("page",),
+        ("Lighthouse, a phone", "performance", "accessibility", "largest paint", "blocked"),
+        _lighthouse,
     ),
     "localization": Table(
         ("localization",),
