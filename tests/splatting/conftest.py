@@ -22,7 +22,6 @@ def isa(request: pytest.FixtureRequest) -> Iterator[str]:
 @pytest.fixture
 def gsplat_on_cpu(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Backend `cuda` on CPU tensors: everything of it, and of gsplat, but gsplat's kernels."""
-    pytest.importorskip("gsplat")
     front_end = gsplat_front_end.install(monkeypatch)
     monkeypatch.setattr(cuda, "gsplat_module", lambda: front_end)
     monkeypatch.setattr(cuda, "DEVICE", "cpu")

@@ -20,6 +20,9 @@ ALPHA_MAX = 0.999
 TRANSMITTANCE_MIN = 1e-4
 """What the kernels fix; `test_gsplat_contract` reads them from the sources."""
 
+needs_gpu = pytest.mark.skipif(not torch.cuda.is_available(), reason="no NVIDIA GPU")
+"""Of a test of gsplat's kernels themselves; gsplat is among the development tools."""
+
 
 def install(monkeypatch: pytest.MonkeyPatch) -> Any:
     """gsplat with its kernels replaced until the test ends."""

@@ -20,7 +20,7 @@ from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
 
 try:
     from fastsplat.service.splatting.raster import _cpu
-except ImportError as error:  # pragma: no cover - only in a checkout that was not built
+except ImportError as error:  # in a checkout that was not built
     raise ModelUnavailableError(
         "the compiled rasterizer is missing", hint="Install the package: pip install -e . --no-build-isolation"
     ) from error

@@ -18,9 +18,6 @@ from fastsplat.service.splatting.raster import cuda, median_depth
 from fastsplat.service.splatting.raster.types import RasterSettings
 from tests.splatting import gsplat_front_end
 
-if importlib.util.find_spec("gsplat") is None:
-    pytest.skip("gsplat is not installed", allow_module_level=True)
-
 _SPEC = importlib.util.find_spec("gsplat")
 assert _SPEC is not None and _SPEC.origin is not None
 _GSPLAT = Path(_SPEC.origin).parent

@@ -13,6 +13,7 @@ from fastsplat.service.splatting.raster.kernels import kernels
 from fastsplat.service.splatting.raster.rendering import sh_to_rgb
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
+from tests.splatting.gsplat_front_end import needs_gpu
 
 DEGREES = pytest.mark.parametrize("degree", [0, 1, 2, 3])
 
@@ -39,7 +40,7 @@ def test_gsplat_has_the_same_colors_and_gradients(degree: int, gsplat_on_cpu: ob
 
 
 @DEGREES
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="no NVIDIA GPU")
+@needs_gpu
 def test_so_have_its_kernels(degree: int) -> None:
     assert_gsplat_has_the_same(degree, torch.device("cuda"))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 import types
 from dataclasses import replace
@@ -21,10 +20,7 @@ from fastsplat.service.splatting.raster.rendering import accumulate_weights, ras
 from fastsplat.service.splatting.raster.types import RasterSettings, Splats
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
-
-needs_gpu = pytest.mark.skipif(
-    not torch.cuda.is_available() or importlib.util.find_spec("gsplat") is None, reason="no NVIDIA GPU"
-)
+from tests.splatting.gsplat_front_end import needs_gpu
 
 
 def moderate() -> View:
@@ -46,7 +42,6 @@ def test_without_a_gpu_the_error_says_so(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_kernels_that_could_not_be_built_are_said_before_anything_is_drawn(
     monkeypatch: pytest.MonkeyPatch, how: str
 ) -> None:
-    pytest.importorskip("gsplat")
     if how == "no toolkit":  # what gsplat leaves behind where it finds no nvcc
         backend = types.ModuleType("gsplat.cuda._backend")
         backend._C = None  # type: ignore[attr-defined]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +15,16 @@ from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
+from tests.splatting.gsplat_front_end import needs_gpu
 
 _SHORT: dict[str, Any] = {
     "iterations": 24, "time_budget_s": None, "max_gaussians": 160, "evaluations": 0, "background": "random",
 }  # fmt: skip
-_GPU = torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None
 
 
-@pytest.fixture(params=["reference", "gsplat front end", "GPU"])
+@pytest.fixture(params=["reference", "gsplat front end", pytest.param("GPU", marks=needs_gpu)])
 def backend(request: pytest.FixtureRequest) -> str:
     """`gsplat front end` is backend `cuda` on the CPU with gsplat's front end, its kernels replaced."""
-    if request.param == "GPU" and not _GPU:
-        pytest.skip("no NVIDIA GPU")
     if request.param == "gsplat front end":
         request.getfixturevalue("gsplat_on_cpu")
     return "reference" if request.param == "reference" else "cuda"
