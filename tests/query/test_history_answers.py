@@ -129,6 +129,15 @@ def test_when_it_is_missing_and_when_it_was_seen() -> None:
     assert history.last_seen(3) == _MADE and history.seen_in(3) == ""
 
 
+def test_photos_of_before_the_capture_say_nothing_of_after_it() -> None:
+    days: _Days = [(18, "gone")]
+    assert _answers(days).plain(_found()) == _found()
+    assert _answers(days)._history.last_seen(_MUG) == _MADE and _answers(days)._history.seen_in(_MUG) == ""
+    assert _asked(days, "what is gone?").outcome == "cannot_say"
+    before = 'By photos of 18 November 2026, nobody having looked on 19 November 2026: The "mug" is not where it was.'
+    assert _asked(days, "where was the mug on 19 November?").sentence == before
+
+
 def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
     answers = _answers([(23, None)])
     (one,) = answers._history.observations

@@ -78,7 +78,7 @@ class HistoryAnswers:
         return answer.things or self._names.of_labels(answer.relevant_ids)
 
     def _events(self, question: TimeQuestion, answer: Answer) -> Answer:
-        observations, since = self._history.observations, question.when
+        observations, since = self._history.later, question.when
         about = replace(
             answer,
             label_set=(),
@@ -123,7 +123,7 @@ class HistoryAnswers:
     def _changes(self, question: TimeQuestion) -> list[tuple[SceneChange, datetime]]:
         """What is asked for and holds by the last observation that says something of it, the surest first."""
         found: list[tuple[SceneChange, datetime]] = []
-        for sightings in self._history.sightings.values():
+        for sightings in self._history.looked_at_again.values():
             last = sightings[-1]
             if last.change is None or last.change.kind not in question.events:
                 continue
@@ -133,7 +133,7 @@ class HistoryAnswers:
                 if last.at < question.when.start or same:
                     continue
             found.append((last.change, last.at))
-        for observation in self._history.observations[-1:] if "new" in question.events else ():
+        for observation in self._history.later[-1:] if "new" in question.events else ():
             if question.when is None or observation.seen_at >= question.when.start:
                 found += [(each, observation.seen_at) for each in observation.changes if not each.thing_id]
         return sorted(found, key=lambda each: -each[0].probability)
@@ -153,9 +153,6 @@ class HistoryAnswers:
         if made is None:
             unknown = "the scene's own do not say when they were taken"
             return f"No photo of {day} or before shows {name[0].lower()}{name[1:]}, and {unknown}."
-        if made < when.end:
-            late = "" if made >= when.start else f", nobody having looked on {day}"
-            return f"{name} was where the scene shows it, by photos of {_day(made)}{late}."
         return f"No photo is of {day} or before: the scene is of {_day(made)}."
 
     def _seen(self, thing_id: int) -> str:
@@ -195,7 +192,7 @@ class HistoryAnswers:
         return self._parents.get(thing_id, thing_id)
 
     def _sightings(self, thing_id: int) -> Sequence[Sighting]:
-        return self._history.sightings.get(self._whole(thing_id), ())
+        return self._history.sightings(self._whole(thing_id))
 
     def _last(self, thing_id: int) -> Sighting | None:
         own = self._sightings(thing_id)
