@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 from typing import Any, Generic, TypeVar
 
 from fastapi import APIRouter, Request
@@ -126,7 +125,7 @@ class _PhotoSink(Generic[T]):
             "photos": [bytes(photo) for photo in self._photos],
             "focals": [_number(text, f"focals[{number}]") for number, text in enumerate(texts["focals"])],
             "poses": [_json(text, f"poses[{number}]") for number, text in enumerate(texts["poses"])],
-            **{name: _time(parts[0]) if name == "seen_at" else parts[0] for name, parts in once.items() if parts},
+            **{name: parts[0] for name, parts in once.items() if parts},
         }
         return from_plain(self._kind, plain)
 
@@ -180,15 +179,6 @@ def _number(text: str, field: str) -> float:
         return float(text)
     except ValueError:
         raise InvalidInputError(f"{text[:80]!r} is no number", field=field, hint="Send pixels, e.g. 1200.5.") from None
-
-
-def _time(text: str) -> datetime:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        raise InvalidInputError(
-            f"{text[:80]!r} is no time", field="seen_at", hint="Send e.g. 2026-11-23T18:00:00+01:00."
-        ) from None
 
 
 def _json(text: str, field: str) -> Any:

@@ -110,7 +110,7 @@ class RankedScene:
                 of one without a name, or where the scene stores none.
             asker: float64 [4, 4], world from who asks.
         """
-        if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.sightings:
+        if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.looked_at_again:
             return tuple(self._in_words(ranked, things, None) for ranked in self._answered(query, things, asker))
         now = datetime.now(UTC)
         questions = [time_question(text, now) for text in query.texts]
@@ -123,14 +123,14 @@ class RankedScene:
 
     def _in_words(self, ranked: Ranked, things: Callable[[], SceneThings], question: TimeQuestion | None) -> Answer:
         words = self._words
-        if (ranked.answer.things or self._history.sightings) and not self.names.stored:
+        if (ranked.answer.things or self._history.looked_at_again) and not self.names.stored:
             words = ThingWords(things().names)
 
         def in_words(thing_ids: Sequence[int]) -> str:
             return words.listed(thing_ids, lambda: things().measures)
 
         answer = spoken(ranked.answer, ranked.remarks, words.names, self._unseen, in_words)
-        if question is not None or self._history.sightings:
+        if question is not None or self._history.looked_at_again:
             unit = "m" if self._unit == "m" else "scene units"
             of_time = HistoryAnswers(self._history, words.names, in_words, unit)
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
