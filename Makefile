@@ -70,7 +70,7 @@ test-all: setup  ## every test, in one run
 lint: setup  ## format and lint in place
 	@if test -d $(WEB)/node_modules; then cd $(WEB) && npm run --silent format; fi
 	$(BIN)/ruff format . && $(BIN)/ruff check --fix . && $(BIN)/mypy && $(BIN)/lint-imports
-	$(BIN)/clang-format -i $(CPP)
+	$(BIN)/clang-format -i $$(git ls-files '*.cpp' '*.h')
 
 lint-api:  ## check the API's description by redocly and spectral (npm fetches them)
 	npx --yes @redocly/cli@2 lint --extends recommended --skip-rule operation-4xx-response api/rest/openapi.json
