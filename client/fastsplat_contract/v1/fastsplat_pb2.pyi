@@ -3054,8 +3054,8 @@ class NameSuggestion(_message.Message):
     probability: _builtins.float
     """0..1, of all that suggest it together"""
     scene_id: _builtins.str
-    """another scene of the project, in which a person named a thing so that looks like this one; empty: the name comes
-    from this scene itself
+    """another scene of the project, in which a person named a thing so that looks like this one, or bears its printed
+    tag; empty: the name comes from this scene itself
     """
     @_builtins.property
     def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
@@ -3092,7 +3092,7 @@ class SuggestionSource(_message.Message):
     MODEL_FIELD_NUMBER: _builtins.int
     PROBABILITY_FIELD_NUMBER: _builtins.int
     source: _builtins.str
-    """detector: the scene's own models and likenesses; else who sent it"""
+    """detector: the scene's own models and likenesses; tag: a printed tag; else who sent it"""
     model: _builtins.str
     """of the source; empty where it named none"""
     probability: _builtins.float
@@ -7956,7 +7956,7 @@ Global___ListKnownNamesResponse: _TypeAlias = ListKnownNamesResponse  # noqa: Y0
 
 @_typing.final
 class KnownName(_message.Message):
-    """A name that a person gave, which is suggested for things of other scenes that look like this one."""
+    """A name that a person gave, suggested for things of other scenes that look like this one or bear its tag."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -7977,7 +7977,7 @@ class KnownName(_message.Message):
     thing_id: _builtins.int
     """the thing of the scene that bears it"""
     picture: _builtins.bytes
-    """a small JPEG of the thing, from a photo of its scene"""
+    """a small JPEG of the thing, from a photo of its scene; empty for what is known by a tag alone"""
     @_builtins.property
     def named_at(self) -> _timestamp_pb2.Timestamp: ...
     def __init__(
