@@ -16,6 +16,7 @@ from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
@@ -83,11 +84,12 @@ class ClaimedJob:
     `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim, calls: CallSettings) -> None:
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
         self.max_versions, self._calls = calls.max_versions, calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
+        self._projects, self._namer_host = store.projects, namer_host
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -242,6 +244,11 @@ class ClaimedJob:
         return "cancel" in self._jobs.check(self.claim)
 
     @_patient
+    def may_ask_namer(self) -> bool:
+        """Whether the settings name a namer, and the job's project agreed to its host."""
+        return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
+
+    @_patient
     def claim_again(self) -> None:
         """Begin another attempt of this worker, whose trainer died."""
         claim = self._jobs.claim(self.id, self.claim.operation.retries, after="trainer_died")
@@ -274,9 +281,9 @@ class ClaimedJob:
         return folder
 
     @_patient
-    def publish_scene(self, stage: str) -> None:
-        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY and the
-        operation SUCCEEDED.
+    def publish_scene(self, stage: str, follow: NewJob | None) -> None:
+        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY, the
+        operation SUCCEEDED, and queue what is to `follow`.
 
         Raises:
             ConflictError: a draft was edited meanwhile.
@@ -286,12 +293,12 @@ class ClaimedJob:
         folder = self._version_or(self.run_id, self.folder / stage)
         self._blobs.check_version(folder, SUMMARY, "stage.json")
         made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
-        removed = self._jobs.succeed(self.claim, made.summary, made.carried, edited=made.edited, result=made.result)
-        self._drop_versions(removed)
+        more: Mapping[str, Any] = {"edited": made.edited, "result": made.result, "follow": follow}
+        self._drop_versions(self._jobs.succeed(self.claim, made.summary, made.carried, **more))
 
     @_patient
-    def succeed_with_version(self, new: NewVersion, result: Mapping[str, Any]) -> None:
-        """Add a published version to the finished scene and make the operation SUCCEEDED.
+    def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
+        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED.
 
         Raises:
             ConflictError: the scene has another version by now than the one that this was made of.
