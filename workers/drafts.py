@@ -18,7 +18,7 @@ from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.carried_edits import DraftVersion, carry_edits
 from fastsplat.service.common.atomic import link_or_copy
-from fastsplat.service.drafts import point_draft, training_draft
+from fastsplat.service.drafts import first_draft, training_draft
 from fastsplat.service.perception.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
@@ -147,8 +147,8 @@ class Drafts:
         self._numbers = itertools.count(1)
 
     def of_points(self, capture: Capture, labelling: Labelling, views: Sequence[int]) -> None:
-        """See `point_draft`."""
-        self._publish("perception", lambda: point_draft(capture, labelling, views, self._job.settings))
+        """See `first_draft`."""
+        self._publish("perception", lambda: first_draft(capture, labelling, views, self._job.settings))
 
     def of_training(
         self,

@@ -6,9 +6,11 @@ Prints, as JSON: seconds from posting to the first camera, to each draft and to 
 
   agree: the share of `questions` whose outcome is that of the finished scene;
   ece: the expected calibration error (ten bins) of how probable the draft says it is that what is asked for is here,
-    against whether the finished scene takes it to be. `Answer.probability` is that of what is shown, and of `not_here`
-    that nothing is; so it is turned around there. It is not the probability that the outcome stays: "probably here" at
-    0.2 becomes "not here", rightly, four times in five. Only the `judged` questions count, to which both decide.
+    against how probable the finished scene says it is: who knows less says, on average, what will be said in the end.
+    `Answer.probability` is that of what is shown, and of `not_here` that nothing is; so it is turned around there. It
+    is not the probability that the outcome stays, nor of the final verdict: a finished scene in which things have no
+    name says "not here" at 0.6, and its verdict foretells nothing better than that. Against its own verdicts the
+    finished sample has an error of 0.29. Only the `judged` questions count, to which both say how probable it is.
 """
 
 from __future__ import annotations
@@ -26,7 +28,6 @@ from benchmarks.questions.trained_questions import read_scenes
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.library.local_scene import folder_settings
 from fastsplat.service.library.training_run import train
-from fastsplat.service.query.things.absence import RATHER
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.queries import Answer, QueryRequest
 
@@ -71,22 +72,14 @@ def here_probability(answer: Answer) -> float | None:
     return 1.0 - answer.probability if answer.outcome == "not_here" else answer.probability
 
 
-def takes_to_be_here(answer: Answer) -> bool | None:
-    """Whether an answer takes what was asked for to be here rather than not; None where it decides nothing."""
-    likely = here_probability(answer)
-    if likely is not None:
-        return likely >= RATHER
-    return {"here": True, "probably_here": True, "not_here": False}.get(answer.outcome)
-
-
 def agreement(drafted: Sequence[Answer], final: Sequence[Answer]) -> dict[str, float]:
     """How well answers of a draft foretell the final ones, text by text; see the module."""
     same = [before.outcome == after.outcome for before, after in zip(drafted, final, strict=True)]
-    pairs = [(here_probability(before), takes_to_be_here(after)) for before, after in zip(drafted, final, strict=True)]
-    judged = [(likely, here) for likely, here in pairs if likely is not None and here is not None]
-    said, here = np.array(judged, dtype=np.float64).reshape(-1, 2).T
+    pairs = [(here_probability(before), here_probability(after)) for before, after in zip(drafted, final, strict=True)]
+    judged = [pair for pair in pairs if None not in pair]
+    said, true = np.array(judged, dtype=np.float64).reshape(-1, 2).T
     bins = np.minimum((said * _BINS).astype(int), _BINS - 1)
-    gaps = np.abs(np.bincount(bins, said - here, minlength=_BINS))
+    gaps = np.abs(np.bincount(bins, said - true, minlength=_BINS))
     return {
         "agree": float(np.mean(same)),
         "ece": float(gaps.sum()) / max(len(judged), 1),
