@@ -20,6 +20,7 @@ from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
+from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
@@ -85,6 +86,7 @@ class SceneIndex:
         self._renderer_lock = threading.Lock()
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
+        self._history = scene_history(scene)
         semantics = semantics_of(scene)
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
@@ -99,7 +101,7 @@ class SceneIndex:
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
@@ -196,7 +198,7 @@ class SceneIndex:
                 scene, before = self.scene, None if self._before is None else self._before._things
                 if scene.things is None:
                     scene = replace(scene, things=labeled_things(scene, self._labels))
-                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, before)
+                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, self._history, before)
             return self._things
 
     def is_understood(self, name: str) -> bool:

@@ -828,12 +828,14 @@ class _NextPhotoReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NextP
     NEXT_PHOTO_REASON_UNSPECIFIED: _NextPhotoReason.ValueType  # 0
     NEXT_PHOTO_REASON_GAP: _NextPhotoReason.ValueType  # 1
     NEXT_PHOTO_REASON_FEW_DIRECTIONS: _NextPhotoReason.ValueType  # 2
+    NEXT_PHOTO_REASON_HIDDEN: _NextPhotoReason.ValueType  # 3
 
 class NextPhotoReason(_NextPhotoReason, metaclass=_NextPhotoReasonEnumTypeWrapper): ...
 
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason.ValueType  # 0
 NEXT_PHOTO_REASON_GAP: NextPhotoReason.ValueType  # 1
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
+NEXT_PHOTO_REASON_HIDDEN: NextPhotoReason.ValueType  # 3
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
 class _FloorSource:
@@ -5968,7 +5970,8 @@ class NextPhoto(_message.Message):
     """the scene's camera that is next to it"""
     reason: Global___NextPhotoReason.ValueType
     """gap: no photo looks from this side of the place; few_directions: surfaces that it would see were seen from few
-    directions
+    directions; hidden: what it looks at is behind or in something in every photo, and things may be there that are
+    not_seen
     """
     advice: _builtins.str
     """the same in one sentence, in words of the photo next to it"""
