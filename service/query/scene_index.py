@@ -23,6 +23,7 @@ from fastsplat.service.query.things.gaussian_labels import label_by_things, labe
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
+from fastsplat.service.scene.coarse import coarse_scene
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
@@ -32,6 +33,7 @@ from fastsplat_contract.scenes import SceneObject
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
     from fastsplat.service.query.things.thing_index import SceneThings
@@ -84,6 +86,7 @@ class SceneIndex:
         self._lexicon = lexicon
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
+        self._coarse: CoarseView | None = None
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
         self._history = scene_history(scene)
@@ -300,6 +303,20 @@ class SceneIndex:
             LimitExceededError: the image is larger than the settings allow.
         """
         return self._renderer_for(posed).colors(posed)
+
+    @property
+    def coarse(self) -> CoarseView | SceneIndex:
+        """What draws this scene, and its things, while a camera moves; of a small scene this index itself."""
+        things = self.things
+        with self._renderer_lock:
+            if self._coarse is None:
+                from fastsplat.service.query.coarse_view import CoarseView
+
+                scene = coarse_scene(replace(self.scene, things=things.table))
+                if scene is None:
+                    return self
+                self._coarse = CoarseView(scene, self.settings)
+            return self._coarse
 
     def depth(self, posed: PosedCamera) -> NDArray[np.float32]:
         """float32 [H, W]: expected camera z in scene units, 0 where less than `alpha_min` is covered.

@@ -108,12 +108,14 @@ EXAMPLES = (
     *(_render(kind, format="npy") for kind in ("label_map", "depth", "thing_map", "normals", "confidence")),
     _render("depth", depth_scale=0.002),
     _render("rgb", view=None, camera=turned(0.25)),
+    _render("rgb", coarse=True, tints=(Tint((1,), RED, 0.5),)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
     Example("DownloadScenePly"),
     Example("DownloadMaskPly", {"text": "mug"}),
     Example("DownloadThingIds"),
+    _export("spz", coarse=True),
     *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
     *(_export(name) for name in ("cameras", "points", "spz")),
     _export("points", cell=0.2),
@@ -236,6 +238,7 @@ EXAMPLES = (
             ({"kind": "things", "format": "npy"}, "format"),
             ({"kind": "things", "tints": (Tint((1,), RED, 0.5),)}, "tints"),
             ({"kind": "depth", "dimming": 0.5}, "dimming"),
+            ({"kind": "depth", "coarse": True}, "coarse"),
             ({"kind": "mask"}, "text"),
         )
     ),
@@ -254,6 +257,8 @@ EXAMPLES = (
         for name in ("ply", "sog")
     ),
     _bad("ExportScene", ExportRequest("", "spz", cell=0.2), "cell"),
+    _bad("ExportScene", ExportRequest("", "sog", coarse=True), "coarse"),
+    _bad("ExportScene", ExportRequest("", "spz", things=(1,), coarse=True), "coarse"),
     _bad("ExportScene", ExportRequest("", "map"), "scene_id"),  # its z is not up
     *(
         _bad("ListBestViews", fields, field, reason)

@@ -5524,6 +5524,7 @@ class RenderViewRequest(_message.Message):
     DEPTH_SCALE_FIELD_NUMBER: _builtins.int
     TINTS_FIELD_NUMBER: _builtins.int
     DIMMING_FIELD_NUMBER: _builtins.int
+    COARSE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     kind: Global___PictureKind.ValueType
@@ -5547,7 +5548,9 @@ class RenderViewRequest(_message.Message):
     depth_scale: _builtins.float
     """scene units that one step of a 16-bit depth PNG means; 0: 0.001"""
     dimming: _builtins.float
-    """of rgb: the share of its brightness that what no tint covers loses"""
+    """of rgb: share of its brightness lost where no tint is"""
+    coarse: _builtins.bool
+    """of rgb: a large scene by fewer Gaussians, quickly, as it moves"""
     @_builtins.property
     def camera(self) -> Global___PosedCamera:
         """a free viewpoint"""
@@ -5569,10 +5572,11 @@ class RenderViewRequest(_message.Message):
         depth_scale: _builtins.float = ...,
         tints: _abc.Iterable[Global___Tint] | None = ...,
         dimming: _builtins.float = ...,
+        coarse: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "text", b"text", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "depth_scale", b"depth_scale", "dimming", b"dimming", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "tints", b"tints", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "coarse", b"coarse", "depth_scale", b"depth_scale", "dimming", b"dimming", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "tints", b"tints", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__text: _TypeAlias = _typing.Literal["text"]  # noqa: Y015
     _WhichOneofArgType__text: _TypeAlias = _typing.Literal["_text", b"_text"]  # noqa: Y015
@@ -5718,6 +5722,7 @@ class ExportSceneRequest(_message.Message):
     VERSION_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
     CELL_FIELD_NUMBER: _builtins.int
+    COARSE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     format: Global___ExportFormat.ValueType
@@ -5737,6 +5742,10 @@ class ExportSceneRequest(_message.Message):
     """of points, cameras and mcap: the distance between points, of mesh: the width of its voxels, of map: the width of
     its cells, scene units; 0: as fine as the views are, 0.05 m for map
     """
+    coarse: _builtins.bool
+    """of spz, for whole scenes: a large scene in about 60,000 Gaussians, each for those left out, of one color from all
+    sides, in rows of their own
+    """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, parts or groups, by id, in their order; empty: all"""
@@ -5749,10 +5758,11 @@ class ExportSceneRequest(_message.Message):
         version: _builtins.str = ...,
         things: _abc.Iterable[_builtins.int] | None = ...,
         cell: _builtins.float = ...,
+        coarse: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "coarse", b"coarse", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
