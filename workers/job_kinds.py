@@ -61,6 +61,11 @@ def _current_and_ordered_version(job: ClaimedJob) -> Sources:
     return Sources(*job.current_version(), (job.version(ordered), ordered))
 
 
+def _current_and_trained_version(job: ClaimedJob) -> Sources:
+    trained = job.trained_version()
+    return Sources(*job.current_version(), (job.version(trained), trained))
+
+
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     job.publish_scene(stage)
 
@@ -87,6 +92,10 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
     job.succeed_with_version(new, result)
 
 
+def _replace_scene(job: ClaimedJob, stage: str) -> None:
+    job.replace_scene(stage)
+
+
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
@@ -105,5 +114,11 @@ KINDS: Mapping[OperationKind, JobKind] = {
         sources=_current_and_ordered_version,
         run="fastsplat.workers.train_more_stages:STAGES",
         publish=_publish_version,
+    ),
+    "withdraw_photos": JobKind(
+        stages=("capture", "perception", "training", "export"),
+        sources=_current_and_trained_version,
+        run="fastsplat.workers.withdraw_stages:STAGES",
+        publish=_replace_scene,
     ),
 }
