@@ -117,6 +117,25 @@ def transaction(engine: Engine) -> Iterator[Connection]:
         raise _damaged() from error
 
 
+def scrub(engine: Engine) -> None:
+    """Overwrite what was deleted, also in SQLite's log. PostgreSQL's server does that by itself, some time later.
+
+    Raises:
+        DatabaseError: somebody reads what was deleted all the while.
+    """
+    if engine.dialect.name != "sqlite":
+        return
+    connection = engine.raw_connection()
+    try:
+        (busy, *_) = connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    except sqlite3.OperationalError as error:
+        raise DatabaseError(f"the database does not answer ({error.sqlite_errorname})") from error
+    finally:
+        connection.close()
+    if busy:
+        raise DatabaseError("the database's log cannot be emptied, as somebody reads")
+
+
 def _sqlite_code(error: SQLAlchemyError) -> int:
     return int(getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & _PRIMARY_CODE)
 
@@ -127,7 +146,8 @@ def _damaged() -> DatabaseError:
 
 def _tune_sqlite(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # we say BEGIN ourselves, below
-    for pragma in (f"busy_timeout={_BUSY_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+    more = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
+    for pragma in (f"busy_timeout={_BUSY_MS}", *more):
         connection.execute(f"PRAGMA {pragma}")
 
 
