@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
+    from fastsplat.service.query.phrases.thing_looks import LooksModel
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAX_IMAGE_SIDE = 4_096
@@ -62,6 +63,7 @@ class SceneIndex:
         before: of the scene that this one was edited from, with the same encoder, settings and lexicon, to use again.
         lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
         caches: see `Ranker`.
+        looks: compares texts with what things look like; None: nothing does.
 
     Attributes:
         ranked: what is answered without the Gaussians; it keeps none of them.
@@ -78,12 +80,13 @@ class SceneIndex:
         before: SceneIndex | None = None,
         lexicon: Lexicon | None = None,
         caches: TextCaches | None = None,
+        looks: LooksModel | None = None,
     ) -> None:
         self.scene = scene
         self.settings = settings
         self._before = before
         self._encoder = encoder
-        self._lexicon = lexicon
+        self._lexicon, self._looks = lexicon, looks
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._coarse: CoarseView | None = None
@@ -104,14 +107,14 @@ class SceneIndex:
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
 
     def after(self, scene: Scene) -> SceneIndex:
         """The index of a scene that this one's was edited to."""
-        return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon)
+        return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon, looks=self._looks)
 
     @property
     def calibrated(self) -> bool:

@@ -7699,7 +7699,8 @@ class ModelStatus(_message.Message):
     """ready: its files are there; missing: they are not; unset: no model is named"""
     calibrated: _builtins.bool
     """of a text encoder: whether its scores were measured, so that answers have probabilities; of a lexicon that is
-    ready: whether it was measured together with the text encoder, so that answers use it
+    ready: whether it was measured together with the text encoder, so that answers use it; of an image-text model that
+    is ready: whether it was measured, so that answers use it
     """
     def __init__(
         self,

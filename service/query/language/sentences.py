@@ -75,6 +75,7 @@ class Remarks:
         doubt: what is taken for something that a phrase speaks of, where that is not sure.
         head: what alone a phrase was looked up by, because nothing here is that; "" otherwise.
         by_shape: whether surfaces without a name answer, by their shape and place.
+        by_looks: whether things answer by their looks, whatever they are called.
         calibrated: whether other words than names were compared.
     """
 
@@ -83,6 +84,7 @@ class Remarks:
     doubt: str = ""
     head: str = ""
     by_shape: bool = False
+    by_looks: bool = False
     calibrated: bool = True
 
 
@@ -161,6 +163,8 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     if remarks.by_shape:
         taken = "" if answer.verdict == "exact" else f", taken for {question}"
         return f"{in_words(answer.things)}{taken}, by shape and place"
+    if remarks.by_looks:
+        return f"{in_words(answer.things)}, taken for {question}, by its looks"
     ids = answer.relevant_ids
     labels = {match.label_id: match.label for match in answer.matches if match.relevant}
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""

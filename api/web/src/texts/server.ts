@@ -32,6 +32,7 @@ export const serverTexts = {
       segmenter: "Cuts things out",
       tagger: "Proposes names",
       reader: "Reads what is written",
+      image_text: "Finds things by their looks",
       lexicon: "Knows synonyms and kinds",
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },
