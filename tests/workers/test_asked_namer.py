@@ -11,13 +11,13 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from benchmarks.naming.replay import ReplayNamer, named, replayed
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.settings import NamerSettings
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_sheets import SheetThing, ThingSheet
 from tests.api.made_scene import write_words
-from tests.client.replay_namer import ReplayNamer, named, replayed
 from tests.workers.deployment import Deployment, kill, new_database
 from tests.workers.draft_scenes import FINAL_IDS
 
