@@ -33,7 +33,13 @@ def is_private(capture: Capture, settings: Settings) -> bool:
 
 
 def find_things(
-    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
+    trained: TrainedSplats,
+    labelling: Labelling,
+    capture: Capture,
+    settings: Settings,
+    progress: Progress,
+    *,
+    described: bool = True,
 ) -> tuple[Things | None, Gaussians]:
     """Discovered things, and the Gaussians with their codes; no things where the objects of given label maps are.
 
@@ -43,6 +49,7 @@ def find_things(
         capture: registered images; where `is_private`, nothing is read in them, and no image-text model looks at them.
         settings: of all rooms.
         progress: hears of the stage "export", up to `THINGS_SHARE`.
+        described: whether things are also described by their looks, and what is written on them is read.
 
     Raises:
         ModelUnavailableError: the segmenter that discovery needs is missing, or another model's file is damaged.
@@ -68,7 +75,7 @@ def find_things(
     things, gaussians = found
     if not things.table and not detected:
         return None, trained.gaussians
-    if discovery.things == "off":
+    if discovery.things == "off" or not described:
         return things, gaussians
     side, backend = discovery.max_side, training.backend
     private, encoder = is_private(capture, settings), open_appearance_encoder(settings.perception, models)

@@ -64,6 +64,11 @@ def _current_and_ordered_version(job: ClaimedJob) -> Sources:
     return Sources(*job.current_version(), (job.version(ordered), ordered))
 
 
+def _current_and_trained_version(job: ClaimedJob) -> Sources:
+    trained = job.trained_version()
+    return Sources(*job.current_version(), (job.version(trained), trained))
+
+
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     scene_id, project = job.scene_id, job.claim.operation.project
     job.publish_scene(stage, order_job("ask_namer", scene_id, "", {}, project) if job.may_ask_namer() else None)
@@ -101,6 +106,10 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
         job.succeed_with_version(None, {**summary["result"], "version": summary["parent"]})
 
 
+def _replace_scene(job: ClaimedJob, stage: str) -> None:
+    job.replace_scene(stage)
+
+
 KINDS: Mapping[OperationKind, JobKind] = {
     "create_scene": JobKind(
         stages=("capture", "perception", "training", "export"),
@@ -126,5 +135,11 @@ KINDS: Mapping[OperationKind, JobKind] = {
         run="fastsplat.workers.ask_namer_stages:STAGES",
         publish=_publish_suggestions,
         asks_namer=True,
+    ),
+    "withdraw_photos": JobKind(
+        stages=("capture", "perception", "training", "export"),
+        sources=_current_and_trained_version,
+        run="fastsplat.workers.withdraw_stages:STAGES",
+        publish=_replace_scene,
     ),
 }

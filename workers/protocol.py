@@ -49,6 +49,11 @@ class Job:
         return self.folder / stage
 
     @property
+    def shows_drafts(self) -> bool:
+        """Whether drafts of its scene are published: a finished scene stays as it is until the job is done."""
+        return not self.version
+
+    @property
     def finish_mark(self) -> Path:
         """File that is there once the job is to end its training early, for all attempts."""
         return self.folder / "finish"

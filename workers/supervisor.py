@@ -14,8 +14,9 @@ from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
-from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
+from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.job_kinds import JobKind
+from fastsplat.workers.job_outcome import CANCELLED, DONE, JobOutcome, failed
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.trainer_process import TrainerProcess
@@ -68,9 +69,9 @@ class Supervisor:
             FencedError: another worker has claimed the job.
             StoppingError: this worker is stopping, and the job was given back.
         """
-        error = self.start_limit_error()
+        error = None if self._job.replaced else self.start_limit_error()
         outcome = DONE if error is None else failed(error)
-        if self._job.claim.attempt == 1 or not self._job.is_published():
+        if not self._job.replaced and (self._job.claim.attempt == 1 or not self._job.is_published()):
             for stage in self._kind.stages:
                 if outcome == DONE:
                     outcome = self.run_stage(stage)

@@ -20,6 +20,7 @@ from fastsplat_contract.members import description_of
 
 _Things = Annotated[list[int], Query(description=description_of(ExportRequest, "things"))]
 _Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
+_Coarse = Annotated[bool, Query(description=description_of(ExportRequest, "coarse"))]
 _MEDIA_TYPES = tuple(dict.fromkeys(facts.media_type for facts in FORMATS.values()))
 _UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
@@ -73,8 +74,9 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         version: Version = "",
         thing: _Things = [],
         cell: _Cell = 0.0,
+        coarse: _Coarse = False,
     ) -> Response:
         """The scene as a file for other programs."""
-        return await made(request, ExportRequest(scene_id, format, version, tuple(thing), cell))
+        return await made(request, ExportRequest(scene_id, format, version, tuple(thing), cell, coarse))
 
     return router

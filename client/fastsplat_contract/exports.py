@@ -127,3 +127,10 @@ class ExportRequest(Request):
             description=f"{_cells()}, scene units; 0: as fine as the views are, 0.05 m for map",
         ),
     ] = 0.0
+    coarse: Annotated[
+        bool,
+        Field(
+            description="of spz, for whole scenes: a large scene in about 60,000 Gaussians, each for those left out, "
+            "of one color from all sides, in rows of their own"
+        ),
+    ] = False

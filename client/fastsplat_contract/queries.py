@@ -390,8 +390,9 @@ class RenderIn(Request):
         Field(description="of rgb: colors over things where the thing_map shows them; the last one of a thing holds"),
     ] = ()
     dimming: Annotated[
-        float, Field(ge=0, le=1, description="of rgb: the share of its brightness that what no tint covers loses")
+        float, Field(ge=0, le=1, description="of rgb: share of its brightness lost where no tint is")
     ] = 0.0
+    coarse: Annotated[bool, Field(description="of rgb: a large scene by fewer Gaussians, quickly, as it moves")] = False
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.query.things.names_by_tags import names_by_tags
-from fastsplat.service.query.things.thing_history import scene_history
+from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -49,6 +49,7 @@ class RankedScene:
         ranker: of its names.
         names: of its things.
         unseen: how much of it no photo shows.
+        history: of its things.
         looks: a model that compares texts with what its things look like; None: none does.
 
     Attributes:
@@ -58,7 +59,13 @@ class RankedScene:
     """
 
     def __init__(
-        self, scene: Scene, ranker: Ranker, names: ThingNames, unseen: UnseenSpace, looks: LooksModel | None = None
+        self,
+        scene: Scene,
+        ranker: Ranker,
+        names: ThingNames,
+        unseen: UnseenSpace,
+        history: SceneHistory,
+        looks: LooksModel | None = None,
     ) -> None:
         self.ranker = ranker
         self.names = names
@@ -66,7 +73,7 @@ class RankedScene:
         self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
         self._looks = ThingLooks(names.present, looks)
         self._unseen = unseen
-        self._history = scene_history(scene)
+        self._history = history
         self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None

@@ -20,8 +20,10 @@ from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
+from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
+from fastsplat.service.scene.coarse import coarse_scene
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
@@ -31,6 +33,7 @@ from fastsplat_contract.scenes import SceneObject
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
+    from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
     from fastsplat.service.query.phrases.thing_looks import LooksModel
@@ -86,8 +89,10 @@ class SceneIndex:
         self._lexicon, self._looks = lexicon, looks
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
+        self._coarse: CoarseView | None = None
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
+        self._history = scene_history(scene)
         semantics = semantics_of(scene)
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
@@ -102,7 +107,7 @@ class SceneIndex:
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, looks)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
@@ -199,7 +204,7 @@ class SceneIndex:
                 scene, before = self.scene, None if self._before is None else self._before._things
                 if scene.things is None:
                     scene = replace(scene, things=labeled_things(scene, self._labels))
-                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, before)
+                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, self._history, before)
             return self._things
 
     def is_understood(self, name: str) -> bool:
@@ -301,6 +306,20 @@ class SceneIndex:
             LimitExceededError: the image is larger than the settings allow.
         """
         return self._renderer_for(posed).colors(posed)
+
+    @property
+    def coarse(self) -> CoarseView | SceneIndex:
+        """What draws this scene, and its things, while a camera moves; of a small scene this index itself."""
+        things = self.things
+        with self._renderer_lock:
+            if self._coarse is None:
+                from fastsplat.service.query.coarse_view import CoarseView
+
+                scene = coarse_scene(replace(self.scene, things=things.table))
+                if scene is None:
+                    return self
+                self._coarse = CoarseView(scene, self.settings)
+            return self._coarse
 
     def depth(self, posed: PosedCamera) -> NDArray[np.float32]:
         """float32 [H, W]: expected camera z in scene units, 0 where less than `alpha_min` is covered.

@@ -23,6 +23,7 @@ from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.train_more_messages import TrainMoreIn
+from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 from tests.api.made_scene import turned
 
 _PIXEL = Pixel(24.0, 18.0)
@@ -100,6 +101,7 @@ EXAMPLES = (
     Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
     Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
+    Example("WithdrawPhotos", WithdrawPhotosIn(("front.png",), "gone"), "own"),
     Example("UndoEdit", {}, "edited"),
     Example("RedoEdit", {"version": "1"}, "undone"),
     Example("RestoreVersion", {"version": "1"}, "edited"),
@@ -108,12 +110,14 @@ EXAMPLES = (
     *(_render(kind, format="npy") for kind in ("label_map", "depth", "thing_map", "normals", "confidence")),
     _render("depth", depth_scale=0.002),
     _render("rgb", view=None, camera=turned(0.25)),
+    _render("rgb", coarse=True, tints=(Tint((1,), RED, 0.5),)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
     Example("DownloadScenePly"),
     Example("DownloadMaskPly", {"text": "mug"}),
     Example("DownloadThingIds"),
+    _export("spz", coarse=True),
     *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
     *(_export(name) for name in ("cameras", "points", "spz")),
     _export("points", cell=0.2),
@@ -221,6 +225,7 @@ EXAMPLES = (
         )
     ),
     _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
+    _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
     _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer
     _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),
@@ -236,6 +241,7 @@ EXAMPLES = (
             ({"kind": "things", "format": "npy"}, "format"),
             ({"kind": "things", "tints": (Tint((1,), RED, 0.5),)}, "tints"),
             ({"kind": "depth", "dimming": 0.5}, "dimming"),
+            ({"kind": "depth", "coarse": True}, "coarse"),
             ({"kind": "mask"}, "text"),
         )
     ),
@@ -254,6 +260,8 @@ EXAMPLES = (
         for name in ("ply", "sog")
     ),
     _bad("ExportScene", ExportRequest("", "spz", cell=0.2), "cell"),
+    _bad("ExportScene", ExportRequest("", "sog", coarse=True), "coarse"),
+    _bad("ExportScene", ExportRequest("", "spz", things=(1,), coarse=True), "coarse"),
     _bad("ExportScene", ExportRequest("", "map"), "scene_id"),  # its z is not up
     *(
         _bad("ListBestViews", fields, field, reason)

@@ -72,6 +72,7 @@ class _OperationKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Operati
     OPERATION_KIND_LOOK_AGAIN: _OperationKind.ValueType  # 2
     OPERATION_KIND_TRAIN_MORE: _OperationKind.ValueType  # 3
     OPERATION_KIND_ASK_NAMER: _OperationKind.ValueType  # 4
+    OPERATION_KIND_WITHDRAW_PHOTOS: _OperationKind.ValueType  # 5
 
 class OperationKind(_OperationKind, metaclass=_OperationKindEnumTypeWrapper): ...
 
@@ -80,6 +81,7 @@ OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
 OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
 OPERATION_KIND_TRAIN_MORE: OperationKind.ValueType  # 3
 OPERATION_KIND_ASK_NAMER: OperationKind.ValueType  # 4
+OPERATION_KIND_WITHDRAW_PHOTOS: OperationKind.ValueType  # 5
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
 class _WorkerState:
@@ -828,12 +830,14 @@ class _NextPhotoReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NextP
     NEXT_PHOTO_REASON_UNSPECIFIED: _NextPhotoReason.ValueType  # 0
     NEXT_PHOTO_REASON_GAP: _NextPhotoReason.ValueType  # 1
     NEXT_PHOTO_REASON_FEW_DIRECTIONS: _NextPhotoReason.ValueType  # 2
+    NEXT_PHOTO_REASON_HIDDEN: _NextPhotoReason.ValueType  # 3
 
 class NextPhotoReason(_NextPhotoReason, metaclass=_NextPhotoReasonEnumTypeWrapper): ...
 
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason.ValueType  # 0
 NEXT_PHOTO_REASON_GAP: NextPhotoReason.ValueType  # 1
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
+NEXT_PHOTO_REASON_HIDDEN: NextPhotoReason.ValueType  # 3
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
 class _FloorSource:
@@ -1199,6 +1203,7 @@ class Operation(_message.Message):
     DRAFT_FIELD_NUMBER: _builtins.int
     CREATE_SCENE_FIELD_NUMBER: _builtins.int
     ASK_NAMER_FIELD_NUMBER: _builtins.int
+    WITHDRAW_PHOTOS_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
@@ -1206,7 +1211,7 @@ class Operation(_message.Message):
     """whether the state is final"""
     kind: Global___OperationKind.ValueType
     """create_scene: makes its scene; look_again, train_more: makes a version of its scene; ask_namer: the same where the
-    server's namer, asked of a new scene, suggests a name
+    server's namer, asked of a new scene, suggests a name; withdraw_photos: makes its scene anew, without some photos
     """
     attempt: _builtins.int
     """how often it was begun"""
@@ -1267,6 +1272,10 @@ class Operation(_message.Message):
     def ask_namer(self) -> Global___NamerResult:
         """what the server's namer said; absent unless it has succeeded"""
 
+    @_builtins.property
+    def withdraw_photos(self) -> Global___WithdrawPhotosResult:
+        """what withdrawing photos has made; absent unless it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -1292,10 +1301,11 @@ class Operation(_message.Message):
         draft: Global___DraftInfo | None = ...,
         create_scene: Global___CreateSceneResult | None = ...,
         ask_namer: Global___NamerResult | None = ...,
+        withdraw_photos: Global___WithdrawPhotosResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "create_scene", b"create_scene", "created_at", b"created_at", "draft", b"draft", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "create_scene", b"create_scene", "created_at", b"created_at", "draft", b"draft", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "withdraw_photos", b"withdraw_photos", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "attempt", b"attempt", "create_scene", b"create_scene", "created_at", b"created_at", "done", b"done", "draft", b"draft", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "attempt", b"attempt", "create_scene", b"create_scene", "created_at", b"created_at", "done", b"done", "draft", b"draft", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "withdraw_photos", b"withdraw_photos", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__again_after: _TypeAlias = _typing.Literal["again_after"]  # noqa: Y015
     _WhichOneofArgType__again_after: _TypeAlias = _typing.Literal["_again_after", b"_again_after"]  # noqa: Y015
@@ -1344,8 +1354,8 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training or export; looking or naming where a scene is looked at again; training or merging
-    where it is trained further; asking or suggesting where the server's namer is asked
+    """capture, perception, training or export, also where photos are withdrawn; looking or naming where a scene is looked
+    at again; training or merging where it is trained further; asking or suggesting where the server's namer is asked
     """
     fraction: _builtins.float
     """0..1 of this stage"""
@@ -1630,6 +1640,50 @@ class NamerResult(_message.Message):
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
 Global___NamerResult: _TypeAlias = NamerResult  # noqa: Y015
+
+@_typing.final
+class WithdrawPhotosResult(_message.Message):
+    """What withdrawing photos has made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    REMOVED_FIELD_NUMBER: _builtins.int
+    CARRIED_FIELD_NUMBER: _builtins.int
+    LOST_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the version that was trained without the photos"""
+    carried: _builtins.int
+    """how many versions hold edits that were made again"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the photos that are gone"""
+
+    @_builtins.property
+    def removed(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the versions that are gone with them"""
+
+    @_builtins.property
+    def lost(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what of the edits could not be made again, in words"""
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.str] | None = ...,
+        removed: _abc.Iterable[_builtins.str] | None = ...,
+        carried: _builtins.int = ...,
+        lost: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["carried", b"carried", "lost", b"lost", "photos", b"photos", "removed", b"removed", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WithdrawPhotosResult: _TypeAlias = WithdrawPhotosResult  # noqa: Y015
 
 @_typing.final
 class PreviewInfo(_message.Message):
@@ -4614,6 +4668,40 @@ class TrainMoreRequest(_message.Message):
 Global___TrainMoreRequest: _TypeAlias = TrainMoreRequest  # noqa: Y015
 
 @_typing.final
+class WithdrawPhotosRequest(_message.Message):
+    """Which photos a scene is to be made anew without."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    request_id: _builtins.str
+    """same id, same order: the first operation is returned again (AIP-155)"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of photos, as the scene's cameras have them; at least two others must be left. All versions that the scene
+        has when the job is done are deleted then: what remains is made of the others
+        """
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.str] | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["photos", b"photos", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WithdrawPhotosRequest: _TypeAlias = WithdrawPhotosRequest  # noqa: Y015
+
+@_typing.final
 class GetOperationRequest(_message.Message):
     """Which job to show."""
 
@@ -5522,6 +5610,7 @@ class RenderViewRequest(_message.Message):
     DEPTH_SCALE_FIELD_NUMBER: _builtins.int
     TINTS_FIELD_NUMBER: _builtins.int
     DIMMING_FIELD_NUMBER: _builtins.int
+    COARSE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     kind: Global___PictureKind.ValueType
@@ -5545,7 +5634,9 @@ class RenderViewRequest(_message.Message):
     depth_scale: _builtins.float
     """scene units that one step of a 16-bit depth PNG means; 0: 0.001"""
     dimming: _builtins.float
-    """of rgb: the share of its brightness that what no tint covers loses"""
+    """of rgb: share of its brightness lost where no tint is"""
+    coarse: _builtins.bool
+    """of rgb: a large scene by fewer Gaussians, quickly, as it moves"""
     @_builtins.property
     def camera(self) -> Global___PosedCamera:
         """a free viewpoint"""
@@ -5567,10 +5658,11 @@ class RenderViewRequest(_message.Message):
         depth_scale: _builtins.float = ...,
         tints: _abc.Iterable[Global___Tint] | None = ...,
         dimming: _builtins.float = ...,
+        coarse: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "text", b"text", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "depth_scale", b"depth_scale", "dimming", b"dimming", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "tints", b"tints", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_text", b"_text", "camera", b"camera", "coarse", b"coarse", "depth_scale", b"depth_scale", "dimming", b"dimming", "format", b"format", "kind", b"kind", "scene_id", b"scene_id", "text", b"text", "tints", b"tints", "version", b"version", "view", b"view", "viewpoint", b"viewpoint"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__text: _TypeAlias = _typing.Literal["text"]  # noqa: Y015
     _WhichOneofArgType__text: _TypeAlias = _typing.Literal["_text", b"_text"]  # noqa: Y015
@@ -5716,6 +5808,7 @@ class ExportSceneRequest(_message.Message):
     VERSION_FIELD_NUMBER: _builtins.int
     THINGS_FIELD_NUMBER: _builtins.int
     CELL_FIELD_NUMBER: _builtins.int
+    COARSE_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     format: Global___ExportFormat.ValueType
@@ -5735,6 +5828,10 @@ class ExportSceneRequest(_message.Message):
     """of points, cameras and mcap: the distance between points, of mesh: the width of its voxels, of map: the width of
     its cells, scene units; 0: as fine as the views are, 0.05 m for map
     """
+    coarse: _builtins.bool
+    """of spz, for whole scenes: a large scene in about 60,000 Gaussians, each for those left out, of one color from all
+    sides, in rows of their own
+    """
     @_builtins.property
     def things(self) -> _containers.RepeatedScalarFieldContainer[_builtins.int]:
         """only the Gaussians of these things, parts or groups, by id, in their order; empty: all"""
@@ -5747,10 +5844,11 @@ class ExportSceneRequest(_message.Message):
         version: _builtins.str = ...,
         things: _abc.Iterable[_builtins.int] | None = ...,
         cell: _builtins.float = ...,
+        coarse: _builtins.bool = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["cell", b"cell", "coarse", b"coarse", "format", b"format", "scene_id", b"scene_id", "things", b"things", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     def WhichOneof(self, oneof_group: _Never) -> None: ...
 
@@ -5968,7 +6066,8 @@ class NextPhoto(_message.Message):
     """the scene's camera that is next to it"""
     reason: Global___NextPhotoReason.ValueType
     """gap: no photo looks from this side of the place; few_directions: surfaces that it would see were seen from few
-    directions
+    directions; hidden: what it looks at is behind or in something in every photo, and things may be there that are
+    not_seen
     """
     advice: _builtins.str
     """the same in one sentence, in words of the photo next to it"""

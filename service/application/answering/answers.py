@@ -84,7 +84,7 @@ class Answers:
         def read(index: SceneIndex, _: str) -> bytes:
             posed = request.camera or index.view(request.view or "")
             index.check_view(posed)
-            gaussians = len(index.scene.gaussians)
+            gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
             charge(rendering_cost([posed], 1, gaussians))
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
                 ranked = self._known_names.suggesting(request.scene_id, index.ranked)

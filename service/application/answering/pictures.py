@@ -13,6 +13,7 @@ from fastsplat.service.query.drawing import pictures
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.queries import PictureKind, PictureRequest
@@ -31,7 +32,7 @@ def question_of(request: PictureRequest) -> str:
     Raises:
         InvalidInputError: such a picture cannot be made: both or neither of camera and view, an unknown kind, a missing
             text, numpy's format for what is a picture, JPEG for what has to be exact, a depth scale that is none, tints
-            on another kind than rgb.
+            on another kind than rgb, or a coarse one.
     """
     if (request.camera is None) == (request.view is None):
         raise InvalidInputError(
@@ -59,6 +60,8 @@ def question_of(request: PictureRequest) -> str:
             field="tints" if request.tints else "dimming",
             hint='They are for "rgb".',
         )
+    if kind != "rgb" and request.coarse:
+        raise InvalidInputError(f'a coarse picture of kind "{kind}"', field="coarse", hint='It is for "rgb".')
     if not (np.isfinite(request.depth_scale) and request.depth_scale >= 0):
         raise InvalidInputError(
             f"a depth scale of {request.depth_scale}",
@@ -99,8 +102,9 @@ def _image(
 ) -> pictures.U8:
     """uint8 [H, W, 3], or [H, W] of a mask."""
     if request.kind == "rgb":
-        rgb = index.render(posed)
-        return _tinted(index, posed, rgb, request) if request.tints or request.dimming else rgb
+        drawn = index.coarse if request.coarse else index
+        rgb = drawn.render(posed)
+        return _tinted(index, drawn.things, posed, rgb, request) if request.tints or request.dimming else rgb
     if request.kind == "things":
         by_id = {thing.id: thing.name for thing in index.things.present}
         return pictures.things_picture(index.render(posed), index.thing_map(posed), by_id)
@@ -117,18 +121,20 @@ def _image(
     return pictures.named_overlay(mask2d.rgb, mask2d.label_ids, names)
 
 
-def _tinted(index: SceneIndex, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest) -> pictures.U8:
-    """The picture with the request's tints."""
+def _tinted(
+    index: SceneIndex, drawn: SceneThings, posed: PosedCamera, rgb: pictures.U8, request: PictureRequest
+) -> pictures.U8:
+    """The picture with the request's tints, where `drawn` shows the things of the scene."""
     things = index.things
     tints = [
         tint._replace(things=things.with_members(tint.things, field=f"tints[{number}].things"))
         for number, tint in enumerate(request.tints)
     ]
-    ids = things.map(posed)
+    ids = drawn.map(posed)
     tinted = {thing_id for tint in tints for thing_id in tint.things}
     if parts := [part.id for part in things.present_parts if part.id in tinted]:
-        drawn = things.part_map(posed)
-        ids = np.where(np.isin(drawn, parts), drawn, ids)
+        of_parts = drawn.part_map(posed)
+        ids = np.where(np.isin(of_parts, parts), of_parts, ids)
     return pictures.tinted_picture(rgb, ids, tints, request.dimming)
 
 

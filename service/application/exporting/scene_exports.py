@@ -77,7 +77,8 @@ class Exports:
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
             InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
-                format without cells, surfaces of a scene without cameras, a version that is no plain text.
+                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a version
+                that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
             MissingPackageError: rerun, where the package that it needs is not installed.
@@ -126,11 +127,11 @@ class Exports:
 
     def _spz(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         def make() -> bytes:
-            gaussians = _of_things(index, request.things)
+            gaussians = index.coarse.scene.gaussians if request.coarse else _of_things(index, request.things)
             with self._memory.reserve(export_bytes(gaussians), "scene_id"):
                 return spz_bytes(gaussians)
 
-        if request.things:
+        if request.things or request.coarse:
             return make()
         size = 32 * len(index.scene.gaussians)
         return self._splats.get((request.scene_id, version), lambda: size, make)
@@ -287,6 +288,12 @@ def _check(request: ExportRequest) -> None:
             f'the format "{request.format}" has no cells',
             field="cell",
             hint=f"For {', '.join(name for name in FORMATS if FORMATS[name].cell)} alone.",
+        )
+    if request.coarse and (request.format != "spz" or request.things):
+        raise InvalidInputError(
+            f"a coarse file of {'some things' if request.things else request.format}",
+            field="coarse",
+            hint='It is for "spz", and for whole scenes.',
         )
 
 

@@ -42,7 +42,7 @@ class FurtherTraining:
             InvalidInputError: seconds and steps both, more steps than the settings allow, seconds that are none, or no
                 such preset.
             LimitExceededError: more seconds than the settings allow.
-            ConflictError: the request id was used before for another request.
+            ConflictError: as `place_order`.
             QuotaError: as many of the project's jobs wait or run as may.
         """
         version = self._scenes.finished(scene_id)

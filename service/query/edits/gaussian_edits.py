@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.edited_rows import Rows
 from fastsplat.service.query.things.solid_gaussians import masses
-from fastsplat.service.scene.label_evidence import evidence_of, rows_of
+from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.scene_rows import gaussians_of_rows, scene_of_rows
 from fastsplat.service.scene.things import (
     MAX_THING_ID,
     next_thing_id,
     thing_rows,
-    things_of_rows,
     with_rows_of_no_part,
 )
 from fastsplat.service.scene.types import F32, SH_C0, Gaussians, Scene, Things
@@ -37,7 +37,7 @@ def remove(scene: Scene, rows: Rows) -> Scene:
     """The scene without the Gaussians `rows`, int64 [K]."""
     stays = np.ones(len(scene.gaussians), dtype=np.bool_)
     stays[rows] = False
-    return _select(scene, np.flatnonzero(stays))
+    return scene_of_rows(scene, np.flatnonzero(stays))
 
 
 def move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
@@ -49,7 +49,7 @@ def move(scene: Scene, rows: Rows, edit: Edit) -> Scene:
 def duplicate(scene: Scene, rows: Rows, edit: Edit) -> Scene:
     """The scene with copies of the Gaussians `rows`, int64 [K], after all others, moved by the edit's transform."""
     count = len(scene.gaussians)
-    grown = _select(scene, np.concatenate([np.arange(count), rows]))
+    grown = scene_of_rows(scene, np.concatenate([np.arange(count), rows]))
     copies = np.arange(count, count + len(rows))
     if scene.things is not None and grown.things is not None:
         grown = replace(grown, things=_copied(scene.things, grown.things, rows))
@@ -158,24 +158,6 @@ def _rotated_harmonics(sh: F32, rotation: F64) -> F32:
         matrix = np.linalg.lstsq(after[:, band], before[:, band], rcond=None)[0]
         turned[:, band] = np.einsum("ab,kbc->kac", matrix, turned[:, band])
     return turned.astype(np.float32)
-
-
-def gaussians_of_rows(gaussians: Gaussians, rows: Rows) -> Gaussians:
-    """The Gaussians `rows` [K], in that order."""
-    return Gaussians(
-        means=gaussians.means[rows],
-        quats=gaussians.quats[rows],
-        log_scales=gaussians.log_scales[rows],
-        logit_opacities=gaussians.logit_opacities[rows],
-        sh=gaussians.sh[rows],
-        codes=gaussians.codes[rows],
-    )
-
-
-def _select(scene: Scene, rows: Rows) -> Scene:
-    evidence = None if scene.evidence is None else rows_of(scene.evidence, rows)
-    things = things_of_rows(scene.things, rows)
-    return replace(scene, gaussians=gaussians_of_rows(scene.gaussians, rows), evidence=evidence, things=things)
 
 
 def _put(gaussians: Gaussians, rows: Rows, part: Gaussians) -> Gaussians:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastsplat.service.query.edits.edited_rows import edited_rows
-from fastsplat.service.query.edits.gaussian_edits import gaussians_of_rows, motion_of, moved_gaussians
+from fastsplat.service.query.edits.gaussian_edits import motion_of, moved_gaussians
 from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.scene_rows import gaussians_of_rows
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
 from fastsplat.service.scene.types import Evidence, Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError

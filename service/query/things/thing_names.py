@@ -182,6 +182,14 @@ class ThingNames:
         return {thing.id: thing.name for thing in self._everything}
 
     @cached_property
+    def taken_for(self) -> Mapping[int, str]:
+        """What each thing is taken for, by its id: its name, or else the likeliest that is suggested, or ""; of a scene
+        that stores no things, its labels by theirs."""
+        if not self.stored:
+            return {number: each.label for number, each in enumerate(self.labels.entries, start=1)}
+        return {each.id: each.name or next((one.name for one in each.suggestions), "") for each in self.present}
+
+    @cached_property
     def searched(self) -> Searched:
         """What this scene was searched for."""
         unnamed = [thing.id for thing in self.present if not thing.name]

@@ -59,7 +59,13 @@ export const serverTexts = {
     noJobs: "No jobs yet.",
     more: "Show more",
     sceneGone: "A scene that was deleted",
-    kinds: { create_scene: "New scene", look_again: "Look again", train_more: "Train further", ask_namer: "Names from a model" },
+    kinds: {
+      create_scene: "New scene",
+      look_again: "Look again",
+      train_more: "Train further",
+      ask_namer: "Names from a model",
+      withdraw_photos: "Withdraw photos",
+    },
     states: {
       QUEUED: "Waiting",
       RUNNING: "Running",

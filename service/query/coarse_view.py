@@ -1,0 +1,40 @@
+"""A large scene drawn quickly, for a camera that moves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.thing_history import scene_history
+from fastsplat.service.query.things.thing_index import SceneThings
+from fastsplat.service.scene.types import Parts, Scene, Things
+from fastsplat_contract.camera import PosedCamera
+
+
+class CoarseView:
+    """The pictures of a coarse scene. Threads may share it.
+
+    Args:
+        scene: of few Gaussians, see `coarse_scene`, with things.
+        settings: as of the scene's index.
+
+    Attributes:
+        scene: as given.
+        things: of its Gaussians alone: one that has none of them is not there.
+    """
+
+    def __init__(self, scene: Scene, settings: QuerySettings) -> None:
+        self.scene = scene
+        self._renderer = Renderer(scene, settings)
+        self.things = SceneThings(scene, True, self._map, scene_history(scene))
+
+    def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
+        """uint8 [H, W, 3]: the scene's colors on black."""
+        return self._renderer.colors(posed)
+
+    def _map(self, posed: PosedCamera, things: Things | Parts) -> NDArray[np.uint16]:
+        if isinstance(things, Parts):
+            return self._renderer.part_map(posed, things)
+        return self._renderer.thing_map(posed, things)
