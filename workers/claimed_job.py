@@ -14,6 +14,7 @@ from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
@@ -46,12 +47,13 @@ class ClaimedJob:
     `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim, calls: CallSettings) -> None:
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
         self.max_versions, self._calls = calls.max_versions, calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
         self._withdrawals = store.withdrawals
+        self._projects, self._namer_host = store.projects, namer_host
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -212,6 +214,11 @@ class ClaimedJob:
         return "cancel" in self._jobs.check(self.claim)
 
     @patient
+    def may_ask_namer(self) -> bool:
+        """Whether the settings name a namer, and the job's project agreed to its host."""
+        return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
+
+    @patient
     def claim_again(self) -> None:
         """Begin another attempt of this worker, whose trainer died."""
         claim = self._jobs.claim(self.id, self.claim.operation.retries, after="trainer_died")
@@ -244,33 +251,27 @@ class ClaimedJob:
         return folder
 
     @patient
-    def publish_scene(self, stage: str) -> None:
-        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY and the
-        operation SUCCEEDED.
+    def publish_scene(self, stage: str, follow: NewJob | None) -> None:
+        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY, the
+        operation SUCCEEDED, and queue what is to `follow`.
 
         Raises:
             ConflictError: a draft was edited meanwhile.
             OSError: the disk is full.
         """
         made = self._made(stage)
-        removed = self._jobs.succeed(self.claim, made.summary, made.carried, edited=made.edited, result=made.result)
-        self._drop_versions(removed)
+        more: Mapping[str, Any] = {"edited": made.edited, "result": made.result, "follow": follow}
+        self._drop_versions(self._jobs.succeed(self.claim, made.summary, made.carried, **more))
 
     @patient
-    def succeed_with_version(self, new: NewVersion, result: Mapping[str, Any]) -> None:
-        """Add a published version to the finished scene and make the operation SUCCEEDED.
+    def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
+        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED.
 
         Raises:
             ConflictError: the scene has another version by now than the one that this was made of.
             NotFoundError: the scene was deleted.
         """
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
-
-    @property
-    def replaced(self) -> bool:
-        """Whether an attempt has done the first half of `replace_scene`."""
-        operation = self.claim.operation
-        return operation.kind == "withdraw_photos" and operation.result is not None
 
     @patient
     def replace_scene(self, stage: str) -> None:
@@ -282,7 +283,7 @@ class ClaimedJob:
             NotFoundError: it was deleted.
             OSError: the disk is full.
         """
-        if not self.replaced:
+        if not self.claim.operation.replaced:
             before = [version for scene_id, version in self._blobs.versions() if scene_id == self.scene_id]
             made = self._made(stage)
             new = {self.run_id, *self._carried}
@@ -334,7 +335,7 @@ class ClaimedJob:
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted and self.claim.operation.makes_scene:
                 self._blobs.drop_scene(self.scene_id)
-            elif deleted or not (outcome.state == "done" or self.replaced):  # only what this job made
+            elif deleted or not (outcome.state == "done" or self.claim.operation.replaced):  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _made(self, stage: str) -> MadeScene:

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from fastsplat_contract.job_watching import CreateSceneResult, DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.name_suggestions import NamerResult
 from fastsplat_contract.train_more_messages import PresetName as PresetName
 from fastsplat_contract.train_more_messages import TrainMoreResult
 from fastsplat_contract.wire import Int64, Many, Request, Response, travels
@@ -20,12 +21,12 @@ OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
 
-OperationKind = Literal["create_scene", "look_again", "train_more", "withdraw_photos"]
+OperationKind = Literal["create_scene", "look_again", "train_more", "ask_namer", "withdraw_photos"]
 """What a job does."""
 
 RESULTS: Mapping[OperationKind, type[Response]] = {
     "create_scene": CreateSceneResult, "look_again": LookAgainResult, "train_more": TrainMoreResult,
-    "withdraw_photos": WithdrawPhotosResult,
+    "ask_namer": NamerResult, "withdraw_photos": WithdrawPhotosResult,
 }  # fmt: skip
 """What comes of a job beside its version, in the field of `Operation` that is named like the kind."""
 
@@ -123,7 +124,8 @@ class StageProgress(Response):
         str,
         Field(
             description="capture, perception, training or export, also where photos are withdrawn; looking or naming "
-            "where a scene is looked at again; training or merging where it is trained further"
+            "where a scene is looked at again; training or merging where it is trained further; asking or suggesting "
+            "where the server's namer is asked"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
@@ -172,6 +174,7 @@ class Operation(Response):
         OperationKind,
         Field(
             description="create_scene: makes its scene; look_again, train_more: makes a version of its scene; "
+            "ask_namer: the same where the server's namer, asked of a new scene, suggests a name; "
             "withdraw_photos: makes its scene anew, without some photos"
         ),
     ] = "create_scene"
@@ -180,6 +183,9 @@ class Operation(Response):
     ] = None
     train_more: Annotated[
         TrainMoreResult | None, Field(description="what training further has made; absent unless it has succeeded")
+    ] = None
+    ask_namer: Annotated[
+        NamerResult | None, Field(description="what the server's namer said; absent unless it has succeeded")
     ] = None
     withdraw_photos: Annotated[
         WithdrawPhotosResult | None,

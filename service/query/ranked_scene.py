@@ -24,6 +24,7 @@ from fastsplat.service.query.phrases.types import ParsedQuestion
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
+from fastsplat.service.query.things.names_by_tags import names_by_tags
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.drafts import provisional_of
@@ -87,7 +88,8 @@ class RankedScene:
         seen, other = self._suggesting
         if seen is not known:
             others = [one for one in known if one.scene_id != scene_id]
-            elsewhere = names_by_looks(self.names.present, others)
+            things = self.names.present
+            elsewhere = {**names_by_looks(things, others), **names_by_tags(things, others)}
             said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
             needed = bool(elsewhere or said)
             if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):

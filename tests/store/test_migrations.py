@@ -155,7 +155,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 15),
+        ("schema_version", "version"): (2, 16),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)

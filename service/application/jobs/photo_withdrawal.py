@@ -8,13 +8,14 @@ from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import order_job, place_order
+from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.codec import options_from_json, options_to_json
+from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.records import NewJob, OperationRecord
 from fastsplat.service.store.store import Store
-from fastsplat.service.withdrawal import check_retrainable, photos_left
+from fastsplat.service.withdrawal_checks import check_retrainable, photos_left
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 

@@ -159,8 +159,12 @@ class ThingNames:
 
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
-            own = [each for each in thing.suggestions if each.source or label_key(each.name) != label_key(name.name)]
-            return replace(thing, suggestions=(Suggestion(name.name, name.probability), *own))
+            own = [
+                each
+                for each in thing.suggestions
+                if each.source != name.source or label_key(each.name) != label_key(name.name)
+            ]
+            return replace(thing, suggestions=(Suggestion(name.name, name.probability, name.source), *own))
 
         return replace(
             self,

@@ -62,6 +62,7 @@ export const serverTexts = {
       create_scene: "New scene",
       look_again: "Look again",
       train_more: "Train further",
+      ask_namer: "Names from a model",
       withdraw_photos: "Withdraw photos",
     },
     states: {
