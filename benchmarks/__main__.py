@@ -48,6 +48,7 @@ BENCHMARKS = {
         "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
     ),
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
+    "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a namer suggests", _MODELS),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
     "poses": Benchmark("photos placed by structure from motion, and their errors", ("--data", _DATA)),
     "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
@@ -65,6 +66,7 @@ BENCHMARKS = {
     "things": Benchmark("things without a vocabulary", _TEST),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
     "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),
+    "workers": Benchmark("jobs a day by the number of workers, simulated from what a database was asked"),
 }
 
 

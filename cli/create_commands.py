@@ -1,4 +1,4 @@
-"""`fastsplat scenes create` and `train-more`: jobs that a worker does."""
+"""`fastsplat scenes create`, `train-more` and `withdraw-photos`: jobs that a worker does."""
 
 from __future__ import annotations
 
@@ -104,9 +104,36 @@ def train_more(
     session.tell_job(operation, _trained, watch=watch)
 
 
+@service_command(scenes_app, "withdraw-photos")
+def withdraw_photos(
+    session: Session,
+    scene: SceneId,
+    photos: Annotated[list[str], typer.Argument(metavar="PHOTO...", help="Names of photos, as `photos` shows them.")],
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether you are sure.")] = False,
+    watch: Watch = False,
+) -> None:
+    """Make a scene anew without some of its photos, for ever: all its versions of before are deleted with them."""
+    scene_id = session.scene(scene)
+    if not yes:
+        question = f"Make scene {scene_id} anew without {len(photos)} photos, and delete all its versions for ever?"
+        typer.confirm(question, abort=True, err=True)
+    operation = session.client.withdraw_photos(scene_id, photos)
+    session.tell_job(operation, _withdrawn, watch=watch)
+
+
 def names_of(labels: str) -> tuple[str, ...]:
     """Names that commas separate."""
     return tuple(part.strip() for part in labels.split(",") if part.strip())
+
+
+def _withdrawn(operation: Operation) -> str:
+    made = operation.withdraw_photos
+    assert made is not None
+    lost = "".join(f"\nnot made again: {edit}" for edit in made.lost)
+    return (
+        f"{', '.join(made.photos)} gone, with {len(made.removed)} versions\n"
+        f"version {made.version} is trained without; edits of {made.carried} versions are made again{lost}"
+    )
 
 
 def _trained(operation: Operation) -> str:

@@ -1,4 +1,7 @@
-"""Drafts of a scene, assembled as every scene is, of less: a few views, and masks at a smaller size."""
+"""Drafts of a scene, assembled as every scene is, of less: a few views, and masks at a smaller size.
+
+Things are found and named; what they look like, and what is written on them, took more than half of a draft's time.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +15,18 @@ from fastsplat.service.pipeline import Provenance, assemble_scene, scene_quality
 from fastsplat.service.scene.drafts import draft_of
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.splatting.early_splats import point_splats
+from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.job_watching import Provisional
 
 _SIDE = 320
 _ROUNDS = 1
+_FIRST = {"iterations": 200, "max_side": 240, "max_gaussians": 10_000}
+"""The training of the first draft, a second long: on bare points small smooth things, which have few, are not found."""
 
 
-def point_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
-    """A scene of the capture's points, with what was seen in some views.
+def first_draft(capture: Capture, labelling: Labelling, views: Sequence[int], settings: Settings) -> Scene:
+    """A scene of the capture's points, trained for a moment, with what was seen in some views.
 
     Args:
         capture: registered images.
@@ -30,9 +35,10 @@ def point_draft(capture: Capture, labelling: Labelling, views: Sequence[int], se
         settings: of all rooms, with the preset applied.
 
     Raises:
-        FastSplatError: as `assemble_scene`.
+        FastSplatError: as `train` and `assemble_scene`.
     """
-    splats = point_splats(capture, labelling.learnt(), views, settings.training)
+    bounds = {**_FIRST, "time_budget_s": None, "evaluations": 0, "held_out_every": 0}
+    splats = train(capture, labelling.learnt(), settings.training.model_copy(update=bounds), silent)
     return training_draft(splats, capture, labelling, views, settings, Provisional("points", 0.0))
 
 
@@ -44,11 +50,11 @@ def training_draft(
     settings: Settings,
     provisional: Provisional,
 ) -> Scene:
-    """A scene of Gaussians as they are; arguments as for `point_draft`.
+    """A scene of Gaussians as they are; arguments as for `first_draft`.
 
     Args:
         splats: the Gaussians.
-        capture, labelling, views, settings: as for `point_draft`.
+        capture, labelling, views, settings: as for `first_draft`.
         provisional: what the draft is made of.
 
     Raises:
@@ -68,4 +74,5 @@ def training_draft(
     early = settings.model_copy(update={"discovery": discovery})
     labelled = replace(labelling, masks=known)
     quality = scene_quality(splats, labelled, capture, Provenance())
-    return draft_of(assemble_scene(splats, labelled, capture, early, quality, silent), provisional)
+    scene = assemble_scene(splats, labelled, capture, early, quality, described=False)
+    return draft_of(scene, provisional)

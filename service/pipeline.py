@@ -255,6 +255,8 @@ def assemble_scene(
     settings: Settings,
     quality: Mapping[str, Any],
     progress: Progress = silent,
+    *,
+    described: bool = True,
 ) -> Scene:
     """The scene of a finished training, its labels embedded and, if `settings.discovery` asks for it, with things.
 
@@ -267,11 +269,12 @@ def assemble_scene(
             that were looked for, and `searched_names`, how many they are, if that is known; and `taken_at`, when the
             photos were taken, by name, seconds since 1970, of those that say it.
         progress: hears of the stage "export".
+        described: as for `find_things`.
 
     Raises:
         ModelUnavailableError: the text encoder of the settings is missing, or the segmenter that discovery needs.
     """
-    things, gaussians = find_things(trained, labelling, capture, settings, progress)
+    things, gaussians = find_things(trained, labelling, capture, settings, progress, described=described)
     learnt = labelling.learnt() is labelling and (things is None or things.head is None)
     count, code = len(labelling.dictionary), gaussians.codes.shape[1]
     progress(ProgressEvent("export", THINGS_SHARE, f"embedding {len(labelling.dictionary)} labels"))

@@ -195,7 +195,7 @@ class NamerOptions(Options):
 
 
 class NamerSettings(NamerOptions, SettingGroup, section="namer"):
-    """A model that sees pictures and suggests names, where a project agreed and somebody asks it; none by default."""
+    """A model that sees pictures and suggests names for new scenes of projects that agreed; none by default."""
 
     url: str = Field("", pattern=r"^$|^https?://[^\s/?#@]+(/[^\s?#]*)?$")
     """Of its OpenAI-compatible interface, e.g. http://localhost:11434/v1; empty: there is none, and nothing is sent."""

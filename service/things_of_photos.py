@@ -11,6 +11,7 @@ from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.instances.thing_reads import with_reads
 from fastsplat.service.perception.appearance import open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_capture_masks
+from fastsplat.service.perception.image_text import find_image_text
 from fastsplat.service.perception.readers.open_reader import find_reader
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians, Things
@@ -32,16 +33,23 @@ def is_private(capture: Capture, settings: Settings) -> bool:
 
 
 def find_things(
-    trained: TrainedSplats, labelling: Labelling, capture: Capture, settings: Settings, progress: Progress
+    trained: TrainedSplats,
+    labelling: Labelling,
+    capture: Capture,
+    settings: Settings,
+    progress: Progress,
+    *,
+    described: bool = True,
 ) -> tuple[Things | None, Gaussians]:
     """Discovered things, and the Gaussians with their codes; no things where the objects of given label maps are.
 
     Args:
         trained: Gaussians, head and evidence.
         labelling: what they were trained on.
-        capture: registered images; where `is_private`, nothing is read in them.
+        capture: registered images; where `is_private`, nothing is read in them, and no image-text model looks at them.
         settings: of all rooms.
         progress: hears of the stage "export", up to `THINGS_SHARE`.
+        described: whether things are also described by their looks, and what is written on them is read.
 
     Raises:
         ModelUnavailableError: the segmenter that discovery needs is missing, or another model's file is damaged.
@@ -67,12 +75,14 @@ def find_things(
     things, gaussians = found
     if not things.table and not detected:
         return None, trained.gaussians
-    if discovery.things == "off":
+    if discovery.things == "off" or not described:
         return things, gaussians
     side, backend = discovery.max_side, training.backend
-    if encoder := open_appearance_encoder(settings.perception, models):
-        things = with_appearances(things, gaussians, capture.views, encoder, side, backend=backend)
-    if not is_private(capture, settings):
+    private, encoder = is_private(capture, settings), open_appearance_encoder(settings.perception, models)
+    looks = None if private else find_image_text(settings.perception, models)
+    if encoder or looks:
+        things = with_appearances(things, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
+    if not private:
         reading, reader = tell("reading", _READING_FROM, 1.0), find_reader(settings.perception, models)
         things = with_reads(things, gaussians, capture.views, reader, side, reading, backend=backend)
     return things, gaussians

@@ -63,7 +63,7 @@ def test_a_word_has_one_spelling() -> None:
 
 
 def _cpp_sources() -> list[Path]:
-    return sorted(path for path in (ROOT / "service").rglob("*") if path.suffix in (".cpp", ".h"))
+    return sorted(ROOT / path for path in _tracked() if path.suffix in (".cpp", ".h"))
 
 
 def test_cpp_is_formatted_and_fits_into_120_columns() -> None:

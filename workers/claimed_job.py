@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import json
 import logging
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import wraps
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Any
 
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.codec import options_from_json
+from fastsplat.service.store.records import NewJob
 from fastsplat.service.store.scene_repository import no_scene
 from fastsplat.service.store.store import Store
 from fastsplat.service.store.version_repository import NewVersion
+from fastsplat.workers.job_outcome import JobOutcome
 from fastsplat.workers.made_scenes import (
     CARRIED,
     DRAFTS,
@@ -28,51 +28,15 @@ from fastsplat.workers.made_scenes import (
     MadeScene,
     edited_draft,
     read_made,
+    replaced_result,
     write_edited,
 )
+from fastsplat.workers.patience import at_once, patient
 from fastsplat.workers.results import KEPT, PHOTOS
 from fastsplat_contract.errors import ConflictError, DatabaseError, NotFoundError, ObjectStoreError
 from fastsplat_contract.operations import SceneOptions
 
 logger = logging.getLogger(__name__)
-T = TypeVar("T")
-P = ParamSpec("P")
-_PATIENCE_S = 600.0
-_RETRY_S = 1.0
-
-
-@dataclass(frozen=True)
-class JobOutcome:
-    """Outcome of a job or one of its stages; `error` is the `OperationError` of a failed one as JSON, else None."""
-
-    state: Literal["done", "cancelled", "failed"]
-    error: Mapping[str, Any] | None = None
-
-
-DONE = JobOutcome("done")
-CANCELLED = JobOutcome("cancelled")
-
-
-def failed(error: Mapping[str, Any]) -> JobOutcome:
-    """The outcome of a job that ended with an error."""
-    return JobOutcome("failed", error)
-
-
-def _patient(method: Callable[Concatenate[ClaimedJob, P], T]) -> Callable[Concatenate[ClaimedJob, P], T]:
-    """Repeat a call for up to ten minutes while the database or the object store does not answer."""
-
-    @wraps(method)
-    def call(self: ClaimedJob, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        deadline = time.monotonic() + _PATIENCE_S
-        while True:
-            try:
-                return method(self, *args, **kwargs)
-            except (DatabaseError, ObjectStoreError):
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(_RETRY_S)
-
-    return call
 
 
 class ClaimedJob:
@@ -83,11 +47,13 @@ class ClaimedJob:
     `DatabaseError` or `ObjectStoreError`.
     """
 
-    def __init__(self, store: Store, claim: Claim, calls: CallSettings) -> None:
+    def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
         self.max_versions, self._calls = calls.max_versions, calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
+        self._projects, self._namer_host = store.projects, namer_host
+        self._withdrawals = store.withdrawals
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -96,7 +62,7 @@ class ClaimedJob:
         self._progress_files = dict(claim.operation.progress_files or {})
         self._older_files: dict[str, str] = {}
         self._noted: str | None = None
-        self._drafted = claim.operation.makes_scene  # or it may be: an earlier attempt may have published one
+        self._drafted = claim.operation.replaces  # or it may be: an earlier attempt may have published one
         self._carried: Sequence[str] = ()
 
     @property
@@ -120,13 +86,13 @@ class ClaimedJob:
         """File of the trainers' stderr."""
         return self._blobs.log(self.id)
 
-    @_patient
+    @patient
     def upload(self) -> Path:
         """Folder of the validated upload, on this machine."""
         folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
         return folder / str(self.claim.operation.options["admitted"])
 
-    @_patient
+    @patient
     def current_version(self) -> tuple[Path, str]:
         """Folder, on this machine, and name of the scene's current version.
 
@@ -139,7 +105,12 @@ class ClaimedJob:
             raise no_scene(self.scene_id)
         return current, version
 
-    @_patient
+    @patient
+    def trained_version(self) -> str:
+        """Name of the version that all others were made of; `NotFoundError`: there is no such scene (any more)."""
+        return self._versions.of(self._scenes.scene(self.scene_id))[0].version
+
+    @patient
     def version(self, name: str) -> Path:
         """Folder, on this machine, of a version of the scene.
 
@@ -160,7 +131,7 @@ class ClaimedJob:
 
         Where the job has come further than before, `starts` is how many count from then on; else None.
         """
-        return self._at_once(lambda: self._report(stages, starts))
+        return at_once(self.id, lambda: self._report(stages, starts))
 
     def publish_file(self, kind: str, entry: Mapping[str, Any]) -> None:
         """Make a file of the work folder's `progress` the one of its kind that is looked at from the next report on.
@@ -202,7 +173,8 @@ class ClaimedJob:
         self._progress_files["draft"] = {"file": name, "info": info}
 
     def note_edits(self) -> None:
-        """Tell the trainer of a job that makes its scene what people have made of the newest draft: does not wait."""
+        """Tell the trainer of a job that makes its scene, or makes it anew, what people have made of the newest draft,
+        or of the scene as it was trained: does not wait."""
         if not self._drafted:
             return
         with suppress(DatabaseError, ObjectStoreError, NotFoundError, OSError):
@@ -212,12 +184,12 @@ class ClaimedJob:
                 write_edited(self._edited(), self.folder / EDITS)
                 self._noted = current
 
-    @_patient
+    @patient
     def note_completed(self, stages: Sequence[Mapping[str, Any]], starts: int) -> None:
         """Write progress in which a stage was completed, and how many starts count from then on."""
         self._report(stages, starts)
 
-    @_patient
+    @patient
     def drop_originals(self) -> None:
         """Remove the upload once its photos are read, if that was promised; its folder stays, empty."""
         upload_id = self.claim.operation.upload_id
@@ -225,7 +197,7 @@ class ClaimedJob:
             self._blobs.drop_upload(upload_id)
             self._blobs.upload(upload_id).mkdir(parents=True, exist_ok=True)
 
-    @_patient
+    @patient
     def note_photos(self) -> None:
         """Write what became of the photos, if the capture stage has said so: workers of earlier releases have not."""
         path = self.folder / "capture" / PHOTOS
@@ -234,14 +206,19 @@ class ClaimedJob:
 
     def poll_requests(self) -> frozenset[JobRequest]:
         """What was asked of the job, as far as is known: does not wait."""
-        return self._at_once(lambda: self._jobs.check(self.claim))
+        return at_once(self.id, lambda: self._jobs.check(self.claim))
 
-    @_patient
+    @patient
     def is_cancelled(self) -> bool:
         """Whether the job is to be cancelled."""
         return "cancel" in self._jobs.check(self.claim)
 
-    @_patient
+    @patient
+    def may_ask_namer(self) -> bool:
+        """Whether the settings name a namer, and the job's project agreed to its host."""
+        return bool(self._namer_host) and self._projects.agreed(self.claim.operation.project) == self._namer_host
+
+    @patient
     def claim_again(self) -> None:
         """Begin another attempt of this worker, whose trainer died."""
         claim = self._jobs.claim(self.id, self.claim.operation.retries, after="trainer_died")
@@ -249,17 +226,17 @@ class ClaimedJob:
             raise FencedError(self.id)
         self.claim = claim
 
-    @_patient
+    @patient
     def release(self) -> None:
         """Give the job back unfinished; its start does not count."""
         self._jobs.release(self.claim)
 
-    @_patient
+    @patient
     def is_published(self) -> bool:
         """Whether the last stage's result is published."""
         return bool(self._blobs.fetch_version(self.scene_id, self.run_id))
 
-    @_patient
+    @patient
     def publish(self, stage: str, *files: str) -> Path:
         """Move the result of `stage`, the last one, to the scene's folder, unless an earlier attempt did, and check
         `files` of it. Returns where it is, a version whose name is the run's.
@@ -273,25 +250,22 @@ class ClaimedJob:
         self._blobs.check_version(folder, *files)
         return folder
 
-    @_patient
-    def publish_scene(self, stage: str) -> None:
-        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY and the
-        operation SUCCEEDED.
+    @patient
+    def publish_scene(self, stage: str, follow: NewJob | None) -> None:
+        """Publish the result of `stage`, the last one, unless an earlier attempt did; make the scene READY, the
+        operation SUCCEEDED, and queue what is to `follow`.
 
         Raises:
             ConflictError: a draft was edited meanwhile.
             OSError: the disk is full.
         """
-        made = self._published(self.folder / stage, self.run_id, check=True)
-        folder = self._version_or(self.run_id, self.folder / stage)
-        self._blobs.check_version(folder, SUMMARY, "stage.json")
-        made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
-        removed = self._jobs.succeed(self.claim, made.summary, made.carried, edited=made.edited, result=made.result)
-        self._drop_versions(removed)
+        made = self._made(stage)
+        more: Mapping[str, Any] = {"edited": made.edited, "result": made.result, "follow": follow}
+        self._drop_versions(self._jobs.succeed(self.claim, made.summary, made.carried, **more))
 
-    @_patient
-    def succeed_with_version(self, new: NewVersion, result: Mapping[str, Any]) -> None:
-        """Add a published version to the finished scene and make the operation SUCCEEDED.
+    @patient
+    def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
+        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED.
 
         Raises:
             ConflictError: the scene has another version by now than the one that this was made of.
@@ -299,23 +273,53 @@ class ClaimedJob:
         """
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
-    @_patient
+    @property
+    def replaced(self) -> bool:
+        """Whether an attempt has done the first half of `replace_scene`."""
+        operation = self.claim.operation
+        return operation.kind == "withdraw_photos" and operation.result is not None
+
+    @patient
+    def replace_scene(self, stage: str) -> None:
+        """Publish the result of `stage`, the last one, in the place of all versions of a finished scene; then remove
+        these, and whatever else has its photos as they were, and only then make the operation SUCCEEDED.
+
+        Raises:
+            ConflictError: the scene was edited meanwhile.
+            NotFoundError: it was deleted.
+            OSError: the disk is full.
+        """
+        if not self.replaced:
+            before = [version for scene_id, version in self._blobs.versions() if scene_id == self.scene_id]
+            made = self._made(stage)
+            new = {self.run_id, *self._carried}
+            result = replaced_result(made, self.run_id, self.claim.operation.order["photos"], set(before) - new)
+            self.claim = self._withdrawals.replace(
+                self.claim, made.summary, made.carried, edited=made.edited, result=result
+            )
+        assert self.claim.operation.result is not None
+        if upload_id := self._scenes.operation(self._scenes.scene(self.scene_id).operation_id).upload_id:
+            self._blobs.drop_upload(upload_id)
+        self._blobs.erase_versions(self.scene_id, self.claim.operation.result["removed"])
+        self._withdrawals.succeed(self.claim)
+
+    @patient
     def drop_result(self, stage: str) -> None:
         """Remove the result of `stage`, the last one, here and where it was published, so that it is made again;
         a scene that was not published yet is kept for that."""
         result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
-        if self.claim.operation.makes_scene and result.is_dir():
+        if self.claim.operation.replaces and result.is_dir():
             remove(kept)
             result.rename(kept)
         remove(result)
         self._drop_published(self.run_id)
 
-    @_patient
+    @patient
     def cancel(self) -> None:
         """Make the operation CANCELLED."""
         self._jobs.cancelled(self.claim)
 
-    @_patient
+    @patient
     def fail(self, error: Mapping[str, Any]) -> None:
         """Make the operation FAILED with an `OperationError` as JSON."""
         self._jobs.fail(self.claim, error)
@@ -337,8 +341,16 @@ class ClaimedJob:
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted and self.claim.operation.makes_scene:
                 self._blobs.drop_scene(self.scene_id)
-            elif deleted or outcome.state != "done":  # of a finished scene only what this job made
+            elif deleted or not (outcome.state == "done" or self.replaced):  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
+
+    def _made(self, stage: str) -> MadeScene:
+        """Publish the result of `stage`, the last one, unless an earlier attempt did; errors as `publish_scene`."""
+        made = self._published(self.folder / stage, self.run_id, check=True)
+        folder = self._version_or(self.run_id, self.folder / stage)
+        self._blobs.check_version(folder, SUMMARY, "stage.json")
+        made.summary.quality["stage_seconds"][stage] = json.loads((folder / "stage.json").read_text())["seconds"]
+        return made
 
     def _published(self, folder: Path, version: str, *, check: bool = False) -> MadeScene:
         """Publish the folders of a scene, and those of its edits, as far as they are not; with `check`, unless a
@@ -383,11 +395,3 @@ class ClaimedJob:
         if starts is not None:
             self.claim = replace(self.claim, operation=replace(self.claim.operation, starts=starts))
         return requests
-
-    def _at_once(self, look: Callable[[], frozenset[JobRequest]]) -> frozenset[JobRequest]:
-        # A database that restarts in the middle of a job costs some progress reports, not the job.
-        try:
-            return look()
-        except DatabaseError as error:
-            logger.warning("job %s: %s; will ask again", self.id, error.message)
-            return frozenset()

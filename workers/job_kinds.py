@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat_contract.json_codec import from_plain, to_plain
@@ -40,12 +41,14 @@ class JobKind:
         publish: publishes the last stage's result, unless an earlier attempt did, and makes the operation SUCCEEDED.
             Raises `ConflictError` where the last stage is to be done again, as the scene has another version by now;
             `NotFoundError` where it was deleted; `OSError` where the disk is full.
+        asks_namer: whether its trainers are told of the settings' namer, as long as the project agrees to that.
     """
 
     stages: tuple[str, ...]
     sources: Callable[[ClaimedJob], Sources]
     run: str
     publish: Callable[[ClaimedJob, str], None]
+    asks_namer: bool = False
 
 
 def _upload(job: ClaimedJob) -> Sources:
@@ -61,14 +64,21 @@ def _current_and_ordered_version(job: ClaimedJob) -> Sources:
     return Sources(*job.current_version(), (job.version(ordered), ordered))
 
 
+def _current_and_trained_version(job: ClaimedJob) -> Sources:
+    trained = job.trained_version()
+    return Sources(*job.current_version(), (job.version(trained), trained))
+
+
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
-    job.publish_scene(stage)
+    scene_id, project = job.scene_id, job.claim.operation.project
+    job.publish_scene(stage, order_job("ask_namer", scene_id, "", {}, project) if job.may_ask_namer() else None)
 
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:
     summary = json.loads((job.publish(stage, "summary.json") / "summary.json").read_text())
     result = {**summary["result"], "version": job.run_id}
-    edit = from_plain(Edit, {"action": job.claim.operation.kind, "texts": result.get("texts", ())})
+    of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
+    edits = summary.get("edits") or [to_plain(from_plain(Edit, of_job))]
     new = NewVersion(
         job.scene_id,
         job.run_id,
@@ -77,7 +87,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         "",
         summary["gaussians"],
         summary["dictionary"],
-        [to_plain(edit)],
+        edits,
         scaling=summary.get("scaling"),
         alignment=summary.get("alignment"),
         quality=summary.get("quality"),
@@ -85,6 +95,19 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         max_versions=job.max_versions,
     )
     job.succeed_with_version(new, result)
+
+
+def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
+    path = job.folder / stage / "summary.json"
+    summary = json.loads(path.read_text()) if path.exists() else None  # it goes with what is published
+    if summary is None or summary["edits"]:
+        _publish_version(job, stage)
+    else:
+        job.succeed_with_version(None, {**summary["result"], "version": summary["parent"]})
+
+
+def _replace_scene(job: ClaimedJob, stage: str) -> None:
+    job.replace_scene(stage)
 
 
 KINDS: Mapping[OperationKind, JobKind] = {
@@ -105,5 +128,18 @@ KINDS: Mapping[OperationKind, JobKind] = {
         sources=_current_and_ordered_version,
         run="fastsplat.workers.train_more_stages:STAGES",
         publish=_publish_version,
+    ),
+    "ask_namer": JobKind(
+        stages=("asking", "suggesting"),
+        sources=_current_version,
+        run="fastsplat.workers.ask_namer_stages:STAGES",
+        publish=_publish_suggestions,
+        asks_namer=True,
+    ),
+    "withdraw_photos": JobKind(
+        stages=("capture", "perception", "training", "export"),
+        sources=_current_and_trained_version,
+        run="fastsplat.workers.withdraw_stages:STAGES",
+        publish=_replace_scene,
     ),
 }

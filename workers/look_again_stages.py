@@ -32,7 +32,7 @@ _PICTURES = "pictures"
 
 def _look(job: Job, folder: Path, progress: Progress) -> None:
     """Stage "looking": the sightings of the job's texts."""
-    order, index = from_plain(LookAgainIn, dict(job.order)), _open(job)
+    order, index = from_plain(LookAgainIn, dict(job.order)), open_current(job)
     (folder / _PICTURES).mkdir()
     sightings = look_for(index, order.texts, job.settings, folder / _PICTURES, progress)
     remove(folder / _PICTURES)
@@ -50,26 +50,32 @@ def _name(job: Job, folder: Path, progress: Progress) -> None:
         found = {int(thing_id): names for thing_id, names in values.pop("found").items()}
         texts, views = tuple(values.pop("texts")), tuple(values.pop("views"))
         sightings = Sightings(texts=texts, views=views, found=found, **values)
-    index = _open(job)
+    index = open_current(job)
     scene, result = name_sightings(index, sightings, job.settings)
     progress(ProgressEvent("naming", 0.4, f"{len(result.named)} named, {len(result.suggested)} suggested"))
+    write_renamed(job, scene, folder, {"result": to_plain(result)})
+
+
+STAGES: Mapping[str, Stage] = {"looking": _look, "naming": _name}
+
+
+def write_renamed(job: Job, scene: Scene, folder: Path, more: Mapping[str, Any]) -> None:
+    """Write the current version with other names as a folder to be published.
+
+    Args:
+        job: of the version.
+        scene: what it is now, its Gaussians as they were.
+        folder: to write into.
+        more: for `summary.json`: the "result", and "edits" if the version was made by others than the job's kind.
+    """
     write_scene(scene, folder / "artefact")
-    progress(ProgressEvent("naming", 0.7, "writing the PLY file"))
     try:
         os.link(job.upload / "scene.ply", folder / "scene.ply")  # the Gaussians are the same
     except OSError:  # not every file system has links
         write_ply(scene.gaussians, folder / "scene.ply")
     share_photos(job.upload, folder)
-    summary = {
-        "parent": job.version,
-        "gaussians": len(scene.gaussians),
-        "dictionary": dictionary_rows(scene),
-        "result": to_plain(result),
-    }
-    (folder / "summary.json").write_text(json.dumps(summary))
-
-
-STAGES: Mapping[str, Stage] = {"looking": _look, "naming": _name}
+    rows = {"parent": job.version, "gaussians": len(scene.gaussians), "dictionary": dictionary_rows(scene)}
+    (folder / "summary.json").write_text(json.dumps({**rows, **more}))
 
 
 def dictionary_rows(scene: Scene) -> list[dict[str, Any]]:
@@ -81,7 +87,8 @@ def dictionary_rows(scene: Scene) -> list[dict[str, Any]]:
     ]
 
 
-def _open(job: Job) -> SceneIndex:
+def open_current(job: Job) -> SceneIndex:
+    """The version of the scene that is current as the job's trainer starts."""
     scene = read_scene(job.upload / "artefact")
     encoder = open_text_encoder(scene.text_encoder[0], job.settings.models)
     return SceneIndex(scene, encoder, job.settings.query)

@@ -49,23 +49,30 @@ class Job:
         return self.folder / stage
 
     @property
+    def shows_drafts(self) -> bool:
+        """Whether drafts of its scene are published: a finished scene stays as it is until the job is done."""
+        return not self.version
+
+    @property
     def finish_mark(self) -> Path:
         """File that is there once the job is to end its training early, for all attempts."""
         return self.folder / "finish"
 
-    def to_line(self, run: str) -> bytes:
+    def to_line(self, run: str, *, asks_namer: bool = False) -> bytes:
         """The first line that a trainer reads; the database's URL is left out, as it may hold a password.
 
         Args:
             run: what runs the stages, see `JobKind.run`.
+            asks_namer: whether it is told of the settings' namer.
         """
+        secret = {"database_url", "database_password", *(() if asks_namer else ("namer",))}
         spec = {
             "operation_id": self.operation_id,
             "attempt": self.attempt,
             "upload": str(self.upload),
             "folder": str(self.folder),
             "options": to_plain(self.options),
-            "settings": self.settings.model_dump(mode="json", exclude={"database_url", "database_password", "namer"}),
+            "settings": self.settings.model_dump(mode="json", exclude=secret),
             "stages": self.stages,
             "order": dict(self.order),
             "version": self.version,

@@ -14,8 +14,9 @@ from fastsplat.service.planning.presets import chosen_settings
 from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest
 from fastsplat.service.store.store import Store
-from fastsplat.workers.claimed_job import CANCELLED, DONE, ClaimedJob, JobOutcome, failed
+from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.job_kinds import JobKind
+from fastsplat.workers.job_outcome import CANCELLED, DONE, JobOutcome, failed
 from fastsplat.workers.protocol import Done, Event, Failed, Job
 from fastsplat.workers.results import DISK_FULL, disk_full_error, error_to_json
 from fastsplat.workers.trainer_process import TrainerProcess
@@ -23,6 +24,7 @@ from fastsplat_contract.errors import (
     ConflictError,
     NotFoundError,
     NotReadyError,
+    PermissionDeniedError,
     ResourceError,
     TrainerCrashedError,
     WorkerCrashedError,
@@ -52,7 +54,7 @@ class Supervisor:
         self, store: Store, settings: Settings, claim: Claim, kind: JobKind, stopping: threading.Event
     ) -> None:
         self._settings = settings
-        self._job = ClaimedJob(store, claim, settings.calls)
+        self._job = ClaimedJob(store, claim, settings.calls, settings.namer.host)
         self._kind = kind
         self._stopping = stopping
         self._trainer: TrainerProcess | None = None
@@ -67,9 +69,9 @@ class Supervisor:
             FencedError: another worker has claimed the job.
             StoppingError: this worker is stopping, and the job was given back.
         """
-        error = self.start_limit_error()
+        error = None if self._job.replaced else self.start_limit_error()
         outcome = DONE if error is None else failed(error)
-        if self._job.claim.attempt == 1 or not self._job.is_published():
+        if not self._job.replaced and (self._job.claim.attempt == 1 or not self._job.is_published()):
             for stage in self._kind.stages:
                 if outcome == DONE:
                     outcome = self.run_stage(stage)
@@ -111,6 +113,8 @@ class Supervisor:
                 trainer = self._trainer or self._start_trainer()
             except OSError as error:
                 return failed(_cannot_start(error, stage))
+            except PermissionDeniedError as error:
+                return failed(error_to_json(error, stage))
             except (NotFoundError, NotReadyError) as error:  # the scene that it looks again at is gone
                 return CANCELLED if self._job.is_cancelled() else failed(error_to_json(error, stage))
             try:
@@ -151,6 +155,12 @@ class Supervisor:
 
     def _start_trainer(self) -> TrainerProcess:
         job, attempt = self._job, self._job.claim.attempt
+        if not self._may_ask():
+            raise PermissionDeniedError(
+                "pictures of things do not go to a namer",
+                field="namer",
+                hint="An admin of the project agrees to the host of the server's namer, as by AgreeToNamer.",
+            )
         job.folder.mkdir(parents=True, exist_ok=True)
         job.note_edits()
         folder, version, base = self._kind.sources(job)
@@ -167,7 +177,7 @@ class Supervisor:
             base,
             job.claim.operation.excluded,
         )
-        self._trainer = TrainerProcess(spec, self._kind.run, job.log)
+        self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_namer=self._kind.asks_namer)
         logger.info("job %s attempt %d pid %d", job.id, attempt, self._trainer.pid)
         return self._trainer
 
@@ -213,12 +223,19 @@ class Supervisor:
         if report or now - self._written_at >= jobs.progress_interval_s:
             self._written_at = self._checked_at = now
             self._job.note_edits()
-            return self._job.report(self._progress.rows, starts=1 if completed else None)
+            return self._job.report(self._progress.rows, starts=1 if completed else None) | self._taken_back()
         if now - self._checked_at < jobs.poll_interval_s:
             return frozenset()
         self._checked_at = now
         self._job.note_edits()
-        return self._job.poll_requests()
+        return self._job.poll_requests() | self._taken_back()
+
+    def _may_ask(self) -> bool:
+        return not self._kind.asks_namer or self._job.may_ask_namer()
+
+    def _taken_back(self) -> frozenset[JobRequest]:
+        """A cancellation, where the project agrees no more that the job's namer is asked."""
+        return frozenset() if self._may_ask() else frozenset(("cancel",))
 
     def _succeed(self) -> JobOutcome:
         """Publish what the job made; returns how the job ended after all.

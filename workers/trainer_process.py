@@ -26,7 +26,7 @@ _GRACE_S = 2.0
 class TrainerProcess:
     """One running trainer, its process group and its events."""
 
-    def __init__(self, job: Job, run: str, log: Path) -> None:
+    def __init__(self, job: Job, run: str, log: Path, *, asks_namer: bool = False) -> None:
         log.parent.mkdir(parents=True, exist_ok=True)
         self._process = _forker.submit(_start, job, log).result()
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
@@ -35,7 +35,7 @@ class TrainerProcess:
         threading.Thread(target=self._read, name=f"events of {job.operation_id}", daemon=True).start()
         assert self._process.stdin is not None
         with contextlib.suppress(BrokenPipeError):  # died already: its exit status tells
-            self._process.stdin.write(job.to_line(run))
+            self._process.stdin.write(job.to_line(run, asks_namer=asks_namer))
             self._process.stdin.flush()
 
     @property
@@ -103,7 +103,7 @@ class TrainerProcess:
 
 def _start(job: Job, log: Path) -> subprocess.Popen[bytes]:
     environment = {**os.environ, PARENT_VARIABLE: str(os.getpid()), "OMP_WAIT_POLICY": "passive"}
-    # A trainer reads untrusted data, and needs neither the database nor the object store, nor a namer.
+    # A trainer reads untrusted data, and needs neither the database nor the object store. A namer is told by its job.
     secrets = tuple(environment_variable(Settings, name) for name in ("database_url", "database_password", "namer"))
     for name in list(environment):
         if name.startswith((*secrets, "AWS_")):

@@ -21,12 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.provenance import begin, parser_of, provenance, write_json
 from benchmarks.reads.drawing import FlatStudio
-from benchmarks.reads.labels import DOTS, Line, labelled_room, surface_points
+from benchmarks.reads.labels import DOTS, Line, labelled_room, true_things
 from benchmarks.rooms.drawing import camera_of
 from benchmarks.rooms.pictures import phone_faults, photo_of
 from benchmarks.splits import results_file
@@ -34,8 +33,7 @@ from benchmarks.things.discovered import timed
 from fastsplat.service.capture.types import View
 from fastsplat.service.instances.thing_reads import with_reads
 from fastsplat.service.perception.readers.open_reader import open_reader
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.types import Gaussians, Thing, Things
+from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings, load_settings
 from fastsplat_contract.camera import PosedCamera
 
@@ -92,9 +90,7 @@ def _precision(said: Sequence[_Said]) -> float:
 def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any], list[_Said], list[float]]:
     room, lines = labelled_room(seed)
     studio, camera, rng = FlatStudio(room, DOTS), camera_of(width), np.random.default_rng([seed, 1])
-    points, owners = surface_points(room, _SPACING)
-    evidence = evidence_of(np.arange(len(points)), owners, np.full(len(points), 16 * UNIT, np.int64), len(points))
-    things = Things(tuple(Thing(number) for number in range(1, len(room.things) + 1)), evidence)
+    gaussians, things = true_things(room, _SPACING)
     views, highest = [], np.zeros(len(lines))
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
         for number, pose in enumerate(room.poses):
@@ -104,7 +100,7 @@ def _measured(seed: int, width: int, settings: Settings) -> tuple[dict[str, Any]
             views.append(View(shown.posed, path))
             highest = np.maximum(highest, [line.height_in(shown) for line in lines])
         reader, side = open_reader(settings.perception, settings.models), settings.discovery.max_side
-        read, seconds = timed(lambda: with_reads(things, _gaussians(points), views, reader, side))
+        read, seconds = timed(lambda: with_reads(things, gaussians, views, reader, side))
     said, found = judged(read, lines, (highest >= _LEAST_PX).tolist())
     return {"photos": len(views), **figures(said, found), **seconds}, said, found
 
@@ -129,18 +125,6 @@ def judged(things: Things, lines: Sequence[Line], legible: Sequence[bool]) -> tu
 
 def _letters(text: str) -> str:
     return "".join(letter for letter in text.casefold() if letter.isalnum())
-
-
-def _gaussians(points: NDArray[np.float64]) -> Gaussians:
-    count = len(points)
-    return Gaussians(
-        means=points.astype(np.float32),
-        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
-        log_scales=np.full((count, 3), np.log(_SPACING / 2), np.float32),
-        logit_opacities=np.full(count, 4.0, np.float32),
-        sh=np.zeros((count, 1, 3), np.float32),
-        codes=np.zeros((count, 0), np.float32),
-    )
 
 
 if __name__ == "__main__":

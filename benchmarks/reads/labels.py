@@ -18,6 +18,8 @@ from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, box, placed, sheet
 from benchmarks.rooms.truth import Shown
 from demo.sample_paint import hex_rgb
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.types import Gaussians, Thing, Things
 from fastsplat_contract.camera import PosedCamera
 
 DOTS = 2_500
@@ -130,6 +132,23 @@ def surface_points(room: Room, spacing: float) -> tuple[F64, NDArray[np.int64]]:
             points.append(u * a[own] + (v - u) * b[own] + (1 - v) * c[own])
             owners.append(np.full(len(own), number))
     return np.concatenate(points), np.concatenate(owners)
+
+
+def true_things(room: Room, spacing: float) -> tuple[Gaussians, Things]:
+    """The things of a room as if each had been found whole: small Gaussians on all that `surface_points` are on."""
+    points, owners = surface_points(room, spacing)
+    count = len(points)
+    gaussians = Gaussians(
+        means=points.astype(np.float32),
+        quats=np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1)),
+        log_scales=np.full((count, 3), np.log(spacing / 2), np.float32),
+        logit_opacities=np.full(count, 4.0, np.float32),
+        sh=np.zeros((count, 1, 3), np.float32),
+        codes=np.zeros((count, 0), np.float32),
+    )
+    evidence = evidence_of(np.arange(count), owners, np.full(count, 16 * UNIT, np.int64), count)
+    table = tuple(Thing(number, surface=thing.surface) for number, thing in enumerate(room.things, start=1))
+    return gaussians, Things(table, evidence)
 
 
 def _thing(

@@ -69,6 +69,7 @@ from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, Picke
 from fastsplat_contract.thing_reads import ThingRead
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
 from fastsplat_contract.train_more_messages import TrainMoreResult
+from fastsplat_contract.withdrawal_messages import WithdrawPhotosResult
 
 __all__ = [
     "AccessKey",
@@ -154,6 +155,7 @@ __all__ = [
     "UnreachableError",
     "Vector3",
     "ViewMask",
+    "WithdrawPhotosResult",
     "decode_mask3d",
     "share_link",
 ]

@@ -305,6 +305,22 @@ class ThingCalls(TableCalls):
         request = requests.TrainMoreRequest(scene_id, seconds, steps, preset, request_id or uuid.uuid4().hex)
         return self.call(calls.TRAIN_MORE, request)
 
+    def withdraw_photos(self, scene_id: str, photos: str | Sequence[str], *, request_id: str = "") -> Operation:
+        """Make a scene anew without some of its photos; the job is queued, durably, on return.
+
+        Once it has succeeded, no file of the server has a pixel of them any more, and all versions of before are
+        deleted; `Operation.withdraw_photos` says which, and which edits could not be made again. Until then the scene
+        is as it was.
+
+        Args:
+            scene_id: which scene.
+            photos: their names, as the scene's cameras have them.
+            request_id: the same id returns the same operation; by default a new one.
+        """
+        names = (photos,) if isinstance(photos, str) else tuple(photos)
+        asked = requests.WithdrawPhotosRequest(scene_id, names, request_id or uuid.uuid4().hex)
+        return self.call(calls.WITHDRAW_PHOTOS, asked)
+
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)

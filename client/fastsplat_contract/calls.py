@@ -83,6 +83,7 @@ from fastsplat_contract.requests import (
     UpdateSceneRequest,
     WaitOperationRequest,
     WatchOperationRequest,
+    WithdrawPhotosRequest,
 )
 from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.server_status import ServerStatus
@@ -181,6 +182,11 @@ LOOK_AGAIN = Call(
 TRAIN_MORE = Call(
     "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
     "Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.",
+    status=202)
+WITHDRAW_PHOTOS = Call(
+    "WithdrawPhotos", "scenes", WithdrawPhotosRequest, Operation, ADMIN, f"POST {_SCENE}:withdrawPhotos",
+    "Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a\n"
+    "pixel of them any more, and all versions of before are deleted; until then the scene is as it was.",
     status=202)
 
 GET_OPERATION = Call(

@@ -14,7 +14,7 @@ from fastsplat_contract.wire import Base64, Many, Response, travels
 
 @dataclass(frozen=True)
 class KnownName(Response):
-    """A name that a person gave, which is suggested for things of other scenes that look like this one."""
+    """A name that a person gave, suggested for things of other scenes that look like this one or bear its tag."""
 
     id: Annotated[str, Field(description="to forget it by")]
     name: str
@@ -22,7 +22,12 @@ class KnownName(Response):
     version: Annotated[str, Field(description="the scene's current one")]
     thing_id: Annotated[int, Field(description="the thing of the scene that bears it")]
     named_at: datetime
-    picture: Annotated[Base64, Field(description="a small JPEG of the thing, from a photo of its scene")]
+    picture: Annotated[
+        Base64,
+        Field(
+            description="a small JPEG of the thing, from a photo of its scene; empty for what is known by a tag alone"
+        ),
+    ]
 
 
 @travels(request=False, proto="ListKnownNamesResponse")

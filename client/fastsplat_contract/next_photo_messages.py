@@ -10,7 +10,7 @@ from pydantic import Field
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.wire import Many, Response, travels
 
-NextPhotoReason = Literal["gap", "few_directions"]
+NextPhotoReason = Literal["gap", "few_directions", "hidden"]
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,8 @@ class NextPhoto(Response):
         NextPhotoReason,
         Field(
             description="gap: no photo looks from this side of the place; few_directions: surfaces that it would see "
-            "were seen from few directions"
+            "were seen from few directions; hidden: what it looks at is behind or in something in every photo, and "
+            "things may be there that are not_seen"
         ),
     ]
     advice: Annotated[str, Field(description="the same in one sentence, in words of the photo next to it")]

@@ -1,4 +1,4 @@
-"""Jobs that make a scene, look again at one or train one further: ordered, under way, ended."""
+"""Jobs that make a scene, or do something to one: ordered, under way, ended."""
 
 from __future__ import annotations
 
@@ -11,19 +11,22 @@ from pydantic import Field
 
 from fastsplat_contract.job_watching import CreateSceneResult, DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
+from fastsplat_contract.name_suggestions import NamerResult
 from fastsplat_contract.train_more_messages import PresetName as PresetName
 from fastsplat_contract.train_more_messages import TrainMoreResult
 from fastsplat_contract.wire import Int64, Many, Request, Response, travels
+from fastsplat_contract.withdrawal_messages import WithdrawPhotosResult
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
 
-OperationKind = Literal["create_scene", "look_again", "train_more"]
+OperationKind = Literal["create_scene", "look_again", "train_more", "ask_namer", "withdraw_photos"]
 """What a job does."""
 
 RESULTS: Mapping[OperationKind, type[Response]] = {
     "create_scene": CreateSceneResult, "look_again": LookAgainResult, "train_more": TrainMoreResult,
+    "ask_namer": NamerResult, "withdraw_photos": WithdrawPhotosResult,
 }  # fmt: skip
 """What comes of a job beside its version, in the field of `Operation` that is named like the kind."""
 
@@ -120,8 +123,9 @@ class StageProgress(Response):
     stage: Annotated[
         str,
         Field(
-            description="capture, perception, training or export; looking or naming where a scene is looked at again; "
-            "training or merging where it is trained further"
+            description="capture, perception, training or export, also where photos are withdrawn; looking or naming "
+            "where a scene is looked at again; training or merging where it is trained further; asking or suggesting "
+            "where the server's namer is asked"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
@@ -168,13 +172,24 @@ class Operation(Response):
     error: Annotated[OperationError | None, Field(description="absent unless it failed")]
     kind: Annotated[
         OperationKind,
-        Field(description="create_scene: makes its scene; look_again, train_more: makes a version of its scene"),
+        Field(
+            description="create_scene: makes its scene; look_again, train_more: makes a version of its scene; "
+            "ask_namer: the same where the server's namer, asked of a new scene, suggests a name; "
+            "withdraw_photos: makes its scene anew, without some photos"
+        ),
     ] = "create_scene"
     look_again: Annotated[
         LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
     ] = None
     train_more: Annotated[
         TrainMoreResult | None, Field(description="what training further has made; absent unless it has succeeded")
+    ] = None
+    ask_namer: Annotated[
+        NamerResult | None, Field(description="what the server's namer said; absent unless it has succeeded")
+    ] = None
+    withdraw_photos: Annotated[
+        WithdrawPhotosResult | None,
+        Field(description="what withdrawing photos has made; absent unless it has succeeded"),
     ] = None
     attempt: Annotated[int, Field(description="how often it was begun")] = 0
     worker: Annotated[

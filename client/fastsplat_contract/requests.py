@@ -18,6 +18,7 @@ from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import AlignIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
+from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 MAX_VIEWS = 16
 _FROM_0 = {"minimum": 0}
@@ -169,6 +170,11 @@ class LookAgainRequest(LookAgainIn, OfScene):
 @dataclass(frozen=True)
 class TrainMoreRequest(TrainMoreIn, OfScene):
     """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+
+
+@dataclass(frozen=True)
+class WithdrawPhotosRequest(WithdrawPhotosIn, OfScene):
+    """Which photos a scene is to be made anew without."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from fastsplat_contract.name_suggestions import NamerStatus
 from fastsplat_contract.wire import Int64, Many, Response
 
 ModelRole = Literal[
-    "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader"
+    "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader", "image_text"
 ]
 ModelState = Literal["ready", "missing", "unset"]
 QuotaKind = Literal["scenes", "bytes", "jobs"]
@@ -32,7 +32,8 @@ class ModelStatus(Response):
         bool | None,
         Field(
             description="of a text encoder: whether its scores were measured, so that answers have probabilities; of a "
-            "lexicon that is ready: whether it was measured together with the text encoder, so that answers use it"
+            "lexicon that is ready: whether it was measured together with the text encoder, so that answers use it; of "
+            "an image-text model that is ready: whether it was measured, so that answers use it"
         ),
     ]
 

@@ -31,7 +31,9 @@ AskedLevel = Literal["likeliest", "part", "thing", "group"]
 class SuggestionSource(NamedTuple):
     """Who suggests a name for a thing."""
 
-    source: Annotated[str, Field(description="detector: the scene's own models and likenesses; else who sent it")]
+    source: Annotated[
+        str, Field(description="detector: the scene's own models and likenesses; tag: a printed tag; else who sent it")
+    ]
     model: Annotated[str, Field(description="of the source; empty where it named none")]
     probability: Annotated[float, Field(description="0..1, by what people confirmed of this source in this scene")]
 
@@ -45,8 +47,8 @@ class NameSuggestion(NamedTuple):
     scene_id: Annotated[
         str,
         Field(
-            description="another scene of the project, in which a person named a thing so that looks like this one; "
-            "empty: the name comes from this scene itself"
+            description="another scene of the project, in which a person named a thing so that looks like this one, "
+            "or bears its printed tag; empty: the name comes from this scene itself"
         ),
     ] = ""
     aliases: Annotated[Many[str], Field(description="other words for it")] = ()

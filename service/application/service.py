@@ -42,6 +42,7 @@ from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.further_training import FurtherTraining
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.photo_withdrawal import PhotoWithdrawal
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
@@ -123,6 +124,7 @@ class SceneService:
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""
         self.training = FurtherTraining(store, settings, scenes, self._quotas, project)
+        self.withdrawal = PhotoWithdrawal(store, settings, scenes, self._quotas, project)
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,
@@ -242,10 +244,8 @@ class SceneService:
 
         Raises:
             NotFoundError, NotReadyError: there is no such scene, or it is not ready.
-            ModelUnavailableError: no open-set detector is configured.
-            InvalidInputError, LimitExceededError: texts that cannot be looked for, see `look_again_job`.
-            ConflictError: the request id was used before for another request.
-            QuotaError: as many of the project's jobs wait or run as may.
+            ModelUnavailableError, InvalidInputError, LimitExceededError: as `look_again_job`.
+            ConflictError, QuotaError: as `place_order`.
         """
         self._scenes.finished(scene_id)
         job = look_again_job(scene_id, request, self.project, self._settings)

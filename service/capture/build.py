@@ -318,13 +318,16 @@ class _Build:
         return lambda fraction, message: self._report(begin + (end - begin) * fraction, message)
 
     def _placing_listener(self, images: list[SfmImage]) -> Listener:
-        """As `_listener`, and shows the cameras that are placed."""
+        """As `_listener`, and shows the cameras that are placed, never fewer than before."""
         names, folder, listen = {image.file: image.name for image in images}, self.work, self._listener(0.15, 0.9)
+        shown = 0
 
         def heard(fraction: float, message: str) -> None:
+            nonlocal shown
             listen(fraction, message)
             placed = take_placed(folder / "reconstruct", names, len(images)) if self.on_placed else None
-            if placed is not None and self.on_placed is not None:
+            if placed is not None and self.on_placed is not None and placed.placed >= shown:
+                shown = placed.placed
                 self.on_placed(placed)
 
         return heard

@@ -14,7 +14,8 @@ from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.types import View
 from fastsplat.service.perception.appearance import AppearanceEncoder, descriptor_of, small_picture
 from fastsplat.service.perception.capture_detection import spread
-from fastsplat.service.scene.types import Gaussians, Things
+from fastsplat.service.perception.image_text import ClipImageText
+from fastsplat.service.scene.types import Gaussians, Looks, Thing, Things
 from fastsplat.service.splatting.blending import things_blend
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
@@ -45,24 +46,27 @@ def with_appearances(
     things: Things,
     gaussians: Gaussians,
     views: Sequence[View],
-    encoder: AppearanceEncoder,
+    encoder: AppearanceEncoder | None,
     max_side: int,
     *,
+    looks: ClipImageText | None = None,
     backend: Backend = "cpu",
 ) -> Things:
-    """The same things, each with its descriptor and a small picture from the views that show most of it; those that no
-    view shows well stay without.
+    """The same things, each with its descriptor and a small picture from the views that show most of it, and with its
+    looks; those that no view shows well stay without.
 
     Args:
         things: of G Gaussians.
         gaussians: G of them.
         views: of the capture; of many, 16 spread evenly.
-        encoder: makes the features.
+        encoder: makes the features; None: things get neither descriptor nor picture.
         max_side: things are drawn at this many pixels on the image's longer side.
+        looks: embeds what things look like; None: nothing does.
         backend: which rasterizer.
     """
     best = _best_sights(things, gaussians, views, max_side, backend)
     features: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}
+    embeddings: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}
     pictures: dict[int, bytes] = {}
     for number in sorted({sight.view for sights in best.values() for sight in sights}):
         image = load_image(views[number])
@@ -70,16 +74,24 @@ def with_appearances(
             for sight in sights:
                 if sight.view == number:
                     mask = _enlarged(sight.mask, image.shape[:2])
-                    features[thing].append(encoder.features(image, mask))
-                    if sight is sights[0]:
+                    if looks is not None:
+                        embeddings[thing].append(looks.embed(image, mask))
+                    if encoder is not None:
+                        features[thing].append(encoder.features(image, mask))
+                    if encoder is not None and sight is sights[0]:
                         pictures[thing] = small_picture(image, mask)
-    table = tuple(
-        replace(thing, appearance=descriptor_of(features[thing.id]).tobytes(), picture=pictures[thing.id])
-        if thing.id in pictures
-        else thing
-        for thing in things.table
-    )
-    return replace(things, table=table)
+
+    def described(thing: Thing) -> Thing:
+        if features.get(thing.id):
+            appearance = descriptor_of(features[thing.id]).tobytes()
+            thing = replace(thing, appearance=appearance, picture=pictures[thing.id])
+        if looks is not None and embeddings.get(thing.id):
+            mean = np.mean(embeddings[thing.id], axis=0)
+            embedding = (mean / np.linalg.norm(mean)).astype(np.float16).tobytes()
+            thing = replace(thing, looks=Looks(looks.sha256, embedding))
+        return thing
+
+    return replace(things, table=tuple(map(described, things.table)))
 
 
 def _best_sights(

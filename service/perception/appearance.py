@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.detectors.open_detectors import CLOSED_SET_DETECTORS
-from fastsplat.service.perception.image_tensors import imagenet_tensor
+from fastsplat.service.perception.image_tensors import imagenet_tensor, square_around
 from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.models.model_manifest import find_model
 from fastsplat.service.perception.onnx_session import open_session
@@ -27,12 +27,9 @@ from fastsplat.service.perception.types import Image
 F32 = NDArray[np.float32]
 
 _SIDE = 416
-_AROUND = 1.2
-"""Side of the square that is cut out, in longer sides of the thing's box."""
 _LAYERS = ("conv2d_110.tmp_0", "conv2d_117.tmp_0", "conv2d_130.tmp_0")
 """Of PicoDet-S: the backbone at strides 16 and 32, the neck at stride 32."""
 _CHANNELS = (192, 384, 96)
-_MEAN = (123.675, 116.28, 103.53)
 _PICTURE_SIDE = 96
 _PICTURE_QUALITY = 80
 
@@ -55,7 +52,7 @@ class AppearanceEncoder:
 
         The mask must cover something.
         """
-        crop, inside = _square(image, mask, _SIDE)
+        crop, inside = square_around(image, mask, _SIDE)
         feed = {"image": imagenet_tensor(crop, _SIDE, cubic=False), "scale_factor": np.ones((1, 2), np.float32)}
         return np.concatenate([_pooled(layer[0], inside) for layer in self._session.run(list(_LAYERS), feed)])
 
@@ -87,7 +84,7 @@ def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
 
 def small_picture(image: Image, mask: NDArray[np.bool_]) -> bytes:
     """A JPEG of what a mask covers, with a little of what is around it, to be recognized by people."""
-    crop, _ = _square(image, mask, _PICTURE_SIDE)
+    crop, _ = square_around(image, mask, _PICTURE_SIDE)
     coded = cv2.imencode(".jpg", cv2.cvtColor(crop, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _PICTURE_QUALITY])
     return coded[1].tobytes()
 
@@ -101,22 +98,6 @@ def _center() -> NDArray[np.float64]:
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(rows / np.maximum(np.linalg.norm(rows, axis=-1, keepdims=True), 1e-9))
-
-
-def _square(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Image, NDArray[np.bool_]]:
-    """The square around a mask, as uint8 [side, side, 3] and bool [side, side]; outside the image it is gray."""
-    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    scale = side / (_AROUND * max(width, height))
-    matrix = np.array(
-        [
-            [scale, 0, side / 2 - (left + width / 2) * scale],
-            [0, scale, side / 2 - (top + height / 2) * scale],
-        ]
-    )
-    how = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
-    crop = cv2.warpAffine(image, matrix, (side, side), flags=how, borderValue=_MEAN)
-    inside = cv2.warpAffine(mask.astype(np.float32), matrix, (side, side)) > 0.5
-    return np.asarray(crop, np.uint8), np.asarray(inside)
 
 
 def _pooled(layer: F32, inside: NDArray[np.bool_]) -> F32:

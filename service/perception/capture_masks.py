@@ -12,6 +12,7 @@ from fastsplat.service.perception.capture_detection import detect_closed_set, sp
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.types import ClosedSetDetector, Segmenter, ViewMasks
 from fastsplat.service.perception.view_answers import look_at_view
 
@@ -27,7 +28,8 @@ def propose_capture_masks(
     Raises:
         ModelUnavailableError: the closed-set detector or the segmenter of the settings is missing or damaged.
     """
-    detector, segmenter = open_closed_set_detector(settings, models), open_segmenter(settings, models)
+    _, of_each = side_by_side(settings)
+    detector, segmenter = open_closed_set_detector(of_each, models), open_segmenter(of_each, models)
     return propose_view_masks(views, detector, segmenter, settings, on_view)
 
 
@@ -41,11 +43,16 @@ def propose_view_masks(
     """As `propose_capture_masks`, with these models. What the detector calls its boxes does not matter."""
     positions = spread(len(views), settings.proposal_views)
     masks: list[ViewMasks | None] = [None] * len(views)
-    for done, position in enumerate(positions, start=1):
+
+    def look(position: int) -> ViewMasks:
         image = load_image(views[position])
         detections = detect_closed_set(detector, image, settings)
         proposed = look_at_view(segmenter, image, detections.take([]), detections, settings).masks
         content = load_content(views[position])
-        masks[position] = proposed if content is None else proposed.within(content)
+        return proposed if content is None else proposed.within(content)
+
+    at_once, _ = side_by_side(settings)
+    for done, (position, found) in enumerate(zip(positions, in_order(look, positions, at_once), strict=True), start=1):
+        masks[position] = found
         on_view(done, len(positions))
     return tuple(masks)

@@ -15,7 +15,7 @@ _TIMES = 2
 _MOST_POINTS = 4_000
 
 
-EARLY_VIEWS = 6
+EARLY_VIEWS = 8
 """Views that are looked at before all others, and that a draft of the scene knows."""
 
 ShowEarly = Callable[[Labelling, Sequence[int]], None]

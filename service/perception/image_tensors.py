@@ -13,12 +13,32 @@ from fastsplat.service.perception.types import Image
 
 _IMAGENET_MEAN = np.array([0.485, 0.456, 0.406], np.float32)
 _IMAGENET_STD = np.array([0.229, 0.224, 0.225], np.float32)
+_AROUND = 1.2
+"""Side of the square that is cut out, in longer sides of the thing's box."""
+_GRAY = (123.675, 116.28, 103.53)
 
 
 def imagenet_tensor(image: Image, side: int, *, cubic: bool = False) -> NDArray[np.float32]:
     """float32 [1, 3, side, side]: resized without keeping the aspect, ImageNet mean and deviation taken out."""
     resized = cv2.resize(image, (side, side), interpolation=cv2.INTER_CUBIC if cubic else cv2.INTER_LINEAR)
     return _planar((resized.astype(np.float32) / 255 - _IMAGENET_MEAN) / _IMAGENET_STD)
+
+
+def square_around(image: Image, mask: NDArray[np.bool_], side: int) -> tuple[Image, NDArray[np.bool_]]:
+    """The square around a mask that covers something, as uint8 [side, side, 3] and bool [side, side]; outside the image
+    it is gray."""
+    left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    scale = side / (_AROUND * max(width, height))
+    matrix = np.array(
+        [
+            [scale, 0, side / 2 - (left + width / 2) * scale],
+            [0, scale, side / 2 - (top + height / 2) * scale],
+        ]
+    )
+    how = cv2.INTER_LINEAR if scale > 1 else cv2.INTER_AREA
+    crop = cv2.warpAffine(image, matrix, (side, side), flags=how, borderValue=_GRAY)
+    inside = cv2.warpAffine(mask.astype(np.float32), matrix, (side, side)) > 0.5
+    return np.asarray(crop, np.uint8), np.asarray(inside)
 
 
 @dataclass(frozen=True)

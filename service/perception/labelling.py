@@ -20,9 +20,10 @@ from fastsplat.service.perception.early_look import EARLY_VIEWS, ShowEarly, cove
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions, ViewMasks
-from fastsplat.service.perception.view_answers import ViewAnswers, look_at_view
+from fastsplat.service.perception.view_answers import look_at_view
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 from fastsplat_contract.errors import InvalidInputError
 
@@ -69,12 +70,11 @@ def label_capture(
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
-    Label maps that came with the capture are taken as they are, and no model runs. Otherwise views are looked at in the
-    order in which they show most of the capture's points (`covering_order`). In the first of them objects are detected
-    and masks without names looked for, so that `early` sees them; then objects are detected in all others. The views
-    together decide which detections stand (`resolve_detections`), then boxes become masks and masks the regions of a
-    view (`_segment_regions`), overlaps going to the smaller mask. With each region stays what its rivals were called
-    (`region_votes`): once there is geometry, the views vote again.
+    Label maps that came with the capture are taken as they are, and no model runs. Otherwise the views together decide
+    which detections stand (`resolve_detections`). Then boxes become masks and masks the regions of a view
+    (`_segment_regions`), overlaps going to the smaller mask, in the order in which views show most of the capture's
+    points (`covering_order`). With each region stays what its rivals were called (`region_votes`): once there is
+    geometry, the views vote again.
 
     Args:
         capture: registered images.
@@ -104,69 +104,55 @@ def label_capture(
         return given
     positions = spread(len(capture.views), settings.max_views)
     # Opened first: a missing model should fail before minutes of detection.
-    segmenter = open_segmenter(settings, models)
+    at_once, of_each = side_by_side(settings)
+    segmenter = open_segmenter(of_each, models)
 
     def load(position: int) -> Image:
         return load_image(capture.views[positions[position]])
 
     proposing = set(spread(len(positions), settings.proposal_views)) if masks else set()
     rate = _SEGMENTED_VIEW["open" if settings.open_set_detector else "closed"]
-    work, looked_at = len(positions) + rate * len(proposing or positions), 0
+    begin = len(positions) / (len(positions) + rate * len(proposing or positions))
 
     def on_view(done: int, message: str) -> None:
-        progress(ProgressEvent("perception", (done + rate * looked_at) / work, message))
+        progress(ProgressEvent("perception", begin * done / len(positions), message))
 
     proposed: list[ViewMasks | None] = [None] * (len(capture.views) if masks else 0)
-
-    def look(position: int, objects: Detections, candidates: Detections) -> ViewAnswers:
-        answers = look_at_view(segmenter, load(position), objects, candidates, settings)
-        content = load_content(capture.views[positions[position]])
-        proposed[positions[position]] = answers.masks if content is None else answers.masks.within(content)
-        return answers
-
     detector = CaptureDetector(load, len(positions), labels, settings, models, on_view)
-
-    def labelled(maps: _LabelMaps) -> Labelling:
-        return replace(maps.labelling(expected=bool(labels)), masks=tuple(proposed), searched=detector.searched)
-
-    order = [positions.index(number) for number in covering_order(capture, positions)]
-    first: dict[int, ViewAnswers] = {}
-    for position in [each for each in order if each in proposing][:EARLY_VIEWS]:
-        (raw,) = detector.detections([position])
-        candidates = raw.take(np.flatnonzero(raw.scores >= _thresholds(settings).score_floor))
-        first[position] = look(position, candidates.take([]), candidates)
-        looked_at = len(first)
-        fraction = (detector.done + rate * looked_at) / work
-        progress(ProgressEvent("perception", fraction, f"segmenting a first view, {looked_at}"))
-    if early is not None and 0 < len(first) < len(positions):
-        under_way = _LabelMaps(
-            capture, _resolve(detector.detections(list(first)), bool(labels), settings, models), settings
-        )
-        for row, (position, answers) in enumerate(first.items()):
-            under_way.add(positions[position], row, answers)
-        early(labelled(under_way), [positions[position] for position in first])
     resolved = _resolve(detector.detections(range(len(positions))), bool(labels), settings, models)
     maps = _LabelMaps(capture, resolved, settings)
-    for position, answers in first.items():
-        maps.add(positions[position], position, answers)
+
+    def labelled() -> Labelling:
+        return replace(maps.labelling(expected=bool(labels)), masks=tuple(proposed), searched=detector.searched)
+
     segmented = views_to_segment(resolved.objects, proposing) if masks else set(range(len(positions)))
-    rest, begin = (
-        [each for each in order if each in segmented and each not in first],
-        (len(positions) + rate * looked_at) / work,
-    )
-    for done, position in enumerate(rest, start=1):
+    order = [positions.index(number) for number in covering_order(capture, positions)]
+    first = [each for each in order if each in (proposing or segmented)][:EARLY_VIEWS]
+    looked_at = [*first, *(each for each in order if each in segmented and each not in first)]
+
+    def look(position: int) -> tuple[NDArray[np.bool_] | None, ViewMasks | None]:
+        """The masks of a view's objects, and its masks without names."""
         objects = resolved.objects[position]
-        if position in proposing:
-            maps.add(positions[position], position, look(position, objects, resolved.candidates[position]))
-        elif len(objects):
-            image = load(position)
-            maps.add(positions[position], position, segmenter.masks(segmenter.embed(image), objects.boxes))
-        count = f"{len(objects)} object{'s' if len(objects) != 1 else ''}"
-        fraction = begin + (1 - begin) * done / len(rest)
-        progress(ProgressEvent("perception", fraction, f"segmenting {count}, view {done}/{len(rest)}"))
-        if early is not None and not first and done == EARLY_VIEWS < len(rest):
-            early(labelled(maps), [positions[each] for each in rest[:done]])
-    return labelled(maps)
+        if position not in proposing:
+            found = segmenter.masks(segmenter.embed(load(position)), objects.boxes) if len(objects) else None
+            return found, None
+        answers = look_at_view(segmenter, load(position), objects, resolved.candidates[position], settings)
+        content = load_content(capture.views[positions[position]])
+        return answers.masks_of_first(len(objects)), answers.masks if content is None else answers.masks.within(content)
+
+    done = 0
+    for some in (first, looked_at[len(first) :]):
+        for position, (found, proposals) in zip(some, in_order(look, some, at_once), strict=True):
+            done, number, count = done + 1, positions[position], len(resolved.objects[position])
+            if masks:
+                proposed[number] = proposals
+            if found is not None:
+                maps.add(number, position, found)
+            message = f"segmenting {count} object{'s' if count != 1 else ''}, view {done}/{len(looked_at)}"
+            progress(ProgressEvent("perception", begin + (1 - begin) * done / len(looked_at), message))
+        if early is not None and some is first and 0 < done < len(looked_at):
+            early(labelled(), [positions[each] for each in first])
+    return labelled()
 
 
 class _LabelMaps:
@@ -183,11 +169,10 @@ class _LabelMaps:
         self._maps = [_blank(view) for view in capture.views]
         self._regions = [Regions(blank, ()) for blank in self._maps]
 
-    def add(self, number: int, row: int, answers: ViewAnswers | NDArray[np.bool_]) -> None:
-        """Label view `number` of the capture, which is `row` of those that were resolved; `answers` has the masks of
-        its objects, or is them: bool [K, H, W]."""
+    def add(self, number: int, row: int, masks: NDArray[np.bool_]) -> None:
+        """Label view `number` of the capture, which is `row` of those that were resolved, by bool [K, H, W] masks of
+        its objects."""
         objects, resolved, settings = self._resolved.objects[row], self._resolved, self._settings
-        masks = answers.masks_of(objects.boxes) if isinstance(answers, ViewAnswers) else answers
         content = load_content(self._views[number])
         if len(objects) and content is not None:  # what is withheld is no object, whatever its outline looks like
             inside = 2 * (masks & content).sum((1, 2)) >= masks.sum((1, 2))

@@ -75,6 +75,8 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
     """What an open-set detector looks for when the user names nothing: the classes that the closed-set detector detects
     in the capture (the tag list if there are none), or the tag list at once."""
+    image_text: str = ""
+    """Finds things by their looks where no name answers: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")

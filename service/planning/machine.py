@@ -15,6 +15,7 @@ from PIL import Image
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.labelling import label_capture
+from fastsplat.service.perception.side_by_side import side_by_side
 from fastsplat.service.planning.cost_model import PerceptionCost, Speed
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses.functional import image_loss
@@ -70,10 +71,11 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     label_capture(one_view, settings.perception, settings.models, tuple(labels), listen, masks=masks)
     total = time.monotonic() - begun
     # The last event tells of a view segmented, the one before of a view searched, after the models were loaded.
-    segment = times[-1] - times[-2]
+    alone = times[-1] - times[-2]
+    segment = alone / side_by_side(settings.perception)[0]
     search = _SEARCH_SHARE * segment
     return PerceptionCost(
-        max(0.0, total - segment - search), search, segment, settings.perception.proposal_views if masks else 0
+        max(0.0, total - alone - search), search, segment, settings.perception.proposal_views if masks else 0
     )
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
+from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat.service.scene.types import Parts, Scene, Things
 from fastsplat_contract.camera import PosedCamera
@@ -27,7 +28,7 @@ class CoarseView:
     def __init__(self, scene: Scene, settings: QuerySettings) -> None:
         self.scene = scene
         self._renderer = Renderer(scene, settings)
-        self.things = SceneThings(scene, True, self._map)
+        self.things = SceneThings(scene, True, self._map, scene_history(scene))
 
     def render(self, posed: PosedCamera) -> NDArray[np.uint8]:
         """uint8 [H, W, 3]: the scene's colors on black."""

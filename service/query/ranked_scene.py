@@ -19,12 +19,14 @@ from fastsplat.service.query.language.ranking import Ranked, Ranker
 from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.language.time_questions import TimeQuestion, time_question
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
+from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
 from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.phrases.types import ParsedQuestion
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
-from fastsplat.service.query.things.thing_history import scene_history
+from fastsplat.service.query.things.names_by_tags import names_by_tags
+from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -47,6 +49,8 @@ class RankedScene:
         ranker: of its names.
         names: of its things.
         unseen: how much of it no photo shows.
+        history: of its things.
+        looks: a model that compares texts with what its things look like; None: none does.
 
     Attributes:
         names: see there.
@@ -54,13 +58,22 @@ class RankedScene:
         blank: as many Gaussians as the scene has, with as many harmonics, all zero; they take no memory.
     """
 
-    def __init__(self, scene: Scene, ranker: Ranker, names: ThingNames, unseen: UnseenSpace) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        ranker: Ranker,
+        names: ThingNames,
+        unseen: UnseenSpace,
+        history: SceneHistory,
+        looks: LooksModel | None = None,
+    ) -> None:
         self.ranker = ranker
         self.names = names
         self._words = ThingWords(names)
         self._written = WrittenWords(tuple(thing for thing in names.present if thing.reads))
+        self._looks = ThingLooks(names.present, looks)
         self._unseen = unseen
-        self._history = scene_history(scene)
+        self._history = history
         self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
@@ -73,6 +86,7 @@ class RankedScene:
         """What it weighs in memory, estimated; it does not depend on the number of Gaussians."""
         things = (*self.names.present, *self.names.parts)
         looks = sum(len(thing.appearance) for thing in things)
+        looks += sum(len(thing.looks.embedding) for thing in things if thing.looks is not None)
         rankers = 2 if looks or self.names.sources else 1  # what is known of other scenes makes another one
         return rankers * self.ranker.nbytes + _PER_THING * len(things) + looks
 
@@ -87,7 +101,8 @@ class RankedScene:
         seen, other = self._suggesting
         if seen is not known:
             others = [one for one in known if one.scene_id != scene_id]
-            elsewhere = names_by_looks(self.names.present, others)
+            things = self.names.present
+            elsewhere = {**names_by_looks(things, others), **names_by_tags(things, others)}
             said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
             needed = bool(elsewhere or said)
             if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):
@@ -141,10 +156,12 @@ class RankedScene:
     ) -> Sequence[Ranked]:
         ranked = self.ranker.rank(query)
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
-        if not any(parsed) and not any(thing.surface or thing.reads for thing in self.names.present):
+        told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)
+        if not any(parsed) and not told:
             return ranked
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,
+            answer_by_looks,
             answer_phrase,
             answer_surface,
             answer_written,
@@ -154,7 +171,9 @@ class RankedScene:
             return self.ranker.rank(replace(query, texts=tuple(texts)))
 
         names = self.names if self.names.stored else things().names
-        scene = AskedScene(names, self.ranker.names, rank, lambda: things().measures, self._unit, self._written)
+        scene = AskedScene(
+            names, self.ranker.names, rank, lambda: things().measures, self._unit, self._written, self._looks
+        )
 
         def answered(plain: Ranked, phrase: ParsedQuestion | None) -> Ranked:
             if names_nothing(plain.answer.text):
@@ -162,7 +181,7 @@ class RankedScene:
             if is_foreign(plain.answer.text) and not (phrase and phrase.of_writing):
                 return answer_written(plain, scene)
             if phrase is None:
-                return answer_written(answer_surface(plain, scene), scene)
-            return answer_phrase(phrase, plain, scene, asker)
+                return answer_by_looks(None, answer_written(answer_surface(plain, scene), scene), scene)
+            return answer_by_looks(phrase, answer_phrase(phrase, plain, scene, asker), scene)
 
         return tuple(answered(plain, phrase) for plain, phrase in zip(ranked, parsed, strict=True))

@@ -20,6 +20,7 @@ from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
+from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.coarse import coarse_scene
@@ -35,6 +36,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.query.coarse_view import CoarseView
     from fastsplat.service.query.drawing.scene_renderer import Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
+    from fastsplat.service.query.phrases.thing_looks import LooksModel
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAX_IMAGE_SIDE = 4_096
@@ -61,6 +63,7 @@ class SceneIndex:
         before: of the scene that this one was edited from, with the same encoder, settings and lexicon, to use again.
         lexicon: stands beside the encoder in judging meanings, where both were measured together; None: without.
         caches: see `Ranker`.
+        looks: compares texts with what things look like; None: nothing does.
 
     Attributes:
         ranked: what is answered without the Gaussians; it keeps none of them.
@@ -77,17 +80,19 @@ class SceneIndex:
         before: SceneIndex | None = None,
         lexicon: Lexicon | None = None,
         caches: TextCaches | None = None,
+        looks: LooksModel | None = None,
     ) -> None:
         self.scene = scene
         self.settings = settings
         self._before = before
         self._encoder = encoder
-        self._lexicon = lexicon
+        self._lexicon, self._looks = lexicon, looks
         self._renderer: Renderer | None = None
         self._renderer_lock = threading.Lock()
         self._coarse: CoarseView | None = None
         self._things: SceneThings | None = None
         self._things_lock = threading.Lock()
+        self._history = scene_history(scene)
         semantics = semantics_of(scene)
         if isinstance(semantics, ThingSemantics):
             self._labels = label_by_things(semantics, self.things.belief)
@@ -102,14 +107,14 @@ class SceneIndex:
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen)
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None
 
     def after(self, scene: Scene) -> SceneIndex:
         """The index of a scene that this one's was edited to."""
-        return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon)
+        return SceneIndex(scene, self._encoder, self.settings, self, self._lexicon, looks=self._looks)
 
     @property
     def calibrated(self) -> bool:
@@ -199,7 +204,7 @@ class SceneIndex:
                 scene, before = self.scene, None if self._before is None else self._before._things
                 if scene.things is None:
                     scene = replace(scene, things=labeled_things(scene, self._labels))
-                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, before)
+                self._things = SceneThings(scene, self.scene.things is not None, self._thing_map, self._history, before)
             return self._things
 
     def is_understood(self, name: str) -> bool:
@@ -216,22 +221,15 @@ class SceneIndex:
         Raises:
             ModelUnavailableError: the encoder answers with something else than embeddings.
         """
-        encoder, templates = self._encoder, scene.label_templates
         dictionary = Dictionary((*scene.dictionary.entries, entry))
-        own = (encoder.name, encoder.sha256)
+        own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
         if len(scene.dictionary) and scene.text_encoder == own:
-            new = embed_names([entry.label], encoder, templates)
-            embeddings = np.concatenate([scene.label_embeddings, new])
+            rows = np.concatenate([scene.label_embeddings, embed_names([entry.label], self._encoder, templates)])
         else:
             templates = self.settings.templates
-            embeddings = embed_labels(dictionary, encoder, templates)
+            rows = embed_labels(dictionary, self._encoder, templates)
         return replace(
-            scene,
-            dictionary=dictionary,
-            head=head,
-            label_embeddings=embeddings,
-            text_encoder=own,
-            label_templates=templates,
+            scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
         )
 
     @cached_property

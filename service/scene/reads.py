@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from fastsplat_contract.thing_reads import ThingRead
 
@@ -18,6 +18,12 @@ def one_line(text: str) -> str:
     seen: none that controls a terminal or turns the direction of writing."""
     seen = (each for each in text if each.isspace() or unicodedata.category(each)[0] != "C")
     return " ".join(unicodedata.normalize("NFC", "".join(seen)).split())
+
+
+def tags_of(reads: Iterable[ThingRead]) -> Mapping[str, float]:
+    """The printed tags among reads: how probable each is, by its number."""
+    tags = [read for read in reads if read.kind == "tag"]
+    return {read.text: read.probability for read in sorted(tags, key=lambda one: one.probability)}
 
 
 def bounded_reads(reads: Iterable[ThingRead]) -> tuple[ThingRead, ...]:

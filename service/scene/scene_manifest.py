@@ -29,7 +29,7 @@ confidence of dictionary entries: it is read as 1. 3 had no things: a scene with
 `next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
 no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
 what answers by a label mode. 10 had no groups of things, and did not say who suggests a name. 11 did not
-say what is written on things, and had no observations."""
+say what is written on things or how they look, and had no observations."""
 
 _READABLE = range(1, SCHEMA + 1)
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import base64
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from fastsplat.service.scene.reads import MAX_READ_CHARS, MOST_READS
 from fastsplat.service.scene.suggestions import Suggestion
-from fastsplat.service.scene.types import NameSource, SurfaceKind, Thing, ThingGroup
+from fastsplat.service.scene.types import Looks, NameSource, SurfaceKind, Thing, ThingGroup
 from fastsplat_contract.thing_reads import ReadKind, ThingRead
 
 _Share = Annotated[float, Field(ge=0, le=1)]
@@ -55,6 +55,7 @@ class ThingRow(StrictRow):
     proposed_in: _Cameras = ()
     missed_in: _Cameras = ()
     reads: Annotated[tuple[_Read, ...], Field(strict=False, max_length=MOST_READS)] = ()
+    looks: Annotated[tuple[str, _Base64], Field(strict=False)] | None = None
 
     @model_validator(mode="after")
     def _names_have_a_source(self) -> ThingRow:
@@ -121,7 +122,10 @@ class ThingsRow(StrictRow):
 
 def thing_row(thing: Thing) -> dict[str, Any]:
     """A thing as JSON; bytes as base64. They, numbers of cameras and reads are left out where there are none."""
-    row = asdict(thing)
+    row = asdict(replace(thing, looks=None))
+    del row["looks"]
+    if thing.looks is not None:
+        row["looks"] = thing.looks.sha256, base64.b64encode(thing.looks.embedding).decode()
     for name in ("appearance", "picture"):
         if coded := base64.b64encode(row.pop(name)).decode():
             row[name] = coded
@@ -137,7 +141,8 @@ def thing_of_row(row: ThingRow) -> Thing:
     decoded = {name: base64.b64decode(getattr(row, name)) for name in ("appearance", "picture")}
     suggestions = tuple(Suggestion(*each) for each in row.suggestions)
     reads = tuple(ThingRead(*each) for each in row.reads)
-    return Thing(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads})
+    looks = None if row.looks is None else Looks(row.looks[0], base64.b64decode(row.looks[1]))
+    return Thing(**{**vars(row), **decoded, "suggestions": suggestions, "reads": reads, "looks": looks})
 
 
 def group_of_row(row: GroupRow) -> ThingGroup:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,6 +119,18 @@ SurfaceKind = Literal["", "floor", "ceiling", "wall", "horizontal surface", "sur
 """What a thing is by its geometry: "" is no surface, "surface" one that gravity says nothing of."""
 
 
+class Looks(NamedTuple):
+    """What a thing looks like to an image-text model.
+
+    Attributes:
+        sha256: of the model, in hex; embeddings of other models say nothing.
+        embedding: float16 [E] of unit length, the mean over the pictures that show the thing best.
+    """
+
+    sha256: str
+    embedding: bytes
+
+
 @dataclass(frozen=True)
 class Thing:
     """One physical object or surface, or a part of one.
@@ -140,6 +152,7 @@ class Thing:
             photo shows well, or that was made by an edit.
         picture: a small JPEG of it, empty where `appearance` is.
         reads: what is written on it, the surest first; see `service.scene.reads`.
+        looks: None where no such model looked at it, no photo shows it well, or it was made by an edit.
     """
 
     id: int
@@ -155,6 +168,7 @@ class Thing:
     proposed_in: tuple[int, ...] = ()
     missed_in: tuple[int, ...] = ()
     reads: tuple[ThingRead, ...] = ()
+    looks: Looks | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         assert 1 <= self.id <= 65535 and bool(self.name) == (self.source is not None)

@@ -83,11 +83,8 @@ def start_points(
     return StartPoints(np.ascontiguousarray(points, np.float32), np.ascontiguousarray(shade, np.float32), added)
 
 
-def start_gaussians(
-    start: StartPoints, extent: float, max_sh_degree: int, opacity: float = _START_OPACITY
-) -> dict[str, Tensor]:
-    """Round Gaussians on the points, as wide as the root mean square distance to the 3 nearest others (3DGS); faint,
-    as a run starts, or of another opacity.
+def start_gaussians(start: StartPoints, extent: float, max_sh_degree: int) -> dict[str, Tensor]:
+    """Round Gaussians on the points, as wide as the root mean square distance to the 3 nearest others (3DGS); faint.
 
     Returns the parameters of `SplatState` that belong to Gaussians, codes excepted.
     """
@@ -98,7 +95,7 @@ def start_gaussians(
     else:
         width = np.full(count, 0.1 * extent)
     width = np.clip(width, 1e-5 * extent, 0.3 * extent)
-    logit = np.log(opacity / (1 - opacity))
+    logit = np.log(_START_OPACITY / (1 - _START_OPACITY))
     return {
         "means": torch.from_numpy(start.points),
         "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(count, 1),

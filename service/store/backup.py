@@ -19,23 +19,29 @@ Earlier releases saved PostgreSQL as `postgresql.dump` (`pg_dump --format=custom
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import shutil
 import sqlite3
 import subprocess
 import tempfile
-import time
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from sqlalchemy import URL, Connection, create_engine, delete, insert, select, text, update
 
 from fastsplat.service.common.atomic import atomic_file, link_or_copy, sync_directory, sync_tree
+from fastsplat.service.store.backup_files import (
+    FORMAT,
+    MANIFEST,
+    BackupReport,
+    Entry,
+    copy_sqlite,
+    digest,
+    write_manifest,
+)
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url, transaction
 from fastsplat.service.store.object_store import ObjectStoreBlobs
@@ -43,34 +49,10 @@ from fastsplat.service.store.schema import api_keys, metadata, operations, scene
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 
-_MANIFEST, _SQLITE, _DUMP, _FILES, _KEY = "backup.json", SQLITE_NAME, "postgresql.dump", "files", "key"
-_FORMAT = 1
+_SQLITE, _DUMP, _FILES, _KEY = SQLITE_NAME, "postgresql.dump", "files", "key"
 _TRIES = 5
 _ROWS = 200
 _UNFINISHED = ("QUEUED", "RUNNING")
-
-
-@dataclass(frozen=True)
-class BackupReport:
-    """What a backup holds.
-
-    Attributes:
-        scenes, versions, uploads: how many were saved.
-        bytes: of all files.
-        missing: folders that the database names and that are not there, e.g. "scenes/a/b"; the data folder is damaged.
-    """
-
-    scenes: int
-    versions: int
-    uploads: int
-    bytes: int
-    missing: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _Entry:
-    size: int
-    sha256: str
 
 
 def back_up(store: Store, data_dir: Path, database_url: str, target: Path) -> BackupReport:
@@ -126,7 +108,7 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
         raise ConflictError(
             f"{data_dir} is not empty", field="data_dir", hint="Restore into a new folder, then move it into place."
         )
-    entries = {name: _Entry(**entry) for name, entry in manifest["entries"].items()}
+    entries = {name: Entry(**entry) for name, entry in manifest["entries"].items()}
     _check_entries(backup, entries)
     try:
         data_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -152,7 +134,7 @@ def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> Back
     url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
     for _ in range(_TRIES):
         if url.get_backend_name() == "sqlite":
-            _copy_sqlite(Path(str(url.database)), target / _SQLITE)
+            copy_sqlite(Path(str(url.database)), target / _SQLITE)
         else:
             _copy_rows_out(url, target / _SQLITE)
         versions, uploads = _named_by(URL.create("sqlite", database=str(target / _SQLITE)))
@@ -165,38 +147,16 @@ def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> Back
     if (data_dir / _KEY).is_file():
         shutil.copyfile(data_dir / _KEY, target / _FILES / _KEY)
         (target / _FILES / _KEY).chmod(0o600)
-    entries = {
-        path.relative_to(target).as_posix(): _Entry(path.stat().st_size, _digest(path))
-        for path in sorted(target.rglob("*"))
-        if path.is_file()
-    }
     report = BackupReport(
         scenes=len({version.partition("/")[0] for version in versions}),
         versions=len(versions),
         uploads=len(uploads),
-        bytes=sum(entry.size for entry in entries.values()),
+        bytes=sum(path.stat().st_size for path in target.rglob("*") if path.is_file()),
         missing=missing,
     )
-    manifest = {
-        "format": _FORMAT,
-        "created_at": time.time(),
-        "database": url.get_backend_name(),
-        "report": asdict(report),
-        "entries": {name: asdict(entry) for name, entry in entries.items()},
-    }
     sync_tree(target)
-    with atomic_file(target / _MANIFEST) as path:
-        path.write_text(json.dumps(manifest, indent=1))
+    write_manifest(target, url.get_backend_name(), report)
     return report
-
-
-def _copy_sqlite(source: Path, target: Path) -> None:
-    """One moment of a database that others write to (https://www.sqlite.org/backup.html)."""
-    remove(target)
-    with closing(sqlite3.connect(source, timeout=30)) as live, closing(sqlite3.connect(target)) as copy:
-        live.backup(copy)
-        copy.execute("PRAGMA journal_mode=DELETE")  # one file, without a log beside it
-    target.chmod(0o600)
 
 
 def _copy_rows_out(source: URL, target: Path) -> None:
@@ -289,22 +249,22 @@ def _save_folder(source: Path, target: Path) -> bool:
 
 def _read_manifest(backup: Path) -> dict[str, Any]:
     try:
-        manifest: dict[str, Any] = json.loads((backup / _MANIFEST).read_text())
+        manifest: dict[str, Any] = json.loads((backup / MANIFEST).read_text())
     except FileNotFoundError as error:
-        raise NotFoundError(f"{backup} is no backup", field="backup", hint=f"It has no {_MANIFEST}.") from error
+        raise NotFoundError(f"{backup} is no backup", field="backup", hint=f"It has no {MANIFEST}.") from error
     except ValueError as error:
-        raise _damaged(_MANIFEST) from error
-    if manifest.get("format") != _FORMAT:
-        raise InvalidInputError(f"the backup is of format {manifest.get('format')}", field="backup", limit=str(_FORMAT))
+        raise _damaged(MANIFEST) from error
+    if manifest.get("format") != FORMAT:
+        raise InvalidInputError(f"the backup is of format {manifest.get('format')}", field="backup", limit=str(FORMAT))
     return manifest
 
 
-def _check_entries(backup: Path, entries: Mapping[str, _Entry]) -> None:
+def _check_entries(backup: Path, entries: Mapping[str, Entry]) -> None:
     for name, entry in entries.items():
         path = backup.joinpath(*PurePosixPath(name).parts)
         if ".." in PurePosixPath(name).parts or not path.is_file() or path.stat().st_size != entry.size:
             raise _damaged(name)
-        if _digest(path) != entry.sha256:
+        if digest(path) != entry.sha256:
             raise _damaged(name)
 
 
@@ -355,8 +315,3 @@ def _pg_restore(url: URL, dump: Path) -> None:
             field="database_url",
             hint="Run it by hand to see more: " + " ".join(command)[:300],
         )
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -13,7 +13,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, DataError, DBAPIError, IntegrityError, SQLAlchemyError
 
 from fastsplat.service.store.damaged_rows import read_json
-from fastsplat.service.store.migrations import migrate
+from fastsplat.service.store.migrations import Save, migrate
 from fastsplat_contract.errors import DatabaseError, InvalidInputError
 
 _BUSY_MS = 30_000
@@ -53,17 +53,18 @@ def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
     return url.set(drivername="postgresql+psycopg") if url.drivername in ("postgres", "postgresql") else url
 
 
-def open_engine(url: URL) -> Engine:
+def open_engine(url: URL, save: Save | None = None) -> Engine:
     """An engine whose write transactions take SQLite's lock at their start; its tables are of this release on return.
 
     A transaction that begins as a reader and then writes is what makes SQLite fail with "locked" at once, whatever
-    the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`.
+    the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`. `save` is as
+    `migrate` takes it.
     """
     engine = connect(url, pool_size=8, max_overflow=24, json_deserializer=read_json)
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
-    _open_tables(engine)
+    _open_tables(engine, save)
     return engine
 
 
@@ -117,6 +118,25 @@ def transaction(engine: Engine) -> Iterator[Connection]:
         raise _damaged() from error
 
 
+def scrub(engine: Engine) -> None:
+    """Overwrite what was deleted, also in SQLite's log. PostgreSQL's server does that by itself, some time later.
+
+    Raises:
+        DatabaseError: somebody reads what was deleted all the while.
+    """
+    if engine.dialect.name != "sqlite":
+        return
+    connection = engine.raw_connection()
+    try:
+        (busy, *_) = connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    except sqlite3.OperationalError as error:
+        raise DatabaseError(f"the database does not answer ({error.sqlite_errorname})") from error
+    finally:
+        connection.close()
+    if busy:
+        raise DatabaseError("the database's log cannot be emptied, as somebody reads")
+
+
 def _sqlite_code(error: SQLAlchemyError) -> int:
     return int(getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & _PRIMARY_CODE)
 
@@ -127,7 +147,8 @@ def _damaged() -> DatabaseError:
 
 def _tune_sqlite(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # we say BEGIN ourselves, below
-    for pragma in (f"busy_timeout={_BUSY_MS}", "journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+    more = ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON")
+    for pragma in (f"busy_timeout={_BUSY_MS}", *more):
         connection.execute(f"PRAGMA {pragma}")
 
 
@@ -142,11 +163,11 @@ def _begin_sqlite(connection: Connection) -> None:
     connection.exec_driver_sql("BEGIN" if read_only else "BEGIN IMMEDIATE")
 
 
-def _open_tables(engine: Engine, tries: int = 5) -> None:
+def _open_tables(engine: Engine, save: Save | None, tries: int = 5) -> None:
     # A server that is just starting refuses a few times.
     for remaining in reversed(range(tries)):
         try:
-            migrate(engine)
+            migrate(engine, save=save)
             return
         except ValueError as error:  # text that is none, or a revision that never was
             raise DatabaseError(f"the database is damaged: {error}", hint=_DAMAGE_HINT) from error

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from sqlalchemy import Connection, Engine, delete, exists, func, select, update
+from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
 
 from fastsplat.service.store.claims import Claim, FencedError, JobRequest, execute_fenced, fenced, uncancelled
 from fastsplat.service.store.damaged_rows import each_readable
@@ -21,10 +21,11 @@ from fastsplat.service.store.records import (
     RELEASED,
     RESULT,
     RETRIES,
+    NewJob,
     OperationRecord,
     SceneSummary,
 )
-from fastsplat.service.store.scene_repository import as_operation, no_operation
+from fastsplat.service.store.scene_repository import as_operation, no_operation, no_upload, queued_row
 from fastsplat.service.store.schema import operations, scenes, workers
 from fastsplat.service.store.version_repository import NewVersion, publish_within
 from fastsplat_contract.errors import NotFoundError
@@ -205,6 +206,7 @@ class JobRepository:
         *,
         edited: str = "",
         result: Mapping[str, Any] | None = None,
+        follow: NewJob | None = None,
     ) -> Sequence[str]:
         """Make the scene READY, in the place of its drafts, and end the operation as SUCCEEDED; both at once.
 
@@ -212,6 +214,7 @@ class JobRepository:
             claim: of which job.
             summary, carried, edited: see `publish_made_within`.
             result: what became of edits of drafts, as JSON; None for no edits.
+            follow: a job on the finished scene, queued with its end.
 
         Returns:
             The names of the drafts and of what they were edited to; their folders are the caller's to remove.
@@ -226,10 +229,13 @@ class JobRepository:
             removed = self._publish(connection, claim, done, summary, carried, edited, draft=False)
             ready = update(scenes).where(scenes.c.id == claim.operation.scene_id).values(state="READY")
             execute_fenced(connection, claim, ready)
+            if follow is not None:
+                connection.execute(insert(operations).values(queued_row(follow)))
         return removed
 
-    def succeed_with_version(self, claim: Claim, new: NewVersion, result: Mapping[str, Any]) -> Sequence[str]:
-        """Publish a version and end the operation, which made it, as SUCCEEDED with its result; both at once.
+    def succeed_with_version(self, claim: Claim, new: NewVersion | None, result: Mapping[str, Any]) -> Sequence[str]:
+        """Publish a version, None for none, and end the operation, which made it, as SUCCEEDED with its result; both at
+        once.
 
         Returns:
             The names of the versions that were removed, whose folders are the caller's to remove.
@@ -243,8 +249,7 @@ class JobRepository:
         with self._writing() as connection:
             done = uncancelled(claim).values(state="SUCCEEDED", options=options, updated_at=time.time())
             execute_fenced(connection, claim, done)
-            _, removed = publish_within(connection, new)
-        return removed
+            return publish_within(connection, new)[1] if new is not None else ()
 
     def fail(self, claim: Claim, error: Mapping[str, Any]) -> None:
         """End the operation as FAILED with its durable reason.
@@ -384,15 +389,6 @@ class JobRepository:
             execute_fenced(connection, claim, fenced(claim).values(values))
             ended = update(scenes).where(scenes.c.id == claim.operation.scene_id, scenes.c.state == "TRAINING")
             connection.execute(ended.values(state=state))
-
-
-def no_upload(operation_id: str) -> NotFoundError:
-    """The error for an operation that cannot be retried because its upload was removed."""
-    return NotFoundError(
-        f"the upload of operation {operation_id!r} is not stored any more",
-        field="operation",
-        hint="Post the capture again. How long uploads of failed jobs are kept: FASTSPLAT_UPLOADS__FAILED_RETENTION_S.",
-    )
 
 
 def _requests(row: Sequence[Any]) -> frozenset[JobRequest]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
 
+from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import known_names, scenes
 from fastsplat_contract.errors import NotFoundError
@@ -26,13 +27,15 @@ Said = tuple[str, float, bool]
 
 @dataclass(frozen=True)
 class NewName:
-    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing` for the others."""
+    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing` and `tags_of` for
+    the others."""
 
     thing_id: int
     name: str
     appearance: bytes = field(repr=False)
     picture: bytes = field(repr=False)
     said: Sequence[Said] = ()
+    tags: Sequence[tuple[str, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -64,15 +67,18 @@ class KnownNameRecord:
     appearance: bytes = field(repr=False)
     picture: bytes = field(default=b"", repr=False)
     said: Sequence[Said] = ()
+    tags: Sequence[tuple[str, float]] = ()
 
 
 def names_between(before: Things | None, after: Things | None, limit: int) -> VersionNames:
-    """The names that people gave in a version, of things that have an appearance, and those that it took over."""
+    """The names that people gave in a version, of things that have an appearance or bear a tag, and those that it took
+    over."""
     known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
-    named = [thing for thing in after.table if thing.source == "person" and thing.appearance] if after else []
+    by_person = [thing for thing in after.table if thing.source == "person"] if after else []
+    named = [thing for thing in by_person if thing.appearance or tags_of(thing.reads)]
     unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
     given = [
-        NewName(thing.id, thing.name, thing.appearance, thing.picture, thing.said)
+        NewName(thing.id, thing.name, thing.appearance, thing.picture, thing.said, tuple(tags_of(thing.reads).items()))
         for thing in named
         if known.get(thing.id) != thing.name
     ]
@@ -164,7 +170,7 @@ class KnownNameRepository:
 
 
 def _record(row: RowMapping) -> KnownNameRecord:
-    return KnownNameRecord(**{**row, "said": tuple(map(tuple, row["said"]))})
+    return KnownNameRecord(**{**row, **{name: tuple(map(tuple, row[name])) for name in ("said", "tags")}})
 
 
 def _leave(connection: Connection, scene_id: str, limit: int) -> None:

@@ -145,6 +145,11 @@ class OperationRecord:
         return self.kind == "create_scene"
 
     @property
+    def replaces(self) -> bool:
+        """Whether what the job makes takes the place of all versions of its scene, with the edits made meanwhile."""
+        return self.kind in ("create_scene", "withdraw_photos")
+
+    @property
     def order(self) -> Mapping[str, Any]:
         """What was ordered of a job on a finished scene, as JSON; empty for one that makes its scene."""
         return self.options.get(self.kind) or {}

@@ -14,7 +14,6 @@ from pathlib import Path
 
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.store.backup import restore
 from fastsplat_contract.errors import InvalidInputError, ResourceError, SceneFileError
 
 SAMPLE_ARCHIVE = Path(__file__).with_name("sample_scene.zip")
@@ -30,6 +29,8 @@ def unpack_sample(folder: Path) -> None:
         ResourceError: the disk is full, or the archive is not installed.
         InvalidInputError: the archive is damaged.
     """
+    from fastsplat.service.store.backup import restore  # commands that open no sample do without
+
     if not SAMPLE_ARCHIVE.is_file():
         raise ResourceError(
             "the sample scene is not installed",

@@ -61,7 +61,7 @@ class SceneRepository:
         }  # fmt: skip
         try:
             with self._writing() as connection:
-                connection.execute(insert(operations).values(_queued(job)))
+                connection.execute(insert(operations).values(queued_row(job)))
                 connection.execute(insert(scenes).values(scene))
                 within(connection)
                 return self._operation(connection, job.operation_id), True
@@ -110,7 +110,7 @@ class SceneRepository:
                 here = select(scenes.c.id).where(scenes.c.id == job.scene_id, *self._within(scenes))
                 if connection.scalar(here) is None:
                     raise no_scene(job.scene_id)
-                connection.execute(insert(operations).values(_queued(job)))
+                connection.execute(insert(operations).values(queued_row(job)))
                 return self._operation(connection, job.operation_id)
         except IntegrityError:
             earlier = self.find_request(job.request_id, job.request_digest, job.project)
@@ -304,7 +304,8 @@ class SceneRepository:
         return as_operation(row)
 
 
-def _queued(job: NewJob) -> dict[str, Any]:
+def queued_row(job: NewJob) -> dict[str, Any]:
+    """The row of an operation that begins to wait now."""
     now = time.time()
     return {
         "id": job.operation_id, "scene_id": job.scene_id, "state": "QUEUED",
@@ -318,6 +319,15 @@ def no_operation(operation_id: str) -> NotFoundError:
     """The error for an unknown operation."""
     return NotFoundError(
         f"no operation {operation_id[:80]!r}", field="operation", hint="Use the id that posting a scene returned."
+    )
+
+
+def no_upload(operation_id: str) -> NotFoundError:
+    """The error for an operation that cannot be retried because its upload was removed."""
+    return NotFoundError(
+        f"the upload of operation {operation_id!r} is not stored any more",
+        field="operation",
+        hint="Post the capture again. How long uploads of failed jobs are kept: FASTSPLAT_UPLOADS__FAILED_RETENTION_S.",
     )
 
 

@@ -137,6 +137,8 @@ known_names = Table(
     Column("picture", LargeBinary, nullable=False),
     # What sources of suggestions had said of it: [source, probability, right] of each.
     Column("said", JSON, nullable=False, default=list, server_default="[]"),
+    # Printed tags on it: [number, probability] of each.
+    Column("tags", JSON, nullable=False, default=list, server_default="[]"),
     Index("known_names_of_version", "scene_id", "version"),
 )
 

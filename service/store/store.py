@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqlalchemy import URL, Engine
+from sqlalchemy import URL, Connection, Engine
 
 from fastsplat.service.store.blobs import Blobs
 from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
@@ -15,6 +16,7 @@ from fastsplat.service.store.identity import adopt, check_new_database, establis
 from fastsplat.service.store.job_metrics import JobMetrics
 from fastsplat.service.store.job_repository import JobRepository
 from fastsplat.service.store.key_repository import KeyRepository
+from fastsplat.service.store.migrations import Save
 from fastsplat.service.store.name_repository import KnownNameRepository
 from fastsplat.service.store.object_store import open_blobs
 from fastsplat.service.store.photo_repository import PhotoRepository
@@ -24,6 +26,7 @@ from fastsplat.service.store.reserve import Reserve
 from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import VersionRepository
+from fastsplat.service.store.withdrawals import Withdrawals
 from fastsplat.service.store.worker_repository import WorkerRepository
 from fastsplat_contract.errors import FastSplatError, ObjectStoreError, ResourceError
 
@@ -47,6 +50,7 @@ class Store:
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
     photos: PhotoRepository
+    withdrawals: Withdrawals
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -102,7 +106,7 @@ def open_store(
         )
     url = resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME)
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
-    engine = _open_own(url, blobs, adopting)
+    engine = _open_own(url, blobs, adopting, _saving_into(data_dir.resolve()))
     reserve = Reserve(data_dir.resolve())
     if engine.dialect.name == "sqlite":
         reserve.fill()
@@ -117,23 +121,33 @@ def open_store(
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
         photos=PhotoRepository(engine),
+        withdrawals=Withdrawals(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,
     )
 
 
-def _open_own(url: URL, blobs: Blobs, adopting: bool) -> Engine:
+def _saving_into(data_dir: Path) -> Save:
+    def save(live: Connection, bring: Callable[[Connection], None]) -> None:
+        from fastsplat.service.store.before_upgrade import save_before_upgrade  # only where there is an upgrade
+
+        save_before_upgrade(data_dir, live, bring)
+
+    return save
+
+
+def _open_own(url: URL, blobs: Blobs, adopting: bool, save: Save) -> Engine:
     """The engine of the database that belongs to where scenes are stored. An object store that is away is asked again
     before anything is removed from it."""
     if adopting:
-        engine = open_engine(url)
+        engine = open_engine(url, save)
         adopt(engine, blobs)
         return engine
     try:
         if url.get_backend_name() == "sqlite" and not Path(str(url.database)).exists():
             check_new_database(blobs)
-        engine = open_engine(url)
+        engine = open_engine(url, save)
         try:
             establish_identity(engine, blobs)
         except FastSplatError:
@@ -141,5 +155,5 @@ def _open_own(url: URL, blobs: Blobs, adopting: bool) -> Engine:
             raise
     except ObjectStoreError as error:
         _log.warning("whether the object store belongs to this database is not known: %s", error.message)
-        engine = open_engine(url)
+        engine = open_engine(url, save)
     return engine

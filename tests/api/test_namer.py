@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from benchmarks.naming.replay import named, replayed
 from fastsplat.cli.main import app
 from fastsplat_client.namer import Namer, suggest_by
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
-from tests.client.replay_namer import named, replayed
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ import pytest
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
+from benchmarks.naming.replay import ReplayNamer, named, replayed
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import NamerSettings, Settings, load_settings
@@ -27,7 +28,6 @@ from fastsplat_contract.thing_sheets import ThingSheet
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample, seen_with_errors
 from tests.cli.conftest import configured
-from tests.client.replay_namer import ReplayNamer, named, replayed
 
 
 class Room(NamedTuple):

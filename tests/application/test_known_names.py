@@ -23,12 +23,13 @@ from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.name_repository import KnownNameRecord, KnownNameRepository
 from fastsplat.service.store.schema import known_names
 from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import NameSuggestion, PickRequest
+from fastsplat_contract.thing_reads import ThingRead
 from tests.api.made_scene import ENCODER, write_words
 from tests.scenes import finish_job, labelled_scene, queued_job
 
@@ -63,13 +64,16 @@ def service(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
 def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
     """Store a scene of three things without names that look like the given places; returns its id."""
 
-    def made(*places: int, project: str = "default") -> str:
+    def made(*places: int, project: str = "default", tags: Sequence[str] = ()) -> str:
         rng = np.random.default_rng(5)
         owner = np.repeat(np.arange(len(places)), _EACH)
         means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + 0.1 * rng.normal(size=(len(owner), 3))
         table = tuple(
             Thing(number + 1, appearance=_looks(place), picture=bytes([place])) for number, place in enumerate(places)
         )
+        for number, tag in enumerate(tags):  # which are known by no look
+            reads = (ThingRead("tag", tag, 0.98, 4),) if tag else ()
+            table = (*table[:number], Thing(number + 1, reads=reads), *table[number + 1 :])
         membership = evidence_of(np.arange(len(owner)), owner + 1, np.full(len(owner), 4096), len(owner))
         camera = PosedCamera(Camera(48, 36, 40.0, 40.0, 24.0, 18.0), np.eye(4), "front.png")
         scene = labelled_scene(
@@ -278,3 +282,30 @@ def test_what_people_confirm_in_one_scene_weighs_sources_in_the_others_until_it_
     assert says("eyes") == pytest.approx(0.8 * 6 / 6.4)
     service.delete_scene(first)
     assert says("eyes") == says("ears") == pytest.approx(0.8)
+
+
+def test_a_tag_names_what_bears_it_in_other_captures_until_the_name_is_taken_back(
+    service: SceneService, add: Callable[..., str]
+) -> None:
+    first, second = add(1, 2, 3, tags=("17", "", "")), add(4, 5, 6, tags=("", "40", "17"))
+    other = service.in_project("a")
+    stranger = add(4, 5, 6, project="a", tags=("17", "", ""))
+    _name(service, first, 1, "carrot")
+    suggested = _suggested(service, second)
+    assert list(map(len, suggested.values())) == [0, 0, 1]
+    (told,) = suggested[3]
+    assert (told.name, told.scene_id) == ("carrot", first) and told.probability == pytest.approx(0.97 * 0.98**2)
+    assert [one.source for one in told.said_by] == ["tag"]
+    assert not any(thing.suggestions for thing in other.answers.list_things(stranger).things)
+    assert _asked(service, second, "carrot") == "probably_here"
+    assert not any(thing.name for thing in service.answers.list_things(second).things)
+    assert [known.picture for known in service.known_names.list().names] == [b""]
+    seen = SuggestedName(3, "carrot", 0.5, "assistant")
+    service.versions.edit(second, [Edit("suggest", suggestions=(seen,))])
+    (told,) = _suggested(service, second)[3]
+    assert {one.source for one in told.said_by} == {"tag", "assistant"}
+    assert told.probability == pytest.approx(1 - (1 - 0.97 * 0.98**2) * 0.5)
+    service.versions.undo(first)
+    assert [one.source for one in _suggested(service, second)[3][0].said_by] == ["assistant"]
+    with pytest.raises(InvalidInputError, match="source"):
+        service.versions.edit(second, [Edit("suggest", suggestions=(replace(seen, source="tag"),))])

@@ -143,7 +143,7 @@ def test_of_many_pairs_those_that_tell_most_are_matched_first_and_refuse(
     for early in (True, False):
         matched.clear(), looked.clear()
         reconstruction.extract_and_match(
-            tmp_path, tmp_path, files, request, tmp_path, lambda fraction, message: None, refuse_early=early
+            tmp_path, tmp_path, files, request, tmp_path, lambda fraction, message: None, alone=early
         )
         assert sorted(pair for step in matched for pair in step) == sorted((files[i], files[j]) for i, j in every)
         assert looked == [False] * early

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from benchmarks.naming.replay import named, replayed
 from fastsplat_client.namer import MAX_REQUESTS, Namer, ask_namer
 from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
-from tests.client.replay_namer import named, replayed
 from tests.client.scripted import Scripted, scripted
 
 

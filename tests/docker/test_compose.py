@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 import yaml
 
-from fastsplat.api.metrics import Metrics
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import DatabaseError, InvalidInputError
@@ -94,29 +93,3 @@ def test_a_secret_that_cannot_be_read_or_is_given_twice_is_refused_and_not_told(
     with pytest.raises(InvalidInputError) as caught:
         Settings()
     assert "secret" not in str(caught.value)
-
-
-def test_every_metric_of_the_dashboard_exists_with_its_labels(tmp_path: Path) -> None:
-    dashboard = json.loads((ROOT / "docker/grafana.json").read_text())
-    expressions = [target["expr"] for panel in dashboard["panels"] for target in panel["targets"]]
-    with open_service(Settings(data_dir=tmp_path)) as service:
-        metrics = Metrics()
-        metrics.watch_jobs(service.admin.metrics)
-        declared = {family.name: family for family in metrics.registry.collect()}
-        labels = {
-            name: set(metrics.registry._names_to_collectors[name]._labelnames)
-            for name in declared
-            if name in metrics.registry._names_to_collectors
-        }
-        labels["fastsplat_jobs"], labels["fastsplat_open_scenes"] = {"state"}, set()
-    assert len(expressions) > 8
-    for expression in expressions:
-        for name in re.findall(r"\bfastsplat_\w+", expression):
-            family = re.sub(r"_(total|bucket|count|sum)$", "", name)
-            assert family in declared, name
-            kind = declared[family].type
-            assert name == family + {"counter": "_total", "histogram": "_bucket"}.get(kind, ""), name
-            used = {label for group in re.findall(r"by \(([^)]*)\)", expression) for label in group.split(", ")} - {
-                "le"
-            }
-            assert used <= labels[family], expression

@@ -21,6 +21,7 @@ from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.instances.thing_appearances import with_appearances
 from fastsplat.service.perception.appearance import SIZE, open_appearance_encoder
 from fastsplat.service.perception.capture_masks import propose_view_masks
+from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions, ViewMasks
 from fastsplat.service.scene.label_evidence import no_evidence
@@ -28,6 +29,7 @@ from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import STATED_FROM, Thing, Things
 from fastsplat_contract.errors import CancelledError
 from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room, make_room
+from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 UP = np.array([0.0, 0.0, 1.0])
@@ -161,6 +163,22 @@ def test_things_are_described_from_the_photos_that_show_them(room: Room, masks: 
         blue_green_red[number] = int(picture[40:56, 40:56].reshape(-1, 3).mean(axis=0).argmax())
     assert blue_green_red == {1: 2, 2: 1, 3: 0}
     assert with_appearances(things, gaussians, (), encoder, SETTINGS.max_side) == things
+
+
+def test_an_image_text_model_looks_at_the_photos_that_show_a_thing_best(
+    room: Room, masks: Masks, tmp_path: Path
+) -> None:
+    write_looks_model(tmp_path)
+    model = open_image_text(PerceptionSettings(image_text=MODEL), tmp_path)
+    things, gaussians = find_scene_things(room.gaussians, room.capture, Labelling(Dictionary(()), ()), masks, SETTINGS)
+    looked = with_appearances(things, gaussians, room.capture.views, None, SETTINGS.max_side, looks=model)
+    assert not any(thing.appearance or thing.picture for thing in looked.table)
+    looks = {thing.id: thing.looks for thing in looked.table if thing.looks is not None}
+    assert {each.sha256 for each in looks.values()} == {model.sha256}
+    best, words = _overlaps(things, room.owner), model.encode(["red", "green", "blue"])
+    rows = np.stack([np.frombuffer(looks[best[number][0]].embedding, np.float16) for number in (1, 2, 3)])
+    assert np.linalg.norm(rows.astype(np.float64), axis=1) == pytest.approx(1, abs=0.01)
+    assert (rows @ words.T).argmax(axis=1).tolist() == [0, 1, 2]
 
 
 def test_a_detector_that_is_of_two_minds_only_suggests(room: Room, masks: Masks) -> None:

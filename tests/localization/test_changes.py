@@ -80,6 +80,12 @@ def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> N
     (event,) = _events(with_block, empty, _photos(empty), {_BLOCK: _box(_AT)})
     assert event.kind == "gone" and event.thing == _BLOCK and event.after is None
     assert {region.kind for region in event.regions} == {"missing"}
+    for region in event.regions:
+        posed = _VIEWS[region.view]
+        block = np.abs(with_block.colors(posed).astype(int) - empty.colors(posed)).max(axis=2) > 30
+        rows, columns = np.nonzero(block)
+        around = columns.min(), rows.min(), columns.max() + 1, rows.max() + 1
+        np.testing.assert_allclose(region.box, around, atol=0.02 * max(block.shape))
 
 
 def test_what_was_put_elsewhere_has_moved(empty: Renderer, with_block: Renderer, moved_block: Renderer) -> None:

@@ -106,7 +106,7 @@ def test_the_first_views_are_shown_before_the_others_are_looked_at(
     seen: list[tuple[Labelling, Sequence[int]]] = []
 
     def early(labelling: Labelling, views: Sequence[int]) -> None:
-        assert looks == ["detected", "segmented"] * 2
+        assert looks == ["detected"] * 4 + ["segmented"] * 2  # names are known of all views before any mask is
         seen.append((labelling, views))
 
     shown = label_capture(capture, settings, models_dir, [], silent, masks=True, early=early)

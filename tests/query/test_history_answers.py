@@ -10,7 +10,7 @@ import pytest
 
 from fastsplat.api.examples.scene_examples import ANSWERS
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.query.language.history_answers import HistoryAnswers
+from fastsplat.service.query.language.history_answers import _MOST_TOLD, HistoryAnswers
 from fastsplat.service.query.language.time_questions import time_question
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import ThingNames
@@ -146,3 +146,26 @@ def test_what_was_not_looked_at_is_told_beside_nothing() -> None:
     assert question is not None
     told = answers.asked(question, _found())
     assert told.sentence == "Nothing is gone: photos of 23 November 2026 looked at 1 of 2 things."
+
+
+def test_a_missing_thing_is_not_here_but_was_somewhere_on_a_day() -> None:
+    days: _Days = [(23, "gone")]
+    assert _asked(days, "when was the mug last seen?").outcome == "not_here"
+    assert _asked(days, "where was the mug on Monday?").outcome == "here"
+    assert _asked([(23, "moved")], "when was the mug last seen?").outcome == "here"
+
+
+def test_without_another_day_the_day_of_the_scene_is_told() -> None:
+    nothing = "Cannot say: no photos of another day are kept with this scene; the scene is of 20 November 2026."
+    assert _asked([], "what is gone?").sentence == nothing
+
+
+def test_of_many_changes_the_rest_is_counted() -> None:
+    answers = _answers([(23, None)])
+    (one,) = answers._history.observations
+    news = tuple(SceneChange("new", 0, "", 0.9, 0.0, None, _THERE, (0,), "") for _ in range(_MOST_TOLD + 2))
+    answers._history = replace(answers._history, observations=(replace(one, changes=news),))
+    question = time_question("what is new?", _NOW)
+    assert question is not None
+    sentence = answers.asked(question, _found()).sentence
+    assert sentence.endswith(" There are 2 more.") and sentence.count(" at (1.00, 2.00, 0.50) m.") == _MOST_TOLD

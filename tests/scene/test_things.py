@@ -27,7 +27,7 @@ from fastsplat.service.scene.things import (
     thing_rows,
     things_of_rows,
 )
-from fastsplat.service.scene.types import Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.thing_reads import ThingRead
 
@@ -55,7 +55,15 @@ def _things(count: int) -> Things:
             proposed_in=(0, 3),
             missed_in=(1,),
         ),
-        Thing(9, "mug", "detected", 0.8, 0.6, reads=(ThingRead("text", "Tee für zwei", 0.9, 3),)),
+        Thing(
+            9,
+            "mug",
+            "detected",
+            0.8,
+            0.6,
+            reads=(ThingRead("text", "Tee für zwei", 0.9, 3),),
+            looks=Looks("ab" * 32, b"\x01\x3c"),
+        ),
     )
     return Things(table, membership, groups=(ThingGroup(11, (2, 9), 0.5), ThingGroup(12, IDS, 0.4)))
 

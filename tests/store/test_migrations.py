@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,14 @@ from alembic.runtime.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, create_engine, inspect, text
 
+from fastsplat.service.store.backup import restore
 from fastsplat.service.store.codec import options_from_json
 from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.migrations import migrate
 from fastsplat.service.store.schema import metadata
 from fastsplat.service.store.store import Store, open_store
-from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.errors import ConflictError, NotFoundError, ResourceError
+from tests.postgres import PostgresServer
 
 _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
@@ -155,7 +159,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 15),
+        ("schema_version", "version"): (2, 16),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)
@@ -321,3 +325,73 @@ def test_a_percent_sign_in_a_path_means_nothing(tmp_path: Path) -> None:
     engine = create_engine("sqlite://")
     migrate(engine, folder)
     assert _shape(engine).keys() == metadata.tables.keys()
+
+
+def _release(engine: Engine, number: int, folder: Path) -> None:
+    """Make a database that of the release whose newest revision has this number."""
+    shutil.copytree(_SCRIPTS, folder)
+    for path in (folder / "versions").glob("v*.py"):
+        if int(path.name[1:5]) > number:
+            path.unlink()
+    migrate(engine, folder)
+
+
+def _plain(rows: list[dict[str, Any]], names: set[str]) -> list[str]:
+    """Rows of these columns, whichever database wrote them: SQLite's booleans are numbers, and its JSON is text."""
+
+    def plain(value: Any) -> Any:
+        written = isinstance(value, str) and (value[:1] in ("{", "[") or value == "null")
+        return json.loads(value) if written else int(value) if isinstance(value, bool) else value
+
+    return sorted(repr({name: plain(row[name]) for name in sorted(names)}) for row in rows)
+
+
+@pytest.mark.parametrize("number", [None, 1, 9, 14])
+def test_what_a_database_held_is_saved_before_it_is_upgraded_and_can_be_restored(
+    number: int | None, empty: Engine, tmp_path: Path, database_url: str, request: pytest.FixtureRequest
+) -> None:
+    _fill(empty, _FIRST_RELEASE if number == 1 else _BEFORE_ALEMBIC)
+    if number is not None and number > 1:
+        _release(empty, number, tmp_path / "scripts")
+    before = _columns_of_all(empty)
+    open_store(tmp_path, database_url).close()
+    saved = tmp_path / "before-upgrade"
+    assert {path.name for path in saved.iterdir()} == {"backup.json", "fastsplat.sqlite"}
+    copy = create_engine(f"sqlite:///{saved / 'fastsplat.sqlite'}")
+    kept = _columns_of_all(copy)
+    assert before.keys() <= kept.keys()
+    for table, rows in before.items():
+        names = set(rows[0]) if rows else set()
+        if table != "schema_version" or number is not None:
+            assert _plain(kept[table], names) == _plain(rows, names), table
+    if number is not None and number > 1:
+        with copy.connect() as connection:
+            assert connection.scalar(text("SELECT version_num FROM alembic_version")) == f"{number:04}"
+    copy.dispose()
+
+    server: PostgresServer | None = request.getfixturevalue("postgres") if database_url else None
+    with server.database() if server else nullcontext("") as another:
+        restore(saved, tmp_path / "restored", another)
+        shutil.copytree(tmp_path / "scenes", tmp_path / "restored" / "scenes")
+        with closing(open_store(tmp_path / "restored", another)) as store:
+            assert {scene.id for scene in store.scenes.list_scenes(10)} == {"new", "done"}
+            assert [job.id for job in store.jobs.waiting()] == ["op_new"]
+
+    marked = saved / "backup.json"
+    made = marked.stat().st_mtime_ns
+    open_store(tmp_path, database_url).close()
+    assert marked.stat().st_mtime_ns == made, "what needs no upgrade is not saved again"
+
+
+def test_a_database_that_cannot_be_saved_is_not_upgraded(old: Engine, tmp_path: Path, database_url: str) -> None:
+    before = _shape(old), _rows(old)
+    (tmp_path / "before-upgrade").write_text("no folder")
+    with pytest.raises(ResourceError) as caught:
+        open_store(tmp_path, database_url)
+    assert caught.value.field == "data_dir" and (_shape(old), _rows(old)) == before
+
+
+def test_nothing_is_saved_of_a_new_database(empty: Engine, tmp_path: Path, database_url: str) -> None:
+    (tmp_path / "scenes" / "done").rmdir()
+    open_store(tmp_path, database_url).close()
+    assert not (tmp_path / "before-upgrade").exists()

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 
+from benchmarks.naming.replay import named, replayed
 from fastsplat.service.settings import NamerSettings
 from fastsplat_contract.scenes import Edit
-from tests.client.replay_namer import named, replayed
 from tests.web.browser import visiting
 from tests.web.places import page_settings, running
 

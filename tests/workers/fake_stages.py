@@ -95,8 +95,8 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _orders(job: Job) -> tuple[str, ...]:
-    """Of a job that trains further they are in a file, as it has no texts."""
-    if job.base is not None:
+    """Of a job that trains further, or asks a namer, they are in a file, as it has no texts."""
+    if job.base is not None or "asking" in job.stages:
         orders = job.settings.data_dir / "orders.txt"
         return tuple(orders.read_text().splitlines()) if orders.exists() else ()
     return tuple(job.order.get("texts", job.options.labels))
@@ -251,6 +251,22 @@ def _merging(job: Job, folder: Path, progress: Progress) -> None:
     (folder / "summary.json").write_text(json.dumps(summary))
 
 
+def _asking(job: Job, folder: Path, progress: Progress) -> None:
+    """The real stage, then its orders."""
+    from fastsplat.workers.ask_namer_stages import STAGES
+
+    STAGES["asking"](job, folder, progress)
+    _obey(job, "asking", progress)
+
+
+def _suggesting(job: Job, folder: Path, progress: Progress) -> None:
+    """Its orders, then the real stage."""
+    from fastsplat.workers.ask_namer_stages import STAGES
+
+    _obey(job, "suggesting", progress)
+    STAGES["suggesting"](job, folder, progress)
+
+
 FAKES = {
     "capture": _capture,
     "perception": _perception,
@@ -259,4 +275,6 @@ FAKES = {
     "looking": _looking,
     "naming": _naming,
     "merging": _merging,
+    "asking": _asking,
+    "suggesting": _suggesting,
 }

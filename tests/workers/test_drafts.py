@@ -56,7 +56,7 @@ def test_a_draft_that_cannot_be_made_does_not_end_its_job(
     def fail(*_: object) -> Scene:
         raise IndexError("of a view that is not there")
 
-    monkeypatch.setattr(drafts, "point_draft", fail)
+    monkeypatch.setattr(drafts, "first_draft", fail)
     told: list[ProgressEvent] = []
     job = Job("operation", 1, tmp_path / "upload", tmp_path, SceneOptions(), Settings(data_dir=tmp_path))
     made = drafts.Drafts(job, ProgressFiles(job, "perception", told.append))

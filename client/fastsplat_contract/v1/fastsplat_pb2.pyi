@@ -71,6 +71,8 @@ class _OperationKindEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_Operati
     OPERATION_KIND_CREATE_SCENE: _OperationKind.ValueType  # 1
     OPERATION_KIND_LOOK_AGAIN: _OperationKind.ValueType  # 2
     OPERATION_KIND_TRAIN_MORE: _OperationKind.ValueType  # 3
+    OPERATION_KIND_ASK_NAMER: _OperationKind.ValueType  # 4
+    OPERATION_KIND_WITHDRAW_PHOTOS: _OperationKind.ValueType  # 5
 
 class OperationKind(_OperationKind, metaclass=_OperationKindEnumTypeWrapper): ...
 
@@ -78,6 +80,8 @@ OPERATION_KIND_UNSPECIFIED: OperationKind.ValueType  # 0
 OPERATION_KIND_CREATE_SCENE: OperationKind.ValueType  # 1
 OPERATION_KIND_LOOK_AGAIN: OperationKind.ValueType  # 2
 OPERATION_KIND_TRAIN_MORE: OperationKind.ValueType  # 3
+OPERATION_KIND_ASK_NAMER: OperationKind.ValueType  # 4
+OPERATION_KIND_WITHDRAW_PHOTOS: OperationKind.ValueType  # 5
 Global___OperationKind: _TypeAlias = OperationKind  # noqa: Y015
 
 class _WorkerState:
@@ -826,12 +830,14 @@ class _NextPhotoReasonEnumTypeWrapper(_enum_type_wrapper._EnumTypeWrapper[_NextP
     NEXT_PHOTO_REASON_UNSPECIFIED: _NextPhotoReason.ValueType  # 0
     NEXT_PHOTO_REASON_GAP: _NextPhotoReason.ValueType  # 1
     NEXT_PHOTO_REASON_FEW_DIRECTIONS: _NextPhotoReason.ValueType  # 2
+    NEXT_PHOTO_REASON_HIDDEN: _NextPhotoReason.ValueType  # 3
 
 class NextPhotoReason(_NextPhotoReason, metaclass=_NextPhotoReasonEnumTypeWrapper): ...
 
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason.ValueType  # 0
 NEXT_PHOTO_REASON_GAP: NextPhotoReason.ValueType  # 1
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason.ValueType  # 2
+NEXT_PHOTO_REASON_HIDDEN: NextPhotoReason.ValueType  # 3
 Global___NextPhotoReason: _TypeAlias = NextPhotoReason  # noqa: Y015
 
 class _FloorSource:
@@ -1196,13 +1202,17 @@ class Operation(_message.Message):
     AGAIN_AFTER_FIELD_NUMBER: _builtins.int
     DRAFT_FIELD_NUMBER: _builtins.int
     CREATE_SCENE_FIELD_NUMBER: _builtins.int
+    ASK_NAMER_FIELD_NUMBER: _builtins.int
+    WITHDRAW_PHOTOS_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     scene_id: _builtins.str
     state: Global___OperationState.ValueType
     done: _builtins.bool
     """whether the state is final"""
     kind: Global___OperationKind.ValueType
-    """create_scene: makes its scene; look_again, train_more: makes a version of its scene"""
+    """create_scene: makes its scene; look_again, train_more: makes a version of its scene; ask_namer: the same where the
+    server's namer, asked of a new scene, suggests a name; withdraw_photos: makes its scene anew, without some photos
+    """
     attempt: _builtins.int
     """how often it was begun"""
     worker: Global___WorkerState.ValueType
@@ -1258,6 +1268,14 @@ class Operation(_message.Message):
     def create_scene(self) -> Global___CreateSceneResult:
         """what became of edits of drafts; absent without them, and until it has succeeded"""
 
+    @_builtins.property
+    def ask_namer(self) -> Global___NamerResult:
+        """what the server's namer said; absent unless it has succeeded"""
+
+    @_builtins.property
+    def withdraw_photos(self) -> Global___WithdrawPhotosResult:
+        """what withdrawing photos has made; absent unless it has succeeded"""
+
     def __init__(
         self,
         *,
@@ -1282,10 +1300,12 @@ class Operation(_message.Message):
         again_after: Global___AgainAfter.ValueType | None = ...,
         draft: Global___DraftInfo | None = ...,
         create_scene: Global___CreateSceneResult | None = ...,
+        ask_namer: Global___NamerResult | None = ...,
+        withdraw_photos: Global___WithdrawPhotosResult | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "create_scene", b"create_scene", "created_at", b"created_at", "draft", b"draft", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "create_scene", b"create_scene", "created_at", b"created_at", "draft", b"draft", "error", b"error", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "seconds_left", b"seconds_left", "train_more", b"train_more", "updated_at", b"updated_at", "withdraw_photos", b"withdraw_photos", "worker", b"worker"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "attempt", b"attempt", "create_scene", b"create_scene", "created_at", b"created_at", "done", b"done", "draft", b"draft", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "worker", b"worker"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_again_after", b"_again_after", "_seconds_left", b"_seconds_left", "_worker", b"_worker", "again_after", b"again_after", "ask_namer", b"ask_namer", "attempt", b"attempt", "create_scene", b"create_scene", "created_at", b"created_at", "done", b"done", "draft", b"draft", "error", b"error", "finish_requested", b"finish_requested", "id", b"id", "kind", b"kind", "left_out", b"left_out", "look_again", b"look_again", "placed", b"placed", "preview", b"preview", "scene_id", b"scene_id", "seconds_left", b"seconds_left", "stages", b"stages", "state", b"state", "train_more", b"train_more", "updated_at", b"updated_at", "withdraw_photos", b"withdraw_photos", "worker", b"worker"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__again_after: _TypeAlias = _typing.Literal["again_after"]  # noqa: Y015
     _WhichOneofArgType__again_after: _TypeAlias = _typing.Literal["_again_after", b"_again_after"]  # noqa: Y015
@@ -1334,8 +1354,8 @@ class StageProgress(_message.Message):
     SECONDS_FIELD_NUMBER: _builtins.int
     METRICS_FIELD_NUMBER: _builtins.int
     stage: _builtins.str
-    """capture, perception, training or export; looking or naming where a scene is looked at again; training or merging
-    where it is trained further
+    """capture, perception, training or export, also where photos are withdrawn; looking or naming where a scene is looked
+    at again; training or merging where it is trained further; asking or suggesting where the server's namer is asked
     """
     fraction: _builtins.float
     """0..1 of this stage"""
@@ -1582,6 +1602,88 @@ class TrainMoreResult(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr_before) -> _WhichOneofReturnType__psnr_before | None: ...
 
 Global___TrainMoreResult: _TypeAlias = TrainMoreResult  # noqa: Y015
+
+@_typing.final
+class NamerResult(_message.Message):
+    """What the namer said of the things of a scene that had no name."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SUGGESTED_FIELD_NUMBER: _builtins.int
+    SHOWN_FIELD_NUMBER: _builtins.int
+    REFUSED_FIELD_NUMBER: _builtins.int
+    PROBLEM_FIELD_NUMBER: _builtins.int
+    VERSION_FIELD_NUMBER: _builtins.int
+    suggested: _builtins.int
+    """names that are suggested now, at most one for a thing"""
+    shown: _builtins.int
+    """things that its pictures showed"""
+    refused: _builtins.int
+    """names that were left out: unusable, of no thing shown, or the same for too many things"""
+    problem: _builtins.str
+    """why things were not asked about; empty if all were"""
+    version: _builtins.str
+    """the scene's current one, which has the suggestions"""
+    def __init__(
+        self,
+        *,
+        suggested: _builtins.int = ...,
+        shown: _builtins.int = ...,
+        refused: _builtins.int = ...,
+        problem: _builtins.str = ...,
+        version: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["problem", b"problem", "refused", b"refused", "shown", b"shown", "suggested", b"suggested", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___NamerResult: _TypeAlias = NamerResult  # noqa: Y015
+
+@_typing.final
+class WithdrawPhotosResult(_message.Message):
+    """What withdrawing photos has made."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    VERSION_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    REMOVED_FIELD_NUMBER: _builtins.int
+    CARRIED_FIELD_NUMBER: _builtins.int
+    LOST_FIELD_NUMBER: _builtins.int
+    version: _builtins.str
+    """the version that was trained without the photos"""
+    carried: _builtins.int
+    """how many versions hold edits that were made again"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the photos that are gone"""
+
+    @_builtins.property
+    def removed(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the versions that are gone with them"""
+
+    @_builtins.property
+    def lost(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """what of the edits could not be made again, in words"""
+
+    def __init__(
+        self,
+        *,
+        version: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.str] | None = ...,
+        removed: _abc.Iterable[_builtins.str] | None = ...,
+        carried: _builtins.int = ...,
+        lost: _abc.Iterable[_builtins.str] | None = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["carried", b"carried", "lost", b"lost", "photos", b"photos", "removed", b"removed", "version", b"version"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WithdrawPhotosResult: _TypeAlias = WithdrawPhotosResult  # noqa: Y015
 
 @_typing.final
 class PreviewInfo(_message.Message):
@@ -3006,8 +3108,8 @@ class NameSuggestion(_message.Message):
     probability: _builtins.float
     """0..1, of all that suggest it together"""
     scene_id: _builtins.str
-    """another scene of the project, in which a person named a thing so that looks like this one; empty: the name comes
-    from this scene itself
+    """another scene of the project, in which a person named a thing so that looks like this one, or bears its printed
+    tag; empty: the name comes from this scene itself
     """
     @_builtins.property
     def aliases(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
@@ -3044,7 +3146,7 @@ class SuggestionSource(_message.Message):
     MODEL_FIELD_NUMBER: _builtins.int
     PROBABILITY_FIELD_NUMBER: _builtins.int
     source: _builtins.str
-    """detector: the scene's own models and likenesses; else who sent it"""
+    """detector: the scene's own models and likenesses; tag: a printed tag; else who sent it"""
     model: _builtins.str
     """of the source; empty where it named none"""
     probability: _builtins.float
@@ -4327,44 +4429,6 @@ class AskNamerRequest(_message.Message):
 Global___AskNamerRequest: _TypeAlias = AskNamerRequest  # noqa: Y015
 
 @_typing.final
-class NamerResult(_message.Message):
-    """What the namer said of the things of a scene that had no name."""
-
-    DESCRIPTOR: _descriptor.Descriptor
-
-    SUGGESTED_FIELD_NUMBER: _builtins.int
-    SHOWN_FIELD_NUMBER: _builtins.int
-    REFUSED_FIELD_NUMBER: _builtins.int
-    PROBLEM_FIELD_NUMBER: _builtins.int
-    VERSION_FIELD_NUMBER: _builtins.int
-    suggested: _builtins.int
-    """names that are suggested now, at most one for a thing"""
-    shown: _builtins.int
-    """things that its pictures showed"""
-    refused: _builtins.int
-    """names that were left out: unusable, of no thing shown, or the same for too many things"""
-    problem: _builtins.str
-    """why things were not asked about; empty if all were"""
-    version: _builtins.str
-    """the scene's current one, which has the suggestions"""
-    def __init__(
-        self,
-        *,
-        suggested: _builtins.int = ...,
-        shown: _builtins.int = ...,
-        refused: _builtins.int = ...,
-        problem: _builtins.str = ...,
-        version: _builtins.str = ...,
-    ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
-    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["problem", b"problem", "refused", b"refused", "shown", b"shown", "suggested", b"suggested", "version", b"version"]  # noqa: Y015
-    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
-
-Global___NamerResult: _TypeAlias = NamerResult  # noqa: Y015
-
-@_typing.final
 class AlignSceneRequest(_message.Message):
     """A new version of a scene in the frame of a map."""
 
@@ -4602,6 +4666,40 @@ class TrainMoreRequest(_message.Message):
     def WhichOneof(self, oneof_group: _WhichOneofArgType__steps) -> _WhichOneofReturnType__steps | None: ...
 
 Global___TrainMoreRequest: _TypeAlias = TrainMoreRequest  # noqa: Y015
+
+@_typing.final
+class WithdrawPhotosRequest(_message.Message):
+    """Which photos a scene is to be made anew without."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    PHOTOS_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    request_id: _builtins.str
+    """same id, same order: the first operation is returned again (AIP-155)"""
+    @_builtins.property
+    def photos(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of photos, as the scene's cameras have them; at least two others must be left. All versions that the scene
+        has when the job is done are deleted then: what remains is made of the others
+        """
+
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        photos: _abc.Iterable[_builtins.str] | None = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["photos", b"photos", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___WithdrawPhotosRequest: _TypeAlias = WithdrawPhotosRequest  # noqa: Y015
 
 @_typing.final
 class GetOperationRequest(_message.Message):
@@ -5968,7 +6066,8 @@ class NextPhoto(_message.Message):
     """the scene's camera that is next to it"""
     reason: Global___NextPhotoReason.ValueType
     """gap: no photo looks from this side of the place; few_directions: surfaces that it would see were seen from few
-    directions
+    directions; hidden: what it looks at is behind or in something in every photo, and things may be there that are
+    not_seen
     """
     advice: _builtins.str
     """the same in one sentence, in words of the photo next to it"""
@@ -7600,7 +7699,8 @@ class ModelStatus(_message.Message):
     """ready: its files are there; missing: they are not; unset: no model is named"""
     calibrated: _builtins.bool
     """of a text encoder: whether its scores were measured, so that answers have probabilities; of a lexicon that is
-    ready: whether it was measured together with the text encoder, so that answers use it
+    ready: whether it was measured together with the text encoder, so that answers use it; of an image-text model that
+    is ready: whether it was measured, so that answers use it
     """
     def __init__(
         self,
@@ -7956,7 +8056,7 @@ Global___ListKnownNamesResponse: _TypeAlias = ListKnownNamesResponse  # noqa: Y0
 
 @_typing.final
 class KnownName(_message.Message):
-    """A name that a person gave, which is suggested for things of other scenes that look like this one."""
+    """A name that a person gave, suggested for things of other scenes that look like this one or bear its tag."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -7977,7 +8077,7 @@ class KnownName(_message.Message):
     thing_id: _builtins.int
     """the thing of the scene that bears it"""
     picture: _builtins.bytes
-    """a small JPEG of the thing, from a photo of its scene"""
+    """a small JPEG of the thing, from a photo of its scene; empty for what is known by a tag alone"""
     @_builtins.property
     def named_at(self) -> _timestamp_pb2.Timestamp: ...
     def __init__(

@@ -150,6 +150,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
                 _registered_method=True)
+        self.WithdrawPhotos = channel.unary_unary(
+                '/fastsplat.v1.SceneService/WithdrawPhotos',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.WithdrawPhotosRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+                _registered_method=True)
         self.GetOperation = channel.unary_unary(
                 '/fastsplat.v1.SceneService/GetOperation',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.GetOperationRequest.SerializeToString,
@@ -526,6 +531,14 @@ class SceneServiceServicer:
 
     def TrainMore(self, request, context):
         """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def WithdrawPhotos(self, request, context):
+        """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
+        pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -949,6 +962,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'TrainMore': grpc.unary_unary_rpc_method_handler(
                     servicer.TrainMore,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
+            ),
+            'WithdrawPhotos': grpc.unary_unary_rpc_method_handler(
+                    servicer.WithdrawPhotos,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.WithdrawPhotosRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.Operation.SerializeToString,
             ),
             'GetOperation': grpc.unary_unary_rpc_method_handler(
@@ -1782,6 +1800,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/TrainMore',
             fastsplat_dot_v1_dot_fastsplat__pb2.TrainMoreRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def WithdrawPhotos(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/WithdrawPhotos',
+            fastsplat_dot_v1_dot_fastsplat__pb2.WithdrawPhotosRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.Operation.FromString,
             options,
             channel_credentials,

@@ -115,6 +115,10 @@ class SceneServiceStub:
     """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
     TrainMore: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]
     """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+    WithdrawPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WithdrawPhotosRequest, _fastsplat_pb2.Operation]
+    """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
+    pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
+    """
     GetOperation: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]
     """Where a job stands, stage by stage."""
     ListOperations: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]
@@ -281,6 +285,10 @@ class SceneServiceAsyncStub(SceneServiceStub):
     """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
     TrainMore: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+    WithdrawPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WithdrawPhotosRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
+    """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
+    pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
+    """
     GetOperation: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.GetOperationRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Where a job stands, stage by stage."""
     ListOperations: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.ListOperationsRequest, _fastsplat_pb2.ListOperationsResponse]  # type: ignore[assignment]
@@ -580,6 +588,16 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
         """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+
+    @_abc_1.abstractmethod
+    def WithdrawPhotos(
+        self,
+        request: _fastsplat_pb2.WithdrawPhotosRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
+        """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
+        pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
+        """
 
     @_abc_1.abstractmethod
     def GetOperation(

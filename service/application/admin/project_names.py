@@ -15,11 +15,12 @@ from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, agreed
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene
 from fastsplat.service.query.things.thing_index import listed_suggestions
+from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.known_names import KnownName, KnownNameList
-from fastsplat_contract.thing_messages import NameSuggestion, SceneThing
+from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
 
 _KEPT_PROJECTS = 64
 """Those whose names are kept in memory, 1 to 2 MB each at most."""
@@ -99,7 +100,7 @@ class KnownNames:
     def suggesting(self, scene_id: str, ranked: RankedScene) -> RankedScene:
         """A version of a scene with what other scenes suggest for its things, and say of its sources; where there is
         one scene alone, as it is: what others are called is nothing to show."""
-        looks = any(thing.appearance for thing in ranked.names.present)
+        looks = any(thing.appearance or tags_of(thing.reads) for thing in ranked.names.present)
         if self._store.only_scene or not (looks or ranked.names.sources):
             return ranked
         return ranked.suggesting(self._known(), scene_id)
@@ -112,7 +113,13 @@ class KnownNames:
             records = self._store.known_names.all()
             keys = [(record.id, record.version) for record in records]
             known = tuple(
-                KnownThing(each.scene_id, each.name, each.appearance, tuple(SaidName(*said) for said in each.said))
+                KnownThing(
+                    each.scene_id,
+                    each.name,
+                    each.appearance,
+                    tuple(SaidName(*said) for said in each.said),
+                    tuple((tag, probability) for tag, probability in each.tags),
+                )
                 for each in records
             )
             with self._lock:
@@ -129,8 +136,12 @@ def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:
     same = [own for own in thing.suggestions if label_key(own.name) == label_key(name.name)]
     others = [own for own in thing.suggestions if own not in same]
     aliases = tuple(alias for own in same for alias in own.aliases)
-    told = tuple(one for own in same for one in own.said_by if one.source != OWN_SOURCE)
-    probability = agreed([name.probability, *(one.probability for one in told)])
+    told = tuple(one for own in same for one in own.said_by if one.source != (name.source or OWN_SOURCE))
+    if name.source:
+        told = (SuggestionSource(name.source, "", name.probability), *told)
+        told = tuple(sorted(told, key=lambda one: -one.probability))
+    said = [one.probability for one in told] if name.source else [name.probability, *(one.probability for one in told)]
+    probability = agreed(said)
     suggestion = NameSuggestion(name.name, probability, name.scene_id, aliases, told)
     ranked = sorted([suggestion, *others], key=lambda other: -other.probability)
     return replace(thing, suggestions=tuple(ranked))

@@ -7,15 +7,11 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.formats.kept_capture import kept_lenses
 from fastsplat.service.capture.photos.scene_photos import photo_folder, photo_path
-from fastsplat.service.capture.untrusted.image_decoding import reduce, reduced_size
+from fastsplat.service.capture.views.kept_photos import read_photo
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import (
     BYTES_PER_LANDMARK,
@@ -29,7 +25,7 @@ from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.blobs import Blobs
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import NotReadyError, SceneFileError
+from fastsplat_contract.errors import NotReadyError
 
 _KEPT = 2
 """Versions."""
@@ -117,20 +113,3 @@ def photos_of(cameras: Sequence[PosedCamera], folder: Path, side: int, blobs: Bl
     if blobs is not None:
         blobs.check_version(folder, *(path.relative_to(folder).as_posix() for _, path in there))
     return [(posed, partial(read_photo, path, side)) for posed, path in there]
-
-
-def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3] of a photo that is kept with a version.
-
-    Args:
-        path: of the photo.
-        side: it is reduced to so many pixels on the longer side.
-
-    Raises:
-        SceneFileError: it is damaged, or gone.
-    """
-    try:
-        pixels = load_rgb(path)
-    except OSError as error:
-        raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
-    return reduce(pixels, reduced_size(pixels.shape[1], pixels.shape[0], side))

@@ -216,7 +216,8 @@ def _observation(
         if (camera := answer.photos[number].camera) is not None
     )
     changes = tuple(each._replace(photos=tuple(row[number] for number in each.photos)) for each in answer.changes)
-    seen_at, source = _time_of(request, located, there, now)
+    taken = [seconds for number in there if (seconds := located.taken_at[number]) is not None]
+    seen_at, source = _time_of(request.seen_at, taken, now)
     observation = Observation(
         scene_id=request.scene_id,
         id=observation_id,
@@ -233,12 +234,10 @@ def _observation(
     return observation, pictures if keep else ()
 
 
-def _time_of(
-    request: ObserveRequest, located: LocalizedPictures, there: Sequence[int], now: datetime
-) -> tuple[datetime, SeenAtSource]:
-    if request.seen_at is not None:
-        return request.seen_at.astimezone(UTC), "given"
-    taken = [seconds for number in there if (seconds := located.taken_at[number]) is not None]
+def _time_of(given: datetime | None, taken: Sequence[float], now: datetime) -> tuple[datetime, SeenAtSource]:
+    """When photos were taken: as the request says, else by their metadata, unless their camera's clock is ahead."""
+    if given is not None:
+        return given.astimezone(UTC), "given"
     if taken and (newest := datetime.fromtimestamp(max(taken), UTC)) <= now + _AHEAD:
         return newest, "metadata"
     return now, "received"

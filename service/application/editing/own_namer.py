@@ -9,6 +9,7 @@ from fastsplat.service.application.admin.server_capabilities import agree_to_nam
 from fastsplat.service.application.answering.thing_sheets import ThingSheets
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.nameless_things import said_by
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import NotReadyError, PermissionDeniedError
@@ -49,19 +50,15 @@ class OwnNamer:
             NotReadyError: the scene is not ready, or the namer is being asked about another one.
             NamerError: it answers nothing usable at all.
         """
-        # Here, as servers without a namer need nothing of the client.
-        from fastsplat_client.namer import Namer, ask_namer
-
         self._store.scenes.scene(scene_id)
-        of_settings = the_namer(self._settings)
-        namer = Namer(of_settings.url, of_settings.model, of_settings.key, of_settings.request_s, of_settings.total_s)
+        namer = the_namer(self._settings)
         self._check_agreed(namer.host)
         # All are drawn before the first is sent: drawing may begin anew on other threads, and nothing is sent twice.
         sheets = self._all_sheets(scene_id)
         if not _asking.acquire(blocking=False):
             raise NotReadyError("the namer is being asked about another scene", hint="Ask again in some minutes.")
         try:
-            said = ask_namer(namer, self._while_agreed(sheets, namer.host))
+            said = said_by(namer, self._while_agreed(sheets, namer.host))
         finally:
             _asking.release()
         version = sheets[-1].version

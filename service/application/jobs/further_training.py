@@ -9,11 +9,12 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.validate import check_request_id, check_seconds
 from fastsplat.service.application.editing.version_rows import version_of
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
-from fastsplat.service.application.jobs.scene_orders import order_job, place_order
+from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.capture.photos.scene_photos import photo_folder
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.scene.changes import CHANGING, changed_views
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.records import NewJob, SceneRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import InvalidInputError, NotReadyError
@@ -41,7 +42,7 @@ class FurtherTraining:
             InvalidInputError: seconds and steps both, more steps than the settings allow, seconds that are none, or no
                 such preset.
             LimitExceededError: more seconds than the settings allow.
-            ConflictError: the request id was used before for another request.
+            ConflictError: as `place_order`.
             QuotaError: as many of the project's jobs wait or run as may.
         """
         version = self._scenes.finished(scene_id)

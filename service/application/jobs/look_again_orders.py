@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fastsplat.service.application.base.validate import check_request_id, check_texts
-from fastsplat.service.application.jobs.scene_orders import order_job
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.things import checked_name
 from fastsplat.service.settings import Settings, StoreOptions
+from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.records import NewJob
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import to_plain

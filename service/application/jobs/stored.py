@@ -80,7 +80,9 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
 def _result_of(record: OperationRecord) -> dict[str, Any]:
     """The field of an operation that says what came of it; its name is the kind's."""
     result = RESULTS.get(record.kind)
-    return {} if record.result is None or result is None else {record.kind: from_plain(result, dict(record.result))}
+    if record.state != "SUCCEEDED" or record.result is None or result is None:  # replacing a scene notes it before
+        return {}
+    return {record.kind: from_plain(result, dict(record.result))}
 
 
 @decodes("scene")

@@ -32,7 +32,7 @@ def frames_between(images: int) -> int:
 
 
 def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
-    """Leave a thinned copy of the newest of COLMAP's snapshots in `folder`, if there is a new one, and remove them all.
+    """As `keep`, of the newest of COLMAP's snapshots, if there is a new one; removes them all.
 
     Args:
         snapshots: where COLMAP writes them, a folder each.
@@ -45,6 +45,11 @@ def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
     model = read(models[-1])
     for path in models:
         shutil.rmtree(path)
+    keep(model, folder)
+
+
+def keep(model: Any, folder: Path) -> None:
+    """Leave a thinned copy of a `pycolmap.Reconstruction` in `folder`, the one of the task, for `take_placed`."""
     images = [image for image in model.images.values() if image.has_pose]
     images = [images[row] for row in evenly(len(images), MAX_CAMERAS)]
     ids = list(model.points3D.keys())

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.sfm import geometry, pairs, rigs
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless
+from fastsplat.service.capture.sfm.first_cameras import FIRST_IMAGES, first_pairs, place_first
 from fastsplat.service.capture.sfm.impossible_cameras import map_possible
 from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, mapper_options
 from fastsplat.service.capture.sfm.model_agreement import VerifiedMatches
@@ -27,7 +28,7 @@ from fastsplat_contract.errors import ReconstructionError
 
 Report = Callable[[float, str], None]
 
-_IMAGES_A_STEP = 8
+_IMAGES_A_STEP = FIRST_IMAGES
 _PAIRS_A_STEP = 512
 """Matched by one call, which makes an index of each image's features once: calls of 48 took half as long again."""
 _FEATURES_DONE, MATCHING_DONE, _MAPPING_DONE = 0.45, 0.8, 0.98
@@ -60,7 +61,7 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
     files = [image["file"] for image in request["images"]]
     single = not rigs.has_rigs(request["images"])
     import_images(database, images, request["images"])
-    extract_and_match(database, images, files, request, folder, report, refuse_early=single)
+    extract_and_match(database, images, files, request, folder, report, alone=single)
     if single:
         refuse_hopeless(database, min_share=request["min_registered_share"], complete=True)
     report(MATCHING_DONE, "registering images")
@@ -161,15 +162,16 @@ def extract_and_match(
     folder: Path,
     report: Report,
     *,
-    refuse_early: bool = False,
+    alone: bool = False,
 ) -> None:
     """Write features and verified matches to the database.
 
     Args:
         database, images, request, folder, report: as in `reconstruct` and `import_images`.
         files: of the images.
-        refuse_early: whether the few pairs that tell most are matched first, and photos that were all taken from one
-            place are refused by them, where matching the others takes long.
+        alone: whether nothing but the images tells where they were taken, one camera each. Then the first few get
+            cameras to look at before the others have features, and the few pairs that tell most are matched first: by
+            them photos that were all taken from one place are refused, where matching the others takes long.
 
     Raises:
         ReconstructionError: the images have hardly any texture, or were all taken from one place.
@@ -183,8 +185,12 @@ def extract_and_match(
         report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
         step = files[start : start + _IMAGES_A_STEP]
         extract_features(database, images, step, masks, extraction)
+        if alone and start == 0 and len(files) >= 2 * FIRST_IMAGES:
+            _match(database, [(files[i], files[j]) for i, j in first_pairs()], request, folder)
+            if place_first(database, images, folder):
+                report(_FEATURES_DONE * len(step) / len(files), "the first images have cameras")
     report(_FEATURES_DONE, "choosing image pairs")
-    telling = pairs.telling_pairs(len(files)) if refuse_early else []
+    telling = pairs.telling_pairs(len(files)) if alone else []
     image_pairs = [*telling, *sorted({*_choose_pairs(database, files, request)} - {*telling})]
     for start in range(0, len(image_pairs), _PAIRS_A_STEP):
         fraction = _FEATURES_DONE + (MATCHING_DONE - _FEATURES_DONE) * start / len(image_pairs)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector, open_open_set_detector
+from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.models.model_manifest import ModelEntry
 from fastsplat.service.perception.readers.open_reader import open_reader
@@ -27,8 +28,8 @@ def check_model(entry: ModelEntry, models: Path) -> None:
 
     A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
     cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it; a lexicon must know
-    that a banana is a fruit; a reader must read the sign. Detectors that are prompted by embeddings are only opened,
-    since their text encoder need not be there yet.
+    that a banana is a fruit; a reader must read the sign; an image-text model must know it from a bowl of soup.
+    Detectors that are prompted by embeddings are only opened, since their text encoder need not be there yet.
 
     Raises:
         ModelUnavailableError: the contract is broken or the answer wrong.
@@ -70,6 +71,13 @@ def check_model(entry: ModelEntry, models: Path) -> None:
         reader = open_reader(PerceptionSettings(reader=name), models)
         solved = "STOP" in [line.text for line in reader.read(_drawn_stop_sign())]
         exercise = "the word on a drawn stop sign"
+    elif entry.role == "image_text":
+        model = open_image_text(PerceptionSettings(image_text=name), models)
+        sign, soup = model.encode(["a stop sign", "a bowl of soup"])
+        picture = _drawn_stop_sign()
+        looks = model.embed(picture, np.ones(picture.shape[:2], np.bool_))
+        solved = float(looks @ sign) > float(looks @ soup) + 0.01
+        exercise = "a drawn stop sign, which is no bowl of soup"
     else:
         return
     if not solved:

@@ -39,6 +39,17 @@ def encoder_and_decoder(folder: Path, *, name: str) -> tuple[Path, Path]:
     return _only(encoders, folder, name, "encoder"), _only(decoders, folder, name, "decoder")
 
 
+def image_and_text(folder: Path, *, name: str) -> tuple[Path, Path]:
+    """The two networks of an image-text model, that of texts known by "text" in the file's name.
+
+    Raises:
+        ModelUnavailableError: not exactly one of each; or one does not have its digest.
+    """
+    texts = [path for path in _networks(folder) if "text" in path.name]
+    images = [path for path in _networks(folder) if path not in texts]
+    return _only(images, folder, name, "network of images"), _only(texts, folder, name, 'network of texts ("text")')
+
+
 def batch_decoder(folder: Path, *, name: str) -> Path | None:
     """The decoder of a segmenter that takes many prompts at once, known by "decoder_batch" in the file's name; None
     where a model has none.

@@ -12,7 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from fastsplat_contract.errors import ModelUnavailableError
 
-Role = Literal["text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader"]
+Role = Literal[
+    "text_encoder", "closed_set_detector", "open_set_detector", "segmenter", "tagger", "lexicon", "reader", "image_text"
+]
 Adapter = Literal[
     "sentence",
     "clip",
@@ -35,6 +37,7 @@ ROLES: Mapping[Role, tuple[Adapter, ...]] = {
     "tagger": ("ram",),
     "lexicon": ("wordnet",),
     "reader": ("ppocr",),
+    "image_text": ("clip",),
 }
 """Which adapters can play a role."""
 

@@ -18,7 +18,7 @@ from fastsplat_contract.errors import ModelUnavailableError
 
 _SIDE = 1024
 _GRID = 256
-_BATCH = 16  # prompts at once: more are no faster, and each takes 20 MB
+_BATCH = 8  # prompts at once: more are no faster, and each takes 20 MB
 _MEAN = np.array([123.675, 116.28, 103.53], np.float32)
 _BOX_CORNERS = np.array([[2, 3]], np.float32)  # the contract's point labels of a box
 

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from fastsplat.service.common.dictionary import label_key
+from fastsplat.service.query.language.enclosures import may_hold
 from fastsplat.service.query.language.english import NoQuestion
-from fastsplat.service.query.things.absence import RATHER, UnseenSpace
+from fastsplat.service.query.things.absence import RATHER, Hollow, UnseenSpace
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
 from fastsplat_contract.queries import Answer, Outcome, Relation, RelationSubject
@@ -74,6 +75,7 @@ class Remarks:
         doubt: what is taken for something that a phrase speaks of, where that is not sure.
         head: what alone a phrase was looked up by, because nothing here is that; "" otherwise.
         by_shape: whether surfaces without a name answer, by their shape and place.
+        by_looks: whether things answer by their looks, whatever they are called.
         calibrated: whether other words than names were compared.
     """
 
@@ -82,6 +84,7 @@ class Remarks:
     doubt: str = ""
     head: str = ""
     by_shape: bool = False
+    by_looks: bool = False
     calibrated: bool = True
 
 
@@ -96,11 +99,10 @@ def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
-def outcome_of(answer: Answer, unseen: UnseenSpace) -> Outcome:
-    """Whether what was asked for is here; where much of the place is unseen, what is not among what was seen is not
-    said to be absent."""
+def outcome_of(answer: Answer, not_seen: bool) -> Outcome:
+    """Whether what was asked for is here; where it may be although nobody saw it, it is not said to be absent."""
     if answer.verdict == "absent":
-        return "not_seen" if unseen.hides else "not_here"
+        return "not_seen" if not_seen else "not_here"
     if answer.verdict == "undecided":
         return "cannot_say"
     meant = (answer.relation, answer.relation_subject) in (("same", None), ("kind_of", "label"))
@@ -120,14 +122,19 @@ def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSp
         unseen: how much of it no photo shows.
         in_words: see there.
     """
-    outcome = outcome_of(answer, unseen)
+    held = (
+        ()
+        if answer.phrase is not None and not remarks.head
+        else may_hold(unseen, remarks.head or answer.text, names.taken_for)
+    )
+    outcome = outcome_of(answer, unseen.hides or bool(held))
     if outcome == "not_seen":
         answer = replace(answer, probability=None)
     if outcome == "cannot_say":
         said = f"Cannot say{_unsaid(answer, remarks, names, in_words)}."
     else:
         if outcome in ("not_here", "not_seen"):
-            hidden = f"; {_hidden(unseen, names)}" if outcome == "not_seen" else ""
+            hidden = f"; {_hidden(unseen, held, names, in_words)}" if outcome == "not_seen" else ""
             what = _missing(answer, remarks, names, in_words) + hidden
         elif answer.phrase is not None:
             what = _decided(answer, answer.phrase, remarks, names, in_words)
@@ -156,6 +163,8 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     if remarks.by_shape:
         taken = "" if answer.verdict == "exact" else f", taken for {question}"
         return f"{in_words(answer.things)}{taken}, by shape and place"
+    if remarks.by_looks:
+        return f"{in_words(answer.things)}, taken for {question}, by its looks"
     ids = answer.relevant_ids
     labels = {match.label_id: match.label for match in answer.matches if match.relevant}
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
@@ -204,12 +213,22 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     return f"{none}{_unnamed(answer)}{only}"
 
 
-def _hidden(unseen: UnseenSpace, names: ThingNames) -> str:
+def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_words: InWords) -> str:
     """Where it may be all the same."""
-    called = names.called if names.stored else dict(enumerate((each.label for each in names.labels.entries), start=1))
-    behind = list(dict.fromkeys(quoted(name) for each in unseen.behind if (name := called.get(each))))
-    where = f", most of it behind or in {enumerated(behind)}" if behind else ""
-    return f"no photo shows {round(100 * unseen.share)} % of the place{where}"
+    called = names.called if names.stored else names.taken_for
+    said = []
+    if unseen.hides:
+        behind = list(dict.fromkeys(quoted(name) for each in unseen.behind if (name := called.get(each))))
+        where = f", most of it behind or in {enumerated(behind)}" if behind else ""
+        said.append(f"no photo shows {round(100 * unseen.share)} % of the place{where}")
+    if held:
+        first = held[0]
+        inside = in_words([first.thing]) if names.stored else quoted(called[first.thing])
+        volume = f" ({first.volume:.1g} m³)" if unseen.in_meters else ""
+        more = f", and into {len(held) - 1} more" if held[1:] else ""
+        view = f"; look into it, from where {first.view} was taken" if first.view else ""
+        said.append(f"no photo looks into {inside}{volume}{more}{view}")
+    return ", and ".join(said)
 
 
 def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:

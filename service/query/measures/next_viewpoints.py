@@ -1,19 +1,23 @@
-"""Where to stand for the next photos: beside gaps in the ring of cameras, at surfaces seen from few directions."""
+"""Where to stand for the next photos: before what is hidden, beside gaps in the ring of cameras, at surfaces seen from
+few directions."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.query.language.enclosures import may_hold
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import solid_rows
+from fastsplat.service.query.things.unseen_space import hiding_points
+from fastsplat.service.query.things.visibility import SightLines
 from fastsplat.service.scene.assessment import common_point
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera
@@ -37,11 +41,19 @@ _APART = 0.25
 _CLEAR = 0.12
 _INSIDE = 12
 _STEP_BACK = 0.15
+_TURNS_DEG = (30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 135.0, -135.0, 180.0)
+"""By which a camera is turned about what is hidden, until it sees it."""
+_AROUND = 0.01 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+"""Points about its middle that are to be in sight, in terms of the scene's longest side."""
+_NEARER = (1.0, 0.7, 0.45)
+"""What that does to its distance, where walls are before it."""
 
 
 def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
     """At most three places to stand at for the next photos, the most useful first; none where there are no cameras.
 
+    First is what may hide things that are asked for: where so much is behind something in all photos that a question
+    is answered by `not_seen`, one goes around it until it is in sight; a thing that is kept shut is to be opened.
     A gap is where the cameras, as seen from the point that all look at and about the vertical, leave 60° or more; one
     stands a step of 25° beside its edges, so that the photo overlaps the one next to it. Few directions have surfaces
     that at most two cameras see, or several from within 15°; occlusion is not looked at. Nobody is sent into a wall:
@@ -57,24 +69,62 @@ def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
     if not len(solid):
         return ()
     focus = common_point(cameras)
-    candidates = [*([] if focus is None else _beside_gaps(index, focus)), *_at_thin_surfaces(index, solid)]
     points = index.scene.gaussians.means[solid].astype(np.float64)
+    candidates = [
+        *_at_hidden(index, solid),
+        *([] if focus is None else _beside_gaps(index, focus)),
+        *_at_thin_surfaces(index, solid),
+    ]
     chosen: list[tuple[NextPhoto, F64]] = []
-    for pose, target, near, reason in candidates:
+    for pose, target, near, reason, says in candidates:
         place, reach = pose[:3, 3], float(np.linalg.norm(target - pose[:3, 3]))
-        crowded = (np.linalg.norm(points - place, axis=1) < _CLEAR * reach).sum() >= _INSIDE
-        if crowded or any(np.linalg.norm(place - other) < _APART * reach for _, other in chosen):
+        if _crowded(points, place, target) or any(
+            np.linalg.norm(place - other) < _APART * reach for _, other in chosen
+        ):
             continue
         posed = replace(near, world_from_camera=pose, name="")
-        advice = _sentence(near, place, target, _name_at(index, solid, points, target))
+        advice = _sentence(near, place, target, says or f"look at {_called(_name_at(index, solid, points, target))}")
         chosen.append((NextPhoto(posed, near.name, reason, advice), place))
         if len(chosen) == MOST:
             break
     return tuple(photo for photo, _ in chosen)
 
 
-Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason]
-"""world_from_camera, the point to look at, the camera next to it, why."""
+Candidate = tuple[F64, F64, PosedCamera, NextPhotoReason, str]
+"""world_from_camera, the point to look at, the camera next to it, why, and what to do there: "" for looking at it."""
+
+
+def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
+    """A place that sees the middle of what is hidden between things, and one before the largest thing that is kept
+    shut: where the nearest photo of it was taken."""
+    unseen, up, cameras = index.things.unseen, _up(index.scene), index.scene.cameras
+    called, taken_for = index.things.names.called, index.things.names.taken_for
+    if unseen.hides and unseen.middle is not None:
+        target = np.array(unseen.middle)
+        near = min(cameras, key=lambda posed: float(np.linalg.norm(posed.world_from_camera[:3, 3] - target)))
+        behind = next((called[each] for each in unseen.behind if called.get(each)), "")
+        opaque, _ = hiding_points(index.scene, solid, index.things.owner[solid])
+        around = target + _AROUND * float(np.ptp(opaque, axis=0).max())
+        for turn, nearer in product(_TURNS_DEG, _NEARER):
+            turned = Rotation.from_rotvec(np.radians(turn) * up).apply(near.world_from_camera[:3, 3] - target) * nearer
+            pose = _looking(target + turned, target, up)
+            sight = SightLines(replace(near, world_from_camera=pose), opaque)
+            cell, depth, _ = sight.cells(around)
+            in_sight = (depth <= sight.nearest[cell]).sum() == len(around)
+            if in_sight and not _crowded(opaque, pose[:3, 3], target):
+                yield pose, target, near, "hidden", f"look behind {_called(behind)}"
+                break
+    for hollow in may_hold(unseen, "", taken_for)[:1]:
+        near = next((posed for posed in cameras if posed.name == hollow.view), cameras[0])
+        target = np.array(hollow.middle)
+        thing = called.get(hollow.thing, "") or "thing that has no name there"
+        yield (
+            _looking(near.world_from_camera[:3, 3], target, up),
+            target,
+            near,
+            "hidden",
+            f"look into the {thing}, open",
+        )
 
 
 def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
@@ -98,7 +148,7 @@ def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
         edges = ((one, step), (other, -step)) if width > 2 * _STEP_DEG else ((one, step),)
         for edge, turn in edges:
             place = focus + Rotation.from_rotvec(np.radians(turn) * up).apply(offsets[edge])
-            yield _looking(place, focus, up), focus, cameras[edge], "gap"
+            yield _looking(place, focus, up), focus, cameras[edge], "gap", ""
 
 
 def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
@@ -134,7 +184,13 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
             for turn in (_STEP_DEG, -_STEP_DEG)
         ]
         place = max(places, key=lambda one: float(np.linalg.norm(others - one, axis=1).min()))
-        yield _looking(place, target, up), target, near, "few_directions"
+        yield _looking(place, target, up), target, near, "few_directions", ""
+
+
+def _crowded(points: F64, place: F64, target: F64) -> bool:
+    """Whether a place to stand at is in a wall or a thing, by how far it is from what one looks at."""
+    clear = _CLEAR * float(np.linalg.norm(target - place))
+    return bool((np.linalg.norm(points - place, axis=1) < clear).sum() >= _INSIDE)
 
 
 def _view_of(posed: PosedCamera, points: F64) -> tuple[NDArray[np.bool_], F64]:
@@ -178,15 +234,19 @@ def _name_at(index: SceneIndex, solid: Rows, points: F64, target: F64) -> str:
     return counts.most_common(1)[0][0] if counts else ""
 
 
-def _sentence(near: PosedCamera, place: F64, target: F64, name: str) -> str:
-    """Where a place is, in words of the camera next to it."""
+def _called(name: str) -> str:
+    return f"the {name}" if name else "the middle of the place"
+
+
+def _sentence(near: PosedCamera, place: F64, target: F64, doing: str) -> str:
+    """Where a place is, in words of the camera next to it, and what to do there."""
     pose = near.world_from_camera
     offset = (place - pose[:3, 3]) @ pose[:3, :3]
     reach, now = float(np.linalg.norm(target - place)), float(np.linalg.norm(target - pose[:3, 3]))
     side = "right" if offset[0] > 0 else "left"
-    words = [f"Stand {side} of {near.name}"]
+    words = [f"Stand {side} of {near.name}" if offset.any() else f"Stand where {near.name} was taken"]
     if reach > (1 + _STEP_BACK) * now:
         words.append("a step further back")
     elif reach < (1 - _STEP_BACK) * now:
         words.append("a step closer")
-    return ", ".join(words) + f", and look at {f'the {name}' if name else 'the middle of the place'}."
+    return ", ".join(words) + f", and {doing}."

@@ -12,6 +12,7 @@ from fastsplat.service.query.language.sentences import Remarks, doubt_of, quoted
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
+from fastsplat.service.query.phrases.thing_looks import ThingLooks
 from fastsplat.service.query.phrases.types import Named, ParsedQuestion, Phrase, Possession, Relation, Says
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import RATHER
@@ -37,6 +38,7 @@ class AskedScene:
         open_measures: gives the measures of the things; called only where something must be measured.
         unit: of lengths: "m" or "unit".
         written: what is written on the things.
+        looks: what they look like.
     """
 
     things: ThingNames
@@ -45,6 +47,7 @@ class AskedScene:
     open_measures: Callable[[], ThingMeasures]
     unit: str
     written: WrittenWords
+    looks: ThingLooks
 
 
 def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
@@ -76,6 +79,39 @@ def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
     found = answer_phrase(question, plain, scene, None)
     may_be = replace(found.answer, verdict="possible", relation="related", probability=None)
     return found if found.answer.verdict == "undecided" else replace(found, answer=may_be)
+
+
+def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: AskedScene) -> Ranked:
+    """The answer to a text, or, where nothing bears its name, the things that look like it: what its names and the
+    meaning of their words say of each thing, and its looks, are one likelihood.
+
+    A thing without a name is as likely before as any other of the scene's. No look tells where a thing is, what it has,
+    what is written on it, which one it is in an order, or how many there are.
+    """
+    answer, things = plain.answer, scene.things
+    if not scene.looks or not _is_unnamed(answer) or not _is_of_looks(question, plain):
+        return plain
+    by_label = {match.label_id: match.probability for match in answer.matches}
+    unknown = 1.0 / (1 + len(things.present))
+    meant = {thing.id: by_label.get(things.dictionary.id_of(thing.name) or 0) for thing in things.present}
+    before = {each: unknown if likely is None else likely for each, likely in meant.items()}
+    likely = scene.looks.likely(noun_phrase(answer.text), before)
+    ids = tuple(sorted((each for each in likely if likely[each] >= RATHER), key=lambda each: -likely[each]))
+    related = answer.probability or 0.0 if answer.verdict in ("related", "possible") else 0.0
+    if not ids or likely[ids[0]] <= related:
+        return plain
+    about = replace(_about(answer, things, ids), verdict="possible", relation="related", phrase=None)
+    return Ranked(replace(about, probability=likely[ids[0]]), frozenset(), Remarks(by_looks=True))
+
+
+def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
+    """Whether a text, whose answer found nothing of that name, says only what something is and looks like."""
+    phrase = plain.answer.phrase
+    if question is None or phrase is None:
+        return True
+    unnamed = plain.remarks.head or (phrase.refusal is not None and phrase.refusal.reason == "not_named")
+    more = question.not_understood or any(each.conditions or each.rank is not None for each in question.readings)
+    return bool(unnamed) and not more and question.asks != "count"
 
 
 def _is_unnamed(answer: Answer) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Searched
 
 RATHER = 0.5
@@ -14,6 +15,29 @@ HIDES = 0.07
 """Share of a place that no photo shows, from which on a thing that was not found may be there."""
 
 
+USUAL_M = 0.22
+"""How wide a place must be for a thing of a usual size, meters: chosen on drawn rooms, see docs/asking.md."""
+
+
+@dataclass(frozen=True)
+class Hollow:
+    """The largest space inside of a thing that no photo shows.
+
+    Attributes:
+        thing: its id, or that of the label where no things are stored.
+        volume: scene units cubed.
+        width: of the largest ball that fits into it, scene units.
+        middle: of that ball, world frame.
+        view: the camera nearest to it that has it in the picture; "" for none.
+    """
+
+    thing: int
+    volume: float
+    width: float
+    middle: Vector3
+    view: str = ""
+
+
 @dataclass(frozen=True)
 class UnseenSpace:
     """What of a place no photo shows, see `unseen_space`.
@@ -21,10 +45,19 @@ class UnseenSpace:
     Attributes:
         share: 0..1, of the space between the things.
         behind: what hides most of it, the most first: ids of things, or of labels where no things are stored.
+        middle: of the largest ball that fits into the space between things, world frame; None where `share` is 0.
+        hollows: of things, whether they are hollow or solid, the largest first.
+        meter: scene units that count as a meter: 1 in a scene that has meters; elsewhere half of the things are taken
+            to be `USUAL_M` long at most.
+        in_meters: whether the scene has meters.
     """
 
     share: float
     behind: tuple[int, ...]
+    middle: Vector3 | None = None
+    hollows: tuple[Hollow, ...] = ()
+    meter: float = 1.0
+    in_meters: bool = False
 
     @property
     def hides(self) -> bool:

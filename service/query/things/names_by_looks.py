@@ -21,21 +21,25 @@ it on things that nothing was chosen on is in docs/naming.md."""
 
 @dataclass(frozen=True)
 class KnownThing:
-    """A thing that a person named: its scene, its descriptor as in `Thing.appearance`, and what others had said."""
+    """A thing that a person named: its scene, its descriptor as in `Thing.appearance`, what others had said, and the
+    tags on it with their probabilities."""
 
     scene_id: str
     name: str
     appearance: bytes = field(repr=False)
     said: tuple[SaidName, ...] = ()
+    tags: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
 class NameFromScene:
-    """A name that a thing may have, because it looks like what a person named so in another scene."""
+    """A name that a thing may have, because it looks like what a person named so in another scene, or bears its tag:
+    then `source` is not ""."""
 
     name: str
     probability: float
     scene_id: str
+    source: str = ""
 
 
 def names_by_looks(things: Sequence[Thing], known: Sequence[KnownThing]) -> Mapping[int, NameFromScene]:

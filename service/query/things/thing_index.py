@@ -15,7 +15,7 @@ from fastsplat.service.query.things.floors import with_floors_judged
 from fastsplat.service.query.things.kept_maps import KeptMaps, ThingMap
 from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, MergedName, Trust, merged_suggestions
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, masses, solid_rows
-from fastsplat.service.query.things.thing_history import SceneHistory, scene_history
+from fastsplat.service.query.things.thing_history import SceneHistory
 from fastsplat.service.query.things.thing_measures import Extent, ThingMeasures, extents_of
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
@@ -55,6 +55,7 @@ class SceneThings:
         scene: with things.
         stored: whether the scene's file has them.
         draw: the thing of each pixel of a view, 0 for none; of its parts, the part.
+        history: what is known of the things over time.
         before: those of the scene that this one was edited from; what names alone do not change is taken from it.
     """
 
@@ -63,10 +64,12 @@ class SceneThings:
         scene: Scene,
         stored: bool,
         draw: Callable[[PosedCamera, Things | Parts], ThingMap],
+        history: SceneHistory,
         before: SceneThings | None = None,
     ) -> None:
         assert scene.things is not None
         self.scene = scene
+        self.history = history
         self.stored = stored
         self.table = scene.things
         self._draw = draw
@@ -139,11 +142,6 @@ class SceneThings:
             tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
         return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
-
-    @cached_property
-    def history(self) -> SceneHistory:
-        """What is known of them over time."""
-        return scene_history(self.scene)
 
     @property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:

@@ -159,8 +159,12 @@ class ThingNames:
 
         def suggested(thing: Thing) -> Thing:
             name = elsewhere[thing.id]
-            own = [each for each in thing.suggestions if each.source or label_key(each.name) != label_key(name.name)]
-            return replace(thing, suggestions=(Suggestion(name.name, name.probability), *own))
+            own = [
+                each
+                for each in thing.suggestions
+                if each.source != name.source or label_key(each.name) != label_key(name.name)
+            ]
+            return replace(thing, suggestions=(Suggestion(name.name, name.probability, name.source), *own))
 
         return replace(
             self,
@@ -176,6 +180,14 @@ class ThingNames:
     def called(self) -> Mapping[int, str]:
         """The name of each thing and part, or "" for none."""
         return {thing.id: thing.name for thing in self._everything}
+
+    @cached_property
+    def taken_for(self) -> Mapping[int, str]:
+        """What each thing is taken for, by its id: its name, or else the likeliest that is suggested, or ""; of a scene
+        that stores no things, its labels by theirs."""
+        if not self.stored:
+            return {number: each.label for number, each in enumerate(self.labels.entries, start=1)}
+        return {each.id: each.name or next((one.name for one in each.suggestions), "") for each in self.present}
 
     @cached_property
     def searched(self) -> Searched:

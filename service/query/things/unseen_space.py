@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
+from fastsplat.service.query.things.absence import ALL_SEEN, USUAL_M, Hollow, UnseenSpace
+from fastsplat.service.query.things.cube_grids import TRIM, CubeGrid, cube_grid, most_around, pieces_of
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
-from fastsplat.service.query.things.visibility import SightLines, spread_views
+from fastsplat.service.query.things.visibility import SightLines, shows, spread_views
 from fastsplat.service.scene.types import Scene, SurfaceKind
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.poses import Vector3
 
 F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
 
-_CELLS = 40
-"""Along the longest side of the place."""
+_ACROSS = 10
+"""Cubes along the shortest side of a thing."""
+_MOST_THINGS = 64
 _MAX_POINTS = 65_536
-_MAX_HULL_POINTS = 2_000
-_TRIM = 0.01
-"""Share of the points beyond either end of each axis that do not make the place larger."""
+_MOST_LARGE = 8_192
 _MOST_NAMED = 2
 _BOUNDARIES: tuple[SurfaceKind, ...] = ("floor", "ceiling", "wall")
 """What is behind these is outside of the place."""
@@ -32,15 +36,18 @@ def surface_kind(name: str, kind: SurfaceKind = "") -> SurfaceKind:
     return kind or next((each for each in _BOUNDARIES if label_key(name) == each), "")
 
 
-def unseen_space(scene: Scene, owner: NDArray[np.int32], surfaces: Mapping[int, SurfaceKind]) -> UnseenSpace:
-    """How much of the space between a scene's things is behind something in every photo that looks towards it.
+def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) -> UnseenSpace:
+    """How much of the space between and in a scene's things no photo shows.
 
     The place is the convex hull of the things' Gaussians, in cubes, 40 along its longest side. A cube is seen where a
     photo has its middle in the picture, no further behind the nearest opaque Gaussian of its cell and the cells around
     it than the cube is wide; it is unseen where photos have it in the picture and none sees it. Unseen cubes that
     mostly floors, ceilings and walls hide are outside of the place. Those that touch are a hollow; it counts where a
-    ball as wide as half of the things are at most, along their longest side, fits into it. The cost is bounded: 64
-    views, 65,536 Gaussians.
+    ball as wide as half of the things are at most, along their longest side, fits into it.
+
+    The hulls of the largest things are looked into likewise, in cubes of their own; there a cube is unseen where no
+    photo sees it, and at least half of those that look towards it have the thing itself before it. The cost is bounded:
+    64 views, 65,536 Gaussians, 64 things.
 
     Args:
         scene: its cameras and Gaussians.
@@ -53,75 +60,138 @@ def unseen_space(scene: Scene, owner: NDArray[np.int32], surfaces: Mapping[int, 
     rows = rows[scene.gaussians.logit_opacities[rows] > 0]
     rows = rows[:: -(-len(rows) // _MAX_POINTS) or 1]
     points, of = scene.gaussians.means[rows].astype(np.float64), owner[rows]
-    place = _cubes(points[of > 0])
+    place = cube_grid(points[of > 0], 0)
     if place is None:
         return ALL_SEEN
-    grid, inside, width = place
-    middles = grid[inside]
-    seen = np.zeros(len(middles), np.bool_)
-    hidden, outside = np.zeros((2, len(middles)), np.int64)
-    behind = np.zeros(len(middles), np.int64)
+    usual = _usual_size(points, of, surfaces)
+    seen, *others = _looks(scene, rows, of, surfaces, [place, *_grids_of_things(points, of, surfaces)])
+    hollows = [hollow for each in others if (hollow := _inside(each, scene.cameras))]
+    metric, (share, behind, middle) = scene.scale == "METRIC", _between(seen, usual)
+    if not share and not hollows:
+        return ALL_SEEN
+    return UnseenSpace(
+        share,
+        behind,
+        middle,
+        hollows=tuple(sorted(hollows, key=lambda each: -each.volume)),
+        meter=1.0 if metric else usual / USUAL_M,
+        in_meters=metric,
+    )
+
+
+@dataclass(frozen=True)
+class _Looked:
+    """What photos show of the cubes of a grid.
+
+    Attributes:
+        grid: K cubes.
+        seen: int64 [K], how many photos see the cube.
+        hidden: how many have it in the picture behind something.
+        outside: in how many of these that is a floor, a ceiling or a wall.
+        own: in how many it is the grid's thing.
+        behind: the last thing that was before it, and is none of those; 0 for none.
+    """
+
+    grid: CubeGrid
+    seen: NDArray[np.int64]
+    hidden: NDArray[np.int64]
+    outside: NDArray[np.int64]
+    own: NDArray[np.int64]
+    behind: NDArray[np.int64]
+
+
+def _looks(
+    scene: Scene, rows: NDArray[np.int64], of: I32, surfaces: Mapping[int, SurfaceKind], grids: Sequence[CubeGrid]
+) -> list[_Looked]:
+    """What photos show of the cubes of some grids, `rows` of the Gaussians, of things `of`, hiding what is behind."""
     boundary = np.zeros(int(of.max(initial=0)) + 1, np.bool_)
     boundary[[each for each, kind in surfaces.items() if kind in _BOUNDARIES and each < len(boundary)]] = True
+    counts = [len(grid.middles) for grid in grids]
+    middles = np.concatenate([grid.middles for grid in grids])
+    widths = np.repeat([grid.width for grid in grids], counts)
+    inside_of = np.repeat([grid.thing for grid in grids], counts)
+    seen, hidden, outside, own, behind = np.zeros((5, len(middles)), np.int64)
+    opaque, whose = hiding_points(scene, rows, of)
     for posed in spread_views(scene.cameras):
-        sight = SightLines(posed, points)
+        sight = SightLines(posed, opaque)
         cell, depth, ahead = sight.cells(middles)
-        visible = depth <= sight.nearest[cell] + width
-        seen[ahead[visible]] = True
-        hiding, by = ahead[~visible], of[sight.front[cell[~visible]]]
+        visible = depth <= sight.nearest[cell] + widths[ahead]
+        seen[ahead[visible]] += 1
+        hiding, by = ahead[~visible], whose[sight.front[cell[~visible]]]
         hidden[hiding] += 1
         outside[hiding] += boundary[by]
+        own[hiding] += by == inside_of[hiding]
         behind[hiding[~boundary[by]]] = by[~boundary[by]]
-    unseen = ~seen & (hidden > 0) & (2 * outside <= hidden)
-    hollow = np.zeros(inside.shape, np.bool_)
-    hollow[inside] = unseen
-    counted = _wide_enough(hollow, _usual_size(points, of, surfaces) / width)[inside]
-    among = seen | unseen
+    ends = np.cumsum(counts)[:-1]
+    parts = (np.split(values, ends) for values in (seen, hidden, outside, own, behind))
+    return [_Looked(*each) for each in zip(grids, *parts, strict=True)]
+
+
+def _between(place: _Looked, usual: float) -> tuple[float, tuple[int, ...], Vector3 | None]:
+    """`share`, `behind` and `middle` of `UnseenSpace`."""
+    unseen = (place.seen == 0) & (place.hidden > 0) & (2 * place.outside <= place.hidden)
+    pieces = pieces_of(place.grid, unseen)
+    counted = unseen & (pieces.widths >= usual)[pieces.numbers]
     if not counted.any():
-        return ALL_SEEN
-    ids, counts = np.unique(behind[counted & (behind > 0)], return_counts=True)
+        return 0.0, (), None
+    ids, counts = np.unique(place.behind[counted & (place.behind > 0)], return_counts=True)
     order = (-counts).argsort(kind="stable")[:_MOST_NAMED]
-    return UnseenSpace(float(counted.sum() / among.sum()), tuple(ids[order].tolist()))
+    share = float(counted.sum() / ((place.seen > 0) | unseen).sum())
+    return share, tuple(ids[order].tolist()), pieces.middles[int(pieces.widths.argmax())]
 
 
-def _cubes(points: F64) -> tuple[F64, NDArray[np.bool_], float] | None:
-    """The middles of cubes around points [K, 3], which of them are inside the points' convex hull, and how wide they
-    are; None where the points have no volume."""
-    if len(points) < 4:
+def _inside(thing: _Looked, cameras: Sequence[PosedCamera]) -> Hollow | None:
+    """The piece of a thing's inside into which the largest ball fits, of what no photo sees; None where all is seen, or
+    no photo looks towards it."""
+    pieces = pieces_of(thing.grid, most_around(thing.grid, (thing.seen == 0) & (2 * thing.own >= thing.hidden)))
+    best = int(pieces.widths.argmax())
+    if not best or not thing.hidden.any():
         return None
-    low, high = np.quantile(points, [_TRIM, 1 - _TRIM], axis=0)
-    core = points[((points >= low) & (points <= high)).all(axis=1)]
-    try:
-        planes = ConvexHull(core[:: -(-len(core) // _MAX_HULL_POINTS) or 1]).equations
-    except (QhullError, ValueError):
-        return None
-    width = float((high - low).max() / _CELLS)
-    if not width:
-        return None
-    counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
-    axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    inside = np.ones(grid.shape[:3], np.bool_)
-    for a, b, c, d in planes:
-        inside &= grid @ np.array([a, b, c]) + d <= 0
-    return grid, inside, width
+    volume = float((pieces.numbers == best).sum()) * thing.grid.width**3
+    middle = pieces.middles[best]
+    return Hollow(thing.grid.thing, volume, float(pieces.widths[best]), middle, _nearest_view(middle, cameras))
 
 
-def _usual_size(points: F64, of: NDArray[np.int32], surfaces: Mapping[int, SurfaceKind]) -> float:
+def _nearest_view(place: Vector3, cameras: Sequence[PosedCamera]) -> str:
+    """The name of the nearest camera that has a place in the picture; "" for none."""
+    far = {each.name: np.linalg.norm(each.world_from_camera[:3, 3] - place) for each in cameras if shows(each, place)}
+    return min(far, key=far.__getitem__, default="")
+
+
+def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> list[CubeGrid]:
+    """The cubes of the largest things that are no surfaces."""
+    groups = [(each, points[rows]) for each, rows in grouped_rows(of, np.arange(len(of))) if not surfaces.get(each)]
+    groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
+    grids = (cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_THINGS])
+    return [grid for grid in grids if grid is not None]
+
+
+def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, I32]:
+    """What hides what is behind it, float64 [K, 3], world frame, and int32 [K], whose it is: the middles of Gaussians,
+    and of the 8,192 largest also the places a standard deviation away along their two longest axes. Between the
+    middles alone one would look through plain faces.
+
+    Args:
+        scene: of the Gaussians.
+        rows: which of them count.
+        of: int32, whose each of these is.
+    """
+    gaussians = scene.gaussians
+    scales = np.exp(gaussians.log_scales[rows].astype(np.float64))
+    large = np.argsort(-scales.max(axis=1), kind="stable")[:_MOST_LARGE]
+    turns = Rotation.from_quat(gaussians.quats[rows[large]].astype(np.float64), scalar_first=True).as_matrix()
+    longest = np.argsort(-scales[large], axis=1)[:, None, :2]
+    steps = np.take_along_axis(turns * scales[large, None, :], longest, axis=2)
+    middles = gaussians.means[rows].astype(np.float64)
+    edges = [middles[large] + sign * steps[:, :, axis] for axis in (0, 1) for sign in (-1, 1)]
+    return np.concatenate([middles, *edges]), np.concatenate([of, np.tile(of[large], 4)])
+
+
+def _usual_size(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) -> float:
     """How long half of the things are at most, along the axis that they are longest; 0 without things."""
     sizes = [
-        np.ptp(np.quantile(points[rows], [_TRIM, 1 - _TRIM], axis=0), axis=0).max()
+        np.ptp(np.quantile(points[rows], [TRIM, 1 - TRIM], axis=0), axis=0).max()
         for each, rows in grouped_rows(of, np.arange(len(of)))
         if not surfaces.get(each)
     ]
     return float(np.median(sizes)) if sizes else 0.0
-
-
-def _wide_enough(hollow: NDArray[np.bool_], diameter: float) -> NDArray[np.bool_]:
-    """Of hollows, [X, Y, Z], those cubes whose hollow holds a ball of a diameter, in cubes."""
-    from scipy import ndimage  # no other question needs it
-
-    pieces, count = ndimage.label(hollow)
-    within = ndimage.distance_transform_edt(np.pad(hollow, 1))[1:-1, 1:-1, 1:-1]
-    widest = ndimage.maximum(within, pieces, np.arange(count + 1))
-    return np.asarray(hollow & (2 * np.asarray(widest)[pieces] - 1 >= diameter))

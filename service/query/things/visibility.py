@@ -70,6 +70,14 @@ def spread_views(cameras: Sequence[PosedCamera], most: int = _MAX_VIEWS) -> tupl
     return tuple(cameras[number] for number in chosen.tolist())
 
 
+def shows(posed: PosedCamera, place: Sequence[float]) -> bool:
+    """Whether a place, world frame, is in a camera's picture, hidden or not."""
+    x, y, z = (posed.camera_from_world() @ [*place, 1.0])[:3]
+    camera = posed.camera
+    u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
+    return bool(z > _NEAR and 0 <= u < camera.width * z and 0 <= v < camera.height * z)
+
+
 class SightLines:
     """What is nearest in each cell of a view, 64 cells to the longer side.
 

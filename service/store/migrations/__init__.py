@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from sqlalchemy import Connection, Engine, insert, inspect, text, update
@@ -21,17 +23,25 @@ from fastsplat_contract.errors import ConflictError
 _SCRIPTS = Path(__file__).parent
 _BEFORE_ALEMBIC = "0001"
 """The revision that every database without a revision has at least: what it lacks of the next, that adds."""
+_LAST_BEFORE_ALEMBIC = "0002"
+"""The revision whose tables have a place for everything in a database without one."""
 _LOCK = 0x46535057  # any number, the same for all processes that open one PostgreSQL database
 
 _one_at_a_time = threading.Lock()  # alembic keeps the migration that runs in a global variable
 
 
-def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
+Save = Callable[[Connection, Callable[[Connection], None]], None]
+"""Saves what a database of an earlier release holds, given a connection to it, and what gives an empty database its
+tables."""
+
+
+def migrate(engine: Engine, scripts: Path = _SCRIPTS, save: Save | None = None) -> None:
     """Bring a database to the newest schema: all of it, or nothing. Several processes may do so at once.
 
     Args:
         engine: its transactions must take the write lock at their start, as `open_engine`'s do.
         scripts: the alembic folder; another one in tests.
+        save: called before anything of an earlier release's database is changed; what it raises leaves it as it was.
 
     Raises:
         ConflictError: a later release wrote this database.
@@ -45,6 +55,11 @@ def migrate(engine: Engine, scripts: Path = _SCRIPTS) -> None:
     with _one_at_a_time, engine.begin() as connection:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+        stored = _revision(connection)
+        if stored is None and inspect(connection).has_table(operations.name):
+            stored = _LAST_BEFORE_ALEMBIC
+        if save is not None and stored is not None and _number(stored) < int(newest):
+            save(connection, partial(_upgrade, scripts=scripts, newest=stored))
         _upgrade(connection, scripts, newest)
 
 

@@ -6,9 +6,10 @@ export const namerTexts = {
     title: "Names from a model",
     asks: (host: string, model: string) =>
       `${model} at ${host} can suggest names for things without one. Pictures of these things, cut from the photos, ` +
-      "their sizes and the names beside them would go to that host. Nothing is sent before the project agrees.",
+      "their sizes and the names beside them would go to that host, of each new scene and whenever somebody asks. " +
+      "Nothing is sent before the project agrees.",
     agreed: (host: string, model: string) =>
-      `The project agreed: when ${model} is asked, pictures of things without a name go to ${host}.`,
+      `The project agreed: pictures of things without a name go to ${host}, of each new scene and when ${model} is asked.`,
     adminAgrees: "An admin of the project can agree.",
     agree: (host: string) => `Agree to send pictures to ${host}`,
     takeBack: "Take the agreement back",

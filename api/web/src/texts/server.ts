@@ -32,6 +32,7 @@ export const serverTexts = {
       segmenter: "Cuts things out",
       tagger: "Proposes names",
       reader: "Reads what is written",
+      image_text: "Finds things by their looks",
       lexicon: "Knows synonyms and kinds",
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },
@@ -58,7 +59,13 @@ export const serverTexts = {
     noJobs: "No jobs yet.",
     more: "Show more",
     sceneGone: "A scene that was deleted",
-    kinds: { create_scene: "New scene", look_again: "Look again", train_more: "Train further" },
+    kinds: {
+      create_scene: "New scene",
+      look_again: "Look again",
+      train_more: "Train further",
+      ask_namer: "Names from a model",
+      withdraw_photos: "Withdraw photos",
+    },
     states: {
       QUEUED: "Waiting",
       RUNNING: "Running",

@@ -1,0 +1,186 @@
+"""A person's time to name twelve drawn rooms whole, by what a namer suggests.
+
+    python -m benchmarks.naming [ROOM ...] --models DIR [--views 12]
+
+A stand-in for a model answers each sheet of things with the truth, but for one thing in ten, all with 90 %. What it
+says is suggested as the server's namer suggests it. Then a person goes through the things one by one on the page: Enter
+where the name in the field is right, else the right name and Enter. Things are the true ones, as points on their
+surfaces, and sheets are cut from drawn photos: what is measured is naming, not discovery.
+
+  things: that a sheet shows, floors and walls aside; reached: those whose true name is suggested, in `first` as the
+  likeliest; stated: things that bear a name before the person has confirmed any; named: those that bear the true one
+  in the end; keystrokes, seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s
+  to decide about a thing, 0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at
+  once, which takes one key.
+
+`two` has the same where two such models err independently.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.naming.replay import named, replayed
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
+from benchmarks.reads.labels import true_things
+from benchmarks.rooms.arranging import Room
+from benchmarks.rooms.drawing import ROOMS, Studio, camera_of, room_of
+from benchmarks.rooms.pictures import phone_faults, photo_of
+from benchmarks.rooms.truth import Shown
+from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.nameless_things import said_by, sheets_of
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import TextEncoder
+from fastsplat.service.query.edits.apply_edit import apply_edit
+from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.scene.types import Scene, SemanticHead
+from fastsplat.service.settings import NamerSettings, load_settings
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.scenes import Edit
+
+_TWELVE = (*ROOMS["validation"], *ROOMS["test"])
+_CHOSEN_ON = "nothing was chosen by these figures"
+_DECIDES_S, _KEY_S = 1.35, 0.28
+_SAYS, _WRONG_OF = 0.9, 10
+_FILLED_IN, _AT_ONCE = 0.5, 0.8
+"""From what probability the page fills a name in, and from what it offers to take all."""
+_POINTS = 20_000
+
+
+def _main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("rooms", nargs="*", metavar="ROOM", help="; ".join(_TWELVE))
+    parser.add_argument("--models", type=Path, required=True, help="model directory")
+    parser.add_argument("--views", type=int, default=12, help="photos of a room")
+    options = parser.parse_args()
+    start = begin()
+    encoder = open_text_encoder(load_settings().perception.text_encoder, options.models)
+    rooms = {}
+    for name in options.rooms or _TWELVE:
+        room, seed = room_of(name)
+        with tempfile.TemporaryDirectory(prefix="fastsplat-") as folder:
+            index = drawn_index(room, Studio(room, seed).shown, seed, options.views, Path(folder), encoder)
+            one, two = (named_room(index, room, Path(folder), seed, count) for count in (1, 2))
+        rooms[name] = {**one, "two": two}
+        print(name, rooms[name], flush=True)
+    rows = list(rooms.values())
+    document = {"rooms": rooms, **summed(rows), "two": summed([row["two"] for row in rows])}
+    print({name: value for name, value in document.items() if name != "rooms"})
+    write_json(RESULTS / "naming.json", {**provenance(start, settings=options, chosen_on=_CHOSEN_ON), **document})
+
+
+def drawn_index(
+    room: Room, draw: Callable[[PosedCamera], Shown], seed: int, views: int, folder: Path, encoder: TextEncoder
+) -> SceneIndex:
+    """A room whose true things are known and have no names, with photos in a version's folder.
+
+    Args:
+        room: what stands where.
+        draw: a view of it.
+        seed: of the faults of its photos.
+        views: photos, evenly spread over the room's.
+        folder: of the version.
+        encoder: embeds what is asked.
+    """
+    camera, rng = camera_of(), np.random.default_rng([seed, 1])
+    size = np.sort(np.ptp(np.concatenate([mesh.points for thing in room.things for mesh in thing.meshes]), axis=0))
+    gaussians, things = true_things(room, float(np.sqrt(size[1] * size[2] / _POINTS)))
+    posed = []
+    for number, pose in enumerate(room.poses[:: max(1, len(room.poses) // views)][:views]):
+        shown = draw(PosedCamera(camera, pose, f"{number:03d}.jpg"))
+        path = photo_path(folder, number)
+        path.parent.mkdir(exist_ok=True)
+        Image.fromarray(photo_of(shown.light, phone_faults(rng), rng)).save(path, quality=92)
+        posed.append(shown.posed)
+    scene = Scene(
+        gaussians=gaussians,
+        head=SemanticHead.unlearnt(0),
+        dictionary=Dictionary(()),
+        label_embeddings=np.zeros((0, encoder.encode(["thing"]).shape[1]), np.float32),
+        text_encoder=(encoder.name, encoder.sha256),
+        cameras=tuple(posed),
+        scale="METRIC",
+        things=things,
+    )
+    return SceneIndex(scene, encoder)
+
+
+def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: int) -> dict[str, Any]:
+    """A room named by a person, whom so many namers help.
+
+    Args:
+        index: of the room, see `drawn_index`.
+        room: what stands where.
+        folder: of the photos.
+        seed: of the namers' errors.
+        namers: how many.
+    """
+    truth = {number: thing.label for number, thing in enumerate(room.things, start=1)}
+    sheets = list(sheets_of(index, folder, "drawn"))
+    shown = [each.thing for sheet in sheets for each in sheet.things]
+    refused = 0
+    for number in range(namers):
+        seen = with_errors({thing: truth[thing] for thing in shown}, [seed, number])
+        with replayed(sheets, lambda sheet, seen=seen: named(sheet, seen, _SAYS)) as server:  # type: ignore[misc]
+            said = said_by(NamerSettings(url=server.url, model=f"model {number}"), sheets)
+        refused += said.refused
+        if said.names:
+            index = index.after(apply_edit(index, Edit("suggest", suggestions=said.names)))
+    stated = sum(bool(thing.name) for thing in index.things.listed)
+    by_hand = [thing for thing in index.things.listed if thing.id in shown and thing.kind == "thing"]
+    told = {thing.id: thing.suggestions for thing in by_hand}
+    first = {each: told[each][0] for each in told if told[each]}
+    right = {each: label_key(one.name) == label_key(truth[each]) for each, one in first.items()}
+    keys = 1  # begins
+    for thing in by_hand:
+        filled = right.get(thing.id, False) and first[thing.id].probability >= _FILLED_IN
+        keys += 1 if filled else len(truth[thing.id]) + 1
+        index = index.after(apply_edit(index, Edit("name", things=(thing.id,), name=truth[thing.id])))
+    names = {thing.id: thing.name for thing in index.things.listed}
+    keyed = [{label_key(one.name) for one in told[each]} for each in told]
+    return {
+        "things": len(by_hand),
+        "reached": sum(label_key(truth[each]) in names_told for each, names_told in zip(told, keyed, strict=True)),
+        "first": sum(right.values()),
+        "refused": refused,
+        "stated": stated,
+        "named": sum(label_key(names[each]) == label_key(truth[each]) for each in told),
+        "keystrokes": keys,
+        "seconds": round(_DECIDES_S * (1 + len(by_hand)) + _KEY_S * keys, 1),
+        "wrong_at_once": sum(first[each].probability >= _AT_ONCE and not right[each] for each in first),
+    }
+
+
+def with_errors(truth: Mapping[int, str], seed: Sequence[int]) -> dict[int, str]:
+    """The names of things, one in ten of them another thing's or "umbrella"."""
+    rng = np.random.default_rng(seed)
+    wrong = set(rng.choice(list(truth), -(-len(truth) // _WRONG_OF), replace=False).tolist())
+    others = sorted({*truth.values(), "umbrella"})
+    return {
+        thing: str(rng.choice([other for other in others if other != name])) if thing in wrong else name
+        for thing, name in truth.items()
+    }
+
+
+def summed(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """All rooms together, and the room that took longest."""
+    counts = [name for name in rows[0] if name not in ("seconds", "two")]
+    total = {name: sum(row[name] for row in rows) for name in counts}
+    seconds = [row["seconds"] for row in rows]
+    return {
+        **total,
+        "reached_share": round(total["reached"] / total["things"], 4),
+        "seconds": round(sum(seconds), 1),
+        "seconds_of_longest": max(seconds),
+    }
+
+
+if __name__ == "__main__":
+    _main()

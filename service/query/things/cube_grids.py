@@ -1,0 +1,107 @@
+"""Cubes inside the hull of a place or of a thing, and the pieces that some of them make."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+from fastsplat_contract.poses import Vector3
+
+F64 = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_FINEST = 1 / 40
+"""Width of a cube, as a share of the longest side, at least."""
+_MAX_HULL_POINTS = 2_000
+TRIM = 0.01
+"""Share of the points beyond either end of each axis that do not make anything larger."""
+
+
+@dataclass(frozen=True)
+class CubeGrid:
+    """Cubes inside a convex hull.
+
+    Attributes:
+        thing: whose hull; 0 for all together.
+        inside: bool [X, Y, Z], which cubes are inside.
+        middles: float64 [K, 3], their middles, world frame.
+        width: of a cube, scene units.
+    """
+
+    thing: int
+    inside: Mask
+    middles: F64
+    width: float
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Cubes of a grid that touch each other.
+
+    Attributes:
+        numbers: int64 [K], of which piece each cube inside the hull is, from 1; 0 for none.
+        widths: float64 [P + 1], of the largest ball that fits into each piece, scene units; 0 first.
+        middles: P + 1 middles of these balls, world frame.
+    """
+
+    numbers: NDArray[np.int64]
+    widths: F64
+    middles: tuple[Vector3, ...]
+
+
+def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
+    """The cubes inside the convex hull of points; None where these have no volume.
+
+    Args:
+        points: float64 [K, 3].
+        thing: see `CubeGrid`.
+        across: how many cubes are wanted along the shortest side; 40 along the longest side are the most, and what 0
+            stands for.
+    """
+    if len(points) < 4:
+        return None
+    low, high = np.quantile(points, [TRIM, 1 - TRIM], axis=0)
+    core = points[((points >= low) & (points <= high)).all(axis=1)]
+    try:
+        planes = ConvexHull(core[:: -(-len(core) // _MAX_HULL_POINTS) or 1]).equations
+    except (QhullError, ValueError):
+        return None
+    size = high - low
+    width = float(max(size.max() * _FINEST, size.min() / across if across else 0.0))
+    if not width:
+        return None
+    counts = np.maximum(np.ceil(size / width), 1).astype(int)
+    axes = [start + (np.arange(count) + 0.5) * width for start, count in zip(low, counts, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    inside = np.ones(grid.shape[:3], np.bool_)
+    for a, b, c, d in planes:
+        inside &= grid @ np.array([a, b, c]) + d <= 0
+    return CubeGrid(thing, inside, grid[inside], width) if inside.any() else None
+
+
+def most_around(grid: CubeGrid, chosen: Mask) -> Mask:
+    """bool [K]: those cubes inside a grid's hull of which, and of the 26 around, more than half inside are chosen."""
+    from scipy import ndimage
+
+    whole = np.zeros((2, *grid.inside.shape))
+    whole[0][grid.inside], whole[1] = chosen, grid.inside
+    share, there = (ndimage.uniform_filter(values, 3, mode="constant")[grid.inside] for values in whole)
+    return np.asarray(2 * share > there)
+
+
+def pieces_of(grid: CubeGrid, chosen: Mask) -> Pieces:
+    """The pieces that cubes make, bool [K], of those inside a grid's hull."""
+    from scipy import ndimage  # no other question needs it
+
+    whole = np.zeros(grid.inside.shape, np.bool_)
+    whole[grid.inside] = chosen
+    numbers, count = ndimage.label(whole)
+    within = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1, 1:-1][grid.inside]
+    own = numbers[grid.inside].astype(np.int64)
+    deepest = [0, *(int(np.where(own == number, within, 0).argmax()) for number in range(1, count + 1))]
+    widths = (2 * within[deepest] - 1) * grid.width
+    widths[0] = 0.0
+    return Pieces(own, widths, tuple(Vector3(*grid.middles[row].tolist()) for row in deepest))

@@ -1,0 +1,44 @@
+"""A drawn room is named whole by what a stand-in for a namer suggests, and by nobody but the person."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.naming.__main__ import drawn_index, named_room, summed, with_errors
+from benchmarks.reads.drawing import FlatStudio
+from benchmarks.reads.labels import labelled_room
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+
+
+def test_a_room_is_named_whole_with_one_confirmation_a_thing(tmp_path: Path, models_dir: Path) -> None:
+    room, _ = labelled_room(300)
+    kinds = ("cup", "drum", "lamp", "kettle", "spade", "globe", "candle", "stool", "jar", "tray", "brush", "clock")
+    placed = zip(room.things[2:], kinds, strict=False)  # all different, as one name for most would be refused
+    room.things[2:] = [replace(thing, label=kind) for thing, kind in placed]
+    encoder = open_text_encoder("minilm_l6_int8", models_dir)
+    index = drawn_index(room, FlatStudio(room, 400).shown, 1, 4, tmp_path, encoder)
+    one, two = (named_room(index, room, tmp_path, 1, count) for count in (1, 2))
+    assert 8 <= one["things"] <= 12 and one["stated"] == two["stated"] == one["refused"] == 0
+    assert one["named"] == two["named"] == one["things"]
+    wrong = one["things"] - one["first"]
+    assert 1 <= wrong <= 2 and one["reached"] == one["first"] and one["wrong_at_once"] == wrong
+    assert two["reached"] >= max(one["reached"], two["things"] - 1)  # both may err about the same thing
+    assert one["keystrokes"] > 1 + one["things"]  # the wrong names are typed
+    assert one["seconds"] <= 90
+
+
+def test_one_thing_in_ten_is_called_wrong() -> None:
+    truth = {number: f"kind {number}" for number in range(1, 31)}
+    seen = with_errors(truth, [1, 0])
+    assert seen.keys() == truth.keys() and sum(seen[each] != truth[each] for each in truth) == 3
+    assert with_errors(truth, [1, 1]) != seen
+
+
+def test_rooms_are_summed_and_the_longest_told() -> None:
+    rows = [{"things": 9, "reached": 9, "seconds": 20.0}, {"things": 11, "reached": 9, "seconds": 40.0}]
+    total = summed(rows)
+    assert (total["things"], total["seconds"], total["seconds_of_longest"]) == (20, 60.0, 40.0)
+    assert total["reached_share"] == pytest.approx(0.9)

@@ -1,0 +1,80 @@
+"""Image-text models: pictures and texts in one space, by a made network with the contract of a CLIP."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fastsplat.service.perception.image_text import ClipImageText, find_image_text, open_image_text
+from fastsplat.service.perception.model_pull.model_check import check_model
+from fastsplat.service.perception.models.model_manifest import ModelEntry
+from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat_contract.errors import ModelUnavailableError
+from tests.looks_model import MODEL, write_looks_model
+
+_SETTINGS = PerceptionSettings(image_text=MODEL)
+
+
+@pytest.fixture
+def models(tmp_path: Path) -> Path:
+    write_looks_model(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def model(models: Path) -> ClipImageText:
+    return open_image_text(_SETTINGS, models)
+
+
+def test_what_a_mask_covers_is_nearest_to_the_text_that_says_it(model: ClipImageText) -> None:
+    picture = np.full((60, 80, 3), (122, 116, 104), np.uint8)
+    picture[10:30, 10:30], picture[10:30, 50:70] = (220, 20, 20), (20, 20, 220)
+    mask, other = np.zeros((2, *picture.shape[:2]), np.bool_)
+    mask[10:30, 10:30] = other[10:30, 50:70] = True
+    looks = model.embed(picture, mask)
+    red, blue = model.encode(["the red shiny one", "something blue"])
+    assert looks.shape == (3,) and np.linalg.norm(looks) == pytest.approx(1, abs=1e-5)
+    assert looks @ red > 0.9 > looks @ blue
+    assert model.embed(picture, other) @ blue > 0.9
+
+
+def test_none_is_opened_where_the_settings_name_none_and_a_wrong_name_is_said(models: Path) -> None:
+    assert find_image_text(PerceptionSettings(), models) is None
+    with pytest.raises(ModelUnavailableError, match="elsewhere"):
+        find_image_text(PerceptionSettings(image_text="clip:elsewhere"), models)
+    with pytest.raises(ModelUnavailableError, match="no image text"):
+        find_image_text(PerceptionSettings(image_text="minilm_l6_int8"), models)
+
+
+def test_a_folder_needs_one_network_of_each(models: Path) -> None:
+    shutil.copy(models / "looks" / "image.onnx", models / "looks" / "other.onnx")
+    with pytest.raises(ModelUnavailableError, match="network of images"):
+        open_image_text(_SETTINGS, models)
+    (models / "looks" / "other.onnx").unlink()
+    (models / "looks" / "text.onnx").unlink()
+    with pytest.raises(ModelUnavailableError, match="network of texts"):
+        open_image_text(_SETTINGS, models)
+
+
+def test_another_contract_is_refused_at_the_first_picture(models: Path) -> None:
+    shutil.copy(models / "looks" / "text.onnx", models / "looks" / "image.onnx")
+    model = open_image_text(_SETTINGS, models)
+    with pytest.raises(ModelUnavailableError, match="pixel_values"):
+        model.embed(np.zeros((8, 8, 3), np.uint8), np.ones((8, 8), np.bool_))
+
+
+def test_either_network_makes_another_model(models: Path, model: ClipImageText) -> None:
+    content = (models / "looks" / "image.onnx").read_bytes()
+    other = models / "other"
+    shutil.copytree(models / "looks", other)
+    (other / "image.onnx").write_bytes(content + b"\x00")
+    assert open_image_text(PerceptionSettings(image_text="clip:other"), models).sha256 != model.sha256
+
+
+def test_a_pulled_model_must_know_a_drawn_stop_sign(models: Path) -> None:
+    entry = ModelEntry(name="looks", role="image_text", adapter="clip", license="MIT", about="a stand-in", files=())
+    with pytest.raises(ModelUnavailableError, match="stop sign"):  # which knows neither word
+        check_model(entry, models)
