@@ -21,9 +21,7 @@ export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
       <ul class="rows names" aria-label={texts.server.names}>
         {value?.map((name) => (
           <li key={name.id}>
-            {name.picture && (
-              <img src={`data:image/jpeg;base64,${name.picture}`} alt="" width="48" height="48" />
-            )}
+            {name.picture && <img src={`data:image/jpeg;base64,${name.picture}`} alt="" width="48" height="48" />}
             <span class="row-name">
               <a href={sceneAddress(name.scene_id, { text: name.name })}>{name.name}</a>
             </span>
