@@ -82,22 +82,22 @@ def cube_grid(points: F64, thing: int, across: int = 0) -> CubeGrid | None:
     return CubeGrid(thing, inside, grid[inside], width) if inside.any() else None
 
 
-def most_around(grid: CubeGrid, chosen: Mask) -> Mask:
-    """bool [K]: those cubes inside a grid's hull of which, and of the 26 around, more than half inside are chosen."""
+def most_around(grid: CubeGrid, marked: Mask) -> Mask:
+    """bool [K]: those cubes inside a grid's hull of which, and of the 26 around, more than half inside are marked."""
     from scipy import ndimage
 
     whole = np.zeros((2, *grid.inside.shape))
-    whole[0][grid.inside], whole[1] = chosen, grid.inside
+    whole[0][grid.inside], whole[1] = marked, grid.inside
     share, there = (ndimage.uniform_filter(values, 3, mode="constant")[grid.inside] for values in whole)
     return np.asarray(2 * share > there)
 
 
-def pieces_of(grid: CubeGrid, chosen: Mask) -> Pieces:
-    """The pieces that cubes make, bool [K], of those inside a grid's hull."""
+def pieces_of(grid: CubeGrid, marked: Mask) -> Pieces:
+    """The pieces that the marked ones make, bool [K], of the cubes inside a grid's hull."""
     from scipy import ndimage  # no other question needs it
 
     whole = np.zeros(grid.inside.shape, np.bool_)
-    whole[grid.inside] = chosen
+    whole[grid.inside] = marked
     numbers, count = ndimage.label(whole)
     within = ndimage.distance_transform_edt(np.pad(whole, 1))[1:-1, 1:-1, 1:-1][grid.inside]
     own = numbers[grid.inside].astype(np.int64)
