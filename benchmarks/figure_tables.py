@@ -273,6 +273,12 @@ def _serve(document: Document) -> Iterator[Row]:
     yield f"memory after {growth['requests']:,} mixed requests", f"{growth['growth'] * 100:+.1f} %"
 
 
+def _workers(document: Document) -> Iterator[Row]:
+    for row in document["rows"]:
+        workers, jobs, busy = row["workers"], row["jobs_a_day"], row["database"]
+        yield f"{workers}", f"{jobs:,.0f}", f"{jobs / workers:.0f}", f"{busy:.1%}", f"{row['longest_turn_s']:.2f} s"
+
+
 def _page(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         drawn = "browser, WebGL without a GPU" if row["webgl"] else "server"
@@ -342,6 +348,11 @@ TABLES: Mapping[str, Table] = {
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
     "serve": Table(("serve",), ("", ""), _serve),
+    "workers": Table(
+        ("workers",),
+        ("workers", "jobs a day", "of each", "the database's cores are busy", "longest turn at it"),
+        _workers,
+    ),
     "page": Table(
         ("page",),
         (

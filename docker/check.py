@@ -32,7 +32,7 @@ _UID = 10001
 
 def main() -> int:
     """Exit status 0 when everything held."""
-    subprocess.run(["hadolint", "docker/Dockerfile"], cwd=ROOT, check=True)
+    subprocess.run(["hadolint", "docker/Dockerfile", "docker/ros2.Dockerfile"], cwd=ROOT, check=True)
     subprocess.run(["docker-compose", "-f", "docker/compose.yaml", "config", "-q"], cwd=ROOT, check=True)
     folder = Path(tempfile.mkdtemp(prefix="fastsplat-images-"))
     builder = Builder(folder)
@@ -50,11 +50,13 @@ def main() -> int:
 
 
 def _check_contents(target: str, image: Image) -> None:
-    """No compiler, no package tool of the build, a user that is not root."""
+    """No compiler, no package tool of the build, a user that is not root; prints how large it is."""
     assert image.user == f"{_UID}:{_UID}", f"{target} runs as {image.user!r}"
     assert image.health, f"{target} has no health check"
     for tool in ("gcc", "g++", "cc", "make", "npm"):
         assert not list(image.root.glob(f"usr/bin/{tool}")), f"{target} holds {tool}"
+    size = sum(path.lstat().st_size for path in image.root.rglob("*") if path.is_file() and not path.is_symlink())
+    print(f"{target}: {size / 1e9:.2f} GB unpacked")
 
 
 def _check_service(folder: Path, images: Mapping[str, Image]) -> None:

@@ -153,7 +153,26 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
     assert {note["niceness"] for note in notes} == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 1)}
 
 
-def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployment: Deployment) -> None:
+_NEXT_RELEASE = """
+import importlib.metadata
+import fastsplat.workers.engine as engine
+version, made = importlib.metadata.version, engine.JobEngine.__init__
+importlib.metadata.version = lambda name: "99.0.0" if name == "fastsplat" else version(name)
+def make(self, url, executor_id, poll_interval_s, run):
+    def run_otherwise(operation_id, retries=0):
+        return run(operation_id, retries)
+    made(self, url, executor_id, poll_interval_s, run_otherwise)
+engine.JobEngine.__init__ = make
+"""
+"""A worker of another version, whose code of a job is another: the engine must not take its jobs for other ones."""
+
+
+@pytest.mark.parametrize(
+    ("deployment", "code"), [("sqlite", ""), ("postgresql", _NEXT_RELEASE)], indirect=["deployment"]
+)
+def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_one_of_the_next_release_goes_on(
+    deployment: Deployment, code: str
+) -> None:
     deployment.max_starts = 1
     operation = deployment.post("training:sleep_once 600")
     worker = deployment.start_worker()
@@ -161,8 +180,9 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_without_blame(deployme
     worker.terminate()
     assert worker.wait(timeout=60) == 0
     assert not deployment.is_alive(trainer) and deployment.state(operation) == "RUNNING"
-    deployment.start_worker()
-    assert deployment.wait_over(operation).state == "SUCCEEDED"
+    deployment.start_worker(code=code)
+    over = deployment.wait_over(operation)
+    assert (over.state, over.again_after) == ("SUCCEEDED", "worker_stopped")
     assert len(deployment.visits("capture")) == 1
 
 
