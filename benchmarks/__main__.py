@@ -66,6 +66,7 @@ BENCHMARKS = {
     "things": Benchmark("things without a vocabulary", _TEST),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),
     "training": Benchmark("PSNR against seconds", (*_TEST, f"{_DATA}/tabletop")),
+    "workers": Benchmark("jobs a day by the number of workers, simulated from what a database was asked"),
 }
 
 

@@ -9,7 +9,7 @@ warnings.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,6 @@ import numpy as np
 from fastsplat.service.capture.formats.kept_capture import (
     keep_points,
     kept_capture,
-    kept_labels,
     share_labels,
     valid_path,
 )
@@ -39,69 +38,12 @@ from fastsplat.service.capture.world.posed_geometry import PosedTask, SfmAnswer,
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.scene.types import TAKEN_AT, Scene
-from fastsplat_contract.errors import InvalidInputError, NotReadyError, ReconstructionError
+from fastsplat.service.withdrawal_checks import check_retrainable, photos_left
+from fastsplat_contract.errors import ReconstructionError
 
-FEWEST_LEFT = 2
-"""Photos that a scene is made of at least."""
 _STAGE = "capture"
 _TRIANGULATED = 0.9
 """Of the stage's progress, when the points are there."""
-
-
-def photos_left(names: Sequence[str], withdrawn: Collection[str]) -> tuple[str, ...]:
-    """The photos of a scene that are left, in their order.
-
-    Args:
-        names: of all that are kept.
-        withdrawn: of those that go.
-
-    Raises:
-        InvalidInputError: no photo is named, one twice, one that is not kept, or too few would be left.
-    """
-    if not withdrawn:
-        raise InvalidInputError("no photos", field="photos", hint="Name the photos that are to go.")
-    for number, name in enumerate(withdrawn):
-        if name not in names:
-            raise InvalidInputError(
-                f"the scene has no photo {name[:80]!r}",
-                field=f"photos[{number}]",
-                hint="List the scene's photos; views of a panorama are named one by one.",
-            )
-    if len(set(withdrawn)) < len(withdrawn):
-        raise InvalidInputError("a photo is named twice", field="photos", hint="Name each photo once.")
-    left = tuple(name for name in names if name not in withdrawn)
-    if len(left) < FEWEST_LEFT:
-        raise InvalidInputError(
-            f"{len(left)} of {len(names)} photos would be left",
-            field="photos",
-            limit=f"at least {FEWEST_LEFT} photos that stay",
-            hint="Delete the scene.",
-        )
-    return left
-
-
-def check_retrainable(quality: Mapping[str, Any], folder: Path) -> None:
-    """Raise unless the scene of a version can be made anew of what is kept with it.
-
-    Args:
-        quality: of the scene.
-        folder: of its trained version.
-
-    Raises:
-        NotReadyError: no photos are kept with it, or no label maps where its labels came with the capture; or it is a
-            splat of another tool, of which nobody knows what it was trained on.
-    """
-    hint = "Delete the scene, and post the other photos again."
-    if quality.get("splat"):
-        raise NotReadyError(
-            "the Gaussians of this scene came as a file, and nobody knows which photos they were trained on",
-            field="scene",
-            hint=hint,
-        )
-    if not any(photo_folder(folder).glob("*.jpg")):
-        raise NotReadyError("no photos are kept with this scene", field="scene", hint=hint)
-    if quality.get("label_source") == "given" and kept_labels(photo_folder(folder)) is None:
-        raise NotReadyError("the label maps of this scene are not kept with it", field="scene", hint=hint)
 
 
 def capture_without(

@@ -20,7 +20,8 @@ from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import TAKEN_AT, Scene
-from fastsplat.service.withdrawal import capture_without, check_retrainable
+from fastsplat.service.withdrawal import capture_without
+from fastsplat.service.withdrawal_checks import check_retrainable
 from fastsplat_contract.errors import InvalidInputError, NotReadyError
 from tests.scenes import labelled_scene
 from tests.splatting.train.conftest import LABELS, MakeWorld

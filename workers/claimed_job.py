@@ -273,12 +273,6 @@ class ClaimedJob:
         """
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
-    @property
-    def replaced(self) -> bool:
-        """Whether an attempt has done the first half of `replace_scene`."""
-        operation = self.claim.operation
-        return operation.kind == "withdraw_photos" and operation.result is not None
-
     @patient
     def replace_scene(self, stage: str) -> None:
         """Publish the result of `stage`, the last one, in the place of all versions of a finished scene; then remove
@@ -289,7 +283,7 @@ class ClaimedJob:
             NotFoundError: it was deleted.
             OSError: the disk is full.
         """
-        if not self.replaced:
+        if not self.claim.operation.replaced:
             before = [version for scene_id, version in self._blobs.versions() if scene_id == self.scene_id]
             made = self._made(stage)
             new = {self.run_id, *self._carried}
@@ -341,7 +335,7 @@ class ClaimedJob:
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted and self.claim.operation.makes_scene:
                 self._blobs.drop_scene(self.scene_id)
-            elif deleted or not (outcome.state == "done" or self.replaced):  # only what this job made
+            elif deleted or not (outcome.state == "done" or self.claim.operation.replaced):  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _made(self, stage: str) -> MadeScene:

@@ -69,9 +69,9 @@ class Supervisor:
             FencedError: another worker has claimed the job.
             StoppingError: this worker is stopping, and the job was given back.
         """
-        error = None if self._job.replaced else self.start_limit_error()
+        error = None if self._job.claim.operation.replaced else self.start_limit_error()
         outcome = DONE if error is None else failed(error)
-        if not self._job.replaced and (self._job.claim.attempt == 1 or not self._job.is_published()):
+        if not self._job.claim.operation.replaced and (self._job.claim.attempt == 1 or not self._job.is_published()):
             for stage in self._kind.stages:
                 if outcome == DONE:
                     outcome = self.run_stage(stage)

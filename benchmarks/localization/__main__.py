@@ -1,7 +1,7 @@
 """Held-out photos localized in small scenes, and photos of other places that must be refused.
 
     python -m benchmarks.localization [NAME ...] [--split test] [--iterations 1500] [--gaussians 20000]
-        [--max-side 360] [--others 100] [--cache DIR]
+        [--max-side 360] [--others 100] [--registered 0] [--cache DIR]
 
 NAME is `sample` (the demo's), `tabletop` or `plush` (of FASTSPLAT_TEST_DATA); all by default. Each scene is trained on
 its training views with the service's own pipeline, bounded by steps, and keeps the photos that the service would keep.
@@ -10,8 +10,9 @@ compared with their poses: of sample and tabletop the true ones, of plush those 
 photos found, which is the frame that its scene was trained in. "Right" is accepted, within 1 % of the scene's size (the
 diagonal of the box with nine tenths of its landmarks along each axis) and 1 degree. The others are photos of kitchen,
 skull and the other scenes. `inside_95` is the share of the accepted poses whose errors are inside the 95 % ellipsoid of
-their covariance. With `--split validation` (the default) training views are held out, and the other halves of the other
-photos: thresholds are chosen on these. Every row replaces itself in benchmarks/results/localization.json.
+their covariance; `registered` has it for photos of the scene itself, spread evenly over all, each placed by the
+landmarks of the others. With `--split validation` (the default) training views are held out, and the other halves of
+the other photos: thresholds are chosen on these. Every row replaces itself in benchmarks/results/localization.json.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import argparse
 import json
 import time
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +35,8 @@ from benchmarks.splits import add_split, add_training_bounds, bounded_settings, 
 from fastsplat.service.capture.formats.kept_capture import kept_lenses
 from fastsplat.service.capture.uploads.sent_photos import SparePhotoDecoder
 from fastsplat.service.common.radial_lens import middle_lens
-from fastsplat.service.localization.landmarks import Landmarks, find_landmarks
+from fastsplat.service.localization.landmarks import Photo as LandmarkPhoto
+from fastsplat.service.localization.landmarks import find_landmarks
 from fastsplat.service.localization.photo_placement import Photo, PlacedPhoto, place_photos
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
@@ -43,7 +46,8 @@ from fastsplat_contract.camera import PosedCamera
 NAMES = (*POSED, UNPOSED)
 _ELSEWHERE = ("kitchen", "skull")
 _CHOSEN_ON = (
-    "acceptance and the covariance's factor: on validation views of these scenes, and other halves of the others"
+    "acceptance: on validation views of these scenes, and other halves of the others; the covariance's factor: on "
+    "these views and registered photos of the scenes without them"
 )
 
 
@@ -53,6 +57,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", choices=[*NAMES, []], default=[])
     add_training_bounds(parser, iterations=1_500, gaussians=20_000, max_side=360)
     parser.add_argument("--others", type=int, default=100, help="photos of other places, each scene")
+    parser.add_argument("--registered", type=int, default=0, help="photos of the scene itself, each scene")
     parser.add_argument("--cache", type=Path, default=Path(".bench-localization"), help="folder of the trained scenes")
     parser.add_argument("--rows", action="store_true", help="print a line a photo")
     add_split(parser)
@@ -72,7 +77,8 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     index = SceneIndex(place.scene, encoder, settings.query)
     began = time.perf_counter(), time.process_time()
-    landmarks = _landmarks(place, index, settings)
+    photos, lens = _own_photos(place, settings), middle_lens(kept_lenses(place.photos))
+    landmarks = find_landmarks(photos, index.geometry, lens)
     landmark_s = {"wall": round(time.perf_counter() - began[0], 2), "cpu": round(time.process_time() - began[1], 2)}
     decoder = SparePhotoDecoder(settings.capture)
     wall, cpu = [], []
@@ -104,6 +110,8 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
         if options.rows:
             print(json.dumps({"other": path.name, "refusal": one.refusal, **vars(one.evidence)}), flush=True)
     decoder.close()
+    registered = [_outcome(*each, landmarks.size) for each in _registered(photos, index, options.registered)]
+    again = [one["inside_95"] for one in registered if one["refusal"] is None]
     found = [one for one in measured if one["refusal"] is None]
     right = sum(one["size_percent"] <= 1 and one["degrees"] <= 1 for one in found)
     return {
@@ -114,8 +122,9 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
             "right_share": round(right / len(measured), 4),
             "size_percent_median": _median([one["size_percent"] for one in found]),
             "degrees_median": _median([one["degrees"] for one in found]),
-            "inside_95": round(float(np.mean([one["inside_95"] for one in found])), 4) if found else None,
+            "inside_95": _share([one["inside_95"] for one in found]),
         },
+        "registered": {"photos": len(registered), "accepted": len(again), "inside_95": _share(again)},
         "others": {"photos": len(wrong), "accepted": len(accepted), "names": accepted, "outcomes": dict(refused)},
         "seconds_a_photo": {
             "wall_median": _median(wall),
@@ -134,14 +143,22 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
     }
 
 
-def _landmarks(place: TrainedPlace, index: SceneIndex, settings: Settings) -> Landmarks:
+def _own_photos(place: TrainedPlace, settings: Settings) -> list[LandmarkPhoto]:
     from fastsplat.service.application.answering.landmark_cache import photos_of  # as the service reads them
 
-    return find_landmarks(
-        photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side),
-        index.geometry,
-        middle_lens(kept_lenses(place.photos)),
-    )
+    return list(photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side))
+
+
+def _registered(
+    photos: Sequence[LandmarkPhoto], index: SceneIndex, count: int
+) -> Iterator[tuple[PlacedPhoto, PosedCamera]]:
+    """Photos of the scene and their cameras, each placed by the landmarks of all others, without a word of its lens."""
+    rows = np.unique(np.linspace(0, len(photos) - 1, min(count, len(photos))).round().astype(int))
+    for row in rows.tolist():
+        truth, read = photos[row]
+        others = find_landmarks([*photos[:row], *photos[row + 1 :]], index.geometry)
+        (one,) = place_photos([Photo(read())], others, index.geometry)
+        yield one, truth
 
 
 def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any]:
@@ -170,6 +187,10 @@ def _outcome(one: PlacedPhoto, truth: PosedCamera, size: float) -> dict[str, Any
         "mahalanobis_squared": round(distance, 2),
         "inside_95": bool(distance <= chi2.ppf(0.95, 6)),
     }
+
+
+def _share(inside: list[bool]) -> float | None:
+    return round(float(np.mean(inside)), 4) if inside else None
 
 
 def _median(values: list[float]) -> float | None:

@@ -20,7 +20,7 @@ from benchmarks.page.lighthouse import audited
 from benchmarks.page.measured_visit import Visited, opened, visit
 from benchmarks.provenance import MADE_FAST_HERE, ROOT, begin, parser_of, write_results
 from benchmarks.serve.api_process import Api
-from benchmarks.serve.stored_scenes import add_scene, room
+from benchmarks.serve.stored_scenes import add_scene, room, seen_around
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.sample_scene import unpack_sample
 from fastsplat.service.store.store import open_store
@@ -45,7 +45,7 @@ def main() -> None:
         if arguments.gaussians:
             made = Settings(data_dir=Path(folder) / "made", models=models, auth="off")
             store = open_store(made.data_dir, made.database_url)
-            add_scene(store, room(arguments.gaussians, models))
+            add_scene(store, seen_around(room(arguments.gaussians, models)))
             rows += _rows("made", made, "teddy bear", arguments.seconds)
     write_results("page", start, arguments, MADE_FAST_HERE, {"rows": rows, "lighthouse": judged})
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import uuid
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -58,6 +60,18 @@ def room(gaussians: int, models: Path, seed: int = 0) -> Scene:
         cameras=tuple(PosedCamera(_CAMERA, pose, f"{number}.jpg") for number, pose in enumerate(poses)),
         scale="METRIC",
     )
+
+
+def seen_around(scene: Scene, cameras: int = 24) -> Scene:
+    """The room with cameras on a circle around its middle, so that whoever orbits has all of it before them."""
+    middle = np.median(scene.gaussians.means, axis=0).astype(float)
+    posed = []
+    for number, angle in enumerate(np.linspace(0, 2 * np.pi, cameras, endpoint=False)):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec([0, angle, 0]).as_matrix()
+        pose[:3, 3] = middle - 5 * pose[:3, 2]
+        posed.append(PosedCamera(_CAMERA, pose, f"{number:03}.jpg"))
+    return replace(scene, cameras=tuple(posed))
 
 
 def add_scene(store: Store, scene: Scene, like: str = "") -> str:

@@ -16,6 +16,7 @@ from fastsplat.service.perception.detectors.open_detectors import (
     open_open_set_detector,
 )
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.tagging import propose_texts
 from fastsplat.service.perception.types import ClosedSetDetector, Detections, Image, joined
 from fastsplat_contract.errors import InvalidInputError
@@ -67,17 +68,18 @@ class CaptureDetector:
     ) -> None:
         self._load, self._count, self._on_view = load, count, on_view
         self._found: dict[int, Detections] = {}
+        self._at_once, of_each = side_by_side(settings)
         names = [entry.label for entry in dictionary_of(labels).entries]
         if not settings.open_set_detector:
             check_labels_known(names, settings)
-            closed = open_closed_set_detector(settings, models)
+            closed = open_closed_set_detector(of_each, models)
             self._spellings: Sequence[str] = names
             self.searched = tuple(names) or closed.labels
             self._message = "looking for objects"
             self._detect: Callable[[Image], Detections] = lambda image: _detect_named(closed, image, names, settings)
             return
         prompts = names or _prompts(load, count, settings, models, on_view)
-        detector = open_open_set_detector(settings, models)
+        detector = open_open_set_detector(of_each, models)
         self._spellings = prompts
         self.searched = tuple(prompts)
         self._message = f"looking for {len(prompts)} classes of objects"
@@ -95,10 +97,11 @@ class CaptureDetector:
         Raises:
             CancelledError: `on_view` says so.
         """
-        for view in views:
-            if view not in self._found:
-                self._found[view] = self._detect(self._load(view))
-                self._on_view(len(self._found), f"{self._message}, view {len(self._found)}/{self._count}")
+        new = [view for view in views if view not in self._found]
+        found = in_order(lambda view: self._detect(self._load(view)), new, self._at_once)
+        for view, detections in zip(new, found, strict=True):
+            self._found[view] = detections
+            self._on_view(len(self._found), f"{self._message}, view {len(self._found)}/{self._count}")
         return merge_spellings([self._found[view] for view in views], self._spellings)
 
 

@@ -12,8 +12,9 @@ from fastsplat.service.perception.capture_detection import detect_closed_set, sp
 from fastsplat.service.perception.detectors.open_detectors import open_closed_set_detector
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.types import ClosedSetDetector, Segmenter, ViewMasks
-from fastsplat.service.perception.view_answers import in_order, look_at_view, side_by_side
+from fastsplat.service.perception.view_answers import look_at_view
 
 OnView = Callable[[int, int], None]
 """Called with the number of views done and their total; may raise `CancelledError`."""

@@ -20,9 +20,10 @@ from fastsplat.service.perception.early_look import EARLY_VIEWS, ShowEarly, cove
 from fastsplat.service.perception.mask_postprocessing import clean_mask, paint, resolve_overlaps
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
+from fastsplat.service.perception.side_by_side import in_order, side_by_side
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Detections, Image, Labelling, Regions, ViewMasks
-from fastsplat.service.perception.view_answers import in_order, look_at_view, side_by_side
+from fastsplat.service.perception.view_answers import look_at_view
 from fastsplat.service.perception.vocabulary import build_labelling, labelling_from_maps, merge_synonyms, synonyms
 from fastsplat_contract.errors import InvalidInputError
 

@@ -15,7 +15,7 @@ from PIL import Image
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.perception.labelling import label_capture
-from fastsplat.service.perception.view_answers import side_by_side
+from fastsplat.service.perception.side_by_side import side_by_side
 from fastsplat.service.planning.cost_model import PerceptionCost, Speed
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.losses.functional import image_loss

@@ -221,22 +221,15 @@ class SceneIndex:
         Raises:
             ModelUnavailableError: the encoder answers with something else than embeddings.
         """
-        encoder, templates = self._encoder, scene.label_templates
         dictionary = Dictionary((*scene.dictionary.entries, entry))
-        own = (encoder.name, encoder.sha256)
+        own, templates = (self._encoder.name, self._encoder.sha256), scene.label_templates
         if len(scene.dictionary) and scene.text_encoder == own:
-            new = embed_names([entry.label], encoder, templates)
-            embeddings = np.concatenate([scene.label_embeddings, new])
+            rows = np.concatenate([scene.label_embeddings, embed_names([entry.label], self._encoder, templates)])
         else:
             templates = self.settings.templates
-            embeddings = embed_labels(dictionary, encoder, templates)
+            rows = embed_labels(dictionary, self._encoder, templates)
         return replace(
-            scene,
-            dictionary=dictionary,
-            head=head,
-            label_embeddings=embeddings,
-            text_encoder=own,
-            label_templates=templates,
+            scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
         )
 
     @cached_property

@@ -161,6 +161,11 @@ class OperationRecord:
         return found
 
     @property
+    def replaced(self) -> bool:
+        """Whether its finished scene was replaced, so that all that is left to do is to remove what was before."""
+        return self.kind == "withdraw_photos" and self.result is not None
+
+    @property
     def run_id(self) -> str:
         """Name of this run of the job, of its work folder and of the scene's version that it makes.
 

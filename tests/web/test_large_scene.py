@@ -53,7 +53,9 @@ def test_a_slow_machine_draws_coarsely_while_the_camera_moves_and_as_before_at_r
         expect(canvas).to_have_attribute("width", str(full))
         visit.page.wait_for_function("() => performance.now() - window.begun > 200")  # its first picture takes long
         before = pixels_of(drawn_canvas(visit.page))
-        assert canvas.evaluate(_PRESSED, ["ArrowLeft", _TIMES]) == (full + 1) // 2
+        moving = canvas.evaluate(_PRESSED, ["ArrowLeft", _TIMES])
+        # A draft has been drawn before, took long, and is smaller still.
+        assert moving == (full + 1) // 2 if gaussians < 18_000 else full / 5 < moving <= (full + 1) // 2
         expect(canvas).to_have_attribute("width", str(full))
         elsewhere = pixels_of(drawn_canvas(visit.page))
         assert np.abs(elsewhere - before).mean() > 1

@@ -15,7 +15,7 @@ from fastsplat.service.store.codec import options_from_json, options_to_json
 from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.records import NewJob, OperationRecord
 from fastsplat.service.store.store import Store
-from fastsplat.service.withdrawal import check_retrainable, photos_left
+from fastsplat.service.withdrawal_checks import check_retrainable, photos_left
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 

@@ -1,7 +1,7 @@
 import { signal } from "@preact/signals";
 
 /** The page that a link for one upload opens. */
-export const PHONE = "#/phone";
+const PHONE = "#/phone";
 const STORED_KEY = "fastsplat-upload-key";
 
 /** The key of this tab's link for one upload; it opens nothing else, and is not the browser's own. */

@@ -172,6 +172,11 @@ export function exportPath(sceneId: string, format: ExportFormat, version: strin
   return `v1/scenes/${encodeURIComponent(sceneId)}/scene.${format}?${query}`;
 }
 
+/** Where the page finds Gaussians to draw, or few of them, enough to say where surfaces are. */
+export function splatPath(sceneId: string, version: string, coarse: boolean) {
+  return `${exportPath(sceneId, "spz", version)}${coarse ? "&coarse=true" : ""}`;
+}
+
 /** An id for a request that may be sent twice. (crypto.randomUUID exists on https and localhost only.) */
 export function newRequestId(): string {
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");

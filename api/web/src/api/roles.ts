@@ -1,7 +1,7 @@
 import type { Role } from "./types";
 
 /** The roles whose holders may do what those before them may; uploaders and suggesters are apart. */
-export const ORDERED_ROLES: readonly Role[] = ["reader", "editor", "admin", "operator"];
+const ORDERED_ROLES: readonly Role[] = ["reader", "editor", "admin", "operator"];
 
 /** Whether a caller of this role may do what needs another. */
 export function mayDo(role: Role, needed: Role): boolean {

@@ -18,7 +18,7 @@ export function serverStatus(signal?: AbortSignal): Promise<ServerStatus> {
 }
 
 /** How long a job of so many photos takes, seconds. */
-export interface JobEstimate {
+interface JobEstimate {
   seconds: number;
   stages: Readonly<Record<string, number>>;
 }

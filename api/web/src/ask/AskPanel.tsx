@@ -5,6 +5,7 @@ import type { Match, SceneObject } from "../api/types";
 import { ThingPicture } from "../look/ThingPicture";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { percent } from "../texts/figures";
 import { Chip } from "../ui/Chip";
 import { ErrorNote } from "../ui/parts";
 import { boxSize, centerOf } from "../viewer/boxes";
@@ -100,7 +101,7 @@ function Others({ title, matches, onAsk }: { title: string; matches: Match[]; on
       <h3>{title}</h3>
       <ul class="chips">
         {matches.map((match) => {
-          const share = texts.job.percent(fit(match));
+          const share = percent(fit(match));
           return (
             <Chip
               key={match.label_id}

@@ -1,5 +1,5 @@
 /** What a sentence of the server opens with, so that it can be shown larger: the verdict, and the figure in brackets. */
-export interface Spoken {
+interface Spoken {
   word: string;
   figure: string;
   rest: string;

@@ -1,6 +1,7 @@
 import type { SceneVersion } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { momentText } from "../texts/figures";
 import { describeVersion, lineOf } from "./versionTexts";
 
 /** Every version of the scene, newest first: what made it, when, by whom; any can be restored, or looked at beside. */
@@ -36,7 +37,7 @@ function Row({ state, version, undone }: { state: SceneState; version: SceneVers
         {[
           version.current && texts.change.current,
           undone && texts.change.undoneVersion,
-          new Date(version.created_at).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" }),
+          momentText(version.created_at),
           version.author && texts.change.by(version.author),
         ]
           .filter(Boolean)

@@ -4,6 +4,7 @@ import { listObservations, observe } from "../api/photoCalls";
 import type { Observation } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
+import { momentText } from "../texts/figures";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangePictures } from "./ChangePictures";
@@ -66,7 +67,7 @@ function Comparing({ state }: { state: SceneState }) {
 
 function Told({ state, observation }: { state: SceneState; observation: Observation }) {
   const made = state.versions.value.find((each) => each.version === observation.id);
-  const when = new Date(observation.seen_at).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
+  const when = momentText(observation.seen_at);
   return (
     <li>
       <h3>{texts.observe.day(when, observation.photos.length)}</h3>

@@ -8,8 +8,7 @@ import { texts } from "../texts";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { rayOf } from "../viewer/poses";
-import type { Point } from "../viewer/projection";
-import { drawnDepth, frustumOf, Projection } from "../viewer/projection";
+import { drawnDepth, frustumOf, pathPoint, Projection } from "../viewer/projection";
 import { add, scale } from "../viewer/vectors";
 import "./improve.css";
 
@@ -85,7 +84,7 @@ export function HollowCameras({ look }: { look: LookState }) {
         const { position, forward } = rayOf(camera);
         edges.push(projection.line(position, add(position, scale(forward, SIGHT * depth)))); // where it is to look
         const place = projection.point(position);
-        const path = edges.map((edge) => (edge ? `M${text(edge[0])}L${text(edge[1])}` : "")).join("");
+        const path = edges.map((edge) => (edge ? `M${pathPoint(edge[0])}L${pathPoint(edge[1])}` : "")).join("");
         return (
           <g key={index} data-next={index}>
             <path class="halo" d={path} />
@@ -101,5 +100,3 @@ export function HollowCameras({ look }: { look: LookState }) {
     </svg>
   );
 }
-
-const text = ([x, y]: Point): string => `${x.toFixed(1)} ${y.toFixed(1)}`;

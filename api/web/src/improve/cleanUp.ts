@@ -60,7 +60,7 @@ export function reachOf(cameras: readonly PosedCamera[]): number {
 }
 
 /** A point of the box's frame in the world. */
-export function inWorld({ origin, axes }: CropBox, [x, y, z]: Vec): Vec {
+function inWorld({ origin, axes }: CropBox, [x, y, z]: Vec): Vec {
   return add(origin, add(scale(axes[0], x), add(scale(axes[1], y), scale(axes[2], z))));
 }
 

@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { cancelOperation } from "../api/calls";
 import type { Operation, StageProgress } from "../api/types";
 import { texts } from "../texts";
+import { percent } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { FinishButton } from "./FinishButton";
@@ -85,7 +86,7 @@ function Stage({ stage, active }: { stage: StageProgress; active: boolean }) {
   return (
     <li>
       <span class="stage-name">{name}</span>
-      <span class="hint">{done ? texts.job.done : texts.job.percent(stage.fraction)}</span>
+      <span class="hint">{done ? texts.job.done : percent(stage.fraction)}</span>
       <progress max={1} value={stage.fraction} aria-label={name} />
       <span class="hint">
         {[done ? "" : stage.message, stageTime(stage, active, left)].filter(Boolean).join(" · ")}
@@ -106,5 +107,5 @@ function announcement(operation: Operation): string {
   if (operation.done) return "";
   if (!stage) return texts.job.queued;
   const tens = Math.floor(stage.fraction * 10) / 10;
-  return `${texts.job.stages[stage.stage] ?? stage.stage}: ${texts.job.percent(tens)}`;
+  return `${texts.job.stages[stage.stage] ?? stage.stage}: ${percent(tens)}`;
 }

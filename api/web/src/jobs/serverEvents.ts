@@ -1,5 +1,5 @@
 /** One server-sent event (WHATWG HTML, section 9.2); `id` continues after it. */
-export interface ServerEvent {
+interface ServerEvent {
   id: string;
   data: string;
   kind: string;

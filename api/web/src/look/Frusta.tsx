@@ -2,8 +2,7 @@ import { useMemo } from "preact/hooks";
 
 import type { LookState } from "../state/lookState";
 import { texts } from "../texts";
-import type { Point } from "../viewer/projection";
-import { drawnDepth, frustumOf, Projection } from "../viewer/projection";
+import { drawnDepth, frustumOf, pathPoint, Projection } from "../viewer/projection";
 import { length, subtract } from "../viewer/vectors";
 
 const HANDLE = 12; // pixels: what a finger can hit
@@ -38,7 +37,7 @@ export function Frusta({ look }: { look: LookState }) {
         const lines = edges.map(([from, to]) => projection.line(from, to)).filter((line) => line !== null);
         if (lines.length === 0) return null;
         const tip = projection.line(apex, apex);
-        const path = lines.map(([from, to]) => `M${text(from)}L${text(to)}`).join("");
+        const path = lines.map(([from, to]) => `M${pathPoint(from)}L${pathPoint(to)}`).join("");
         return (
           <g key={index} class={name === look.at.value ? "present" : ""} data-camera={name}>
             <path class="halo" d={path} />
@@ -56,5 +55,3 @@ export function Frusta({ look }: { look: LookState }) {
     </svg>
   );
 }
-
-const text = ([x, y]: Point): string => `${x.toFixed(1)} ${y.toFixed(1)}`;

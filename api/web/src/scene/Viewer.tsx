@@ -2,7 +2,7 @@ import { useSignal, useSignalEffect } from "@preact/signals";
 import type { MutableRef } from "preact/hooks";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 
-import { exportPath } from "../api/calls";
+import { splatPath } from "../api/calls";
 import { isAbort, send } from "../api/http";
 import type { PosedCamera } from "../api/types";
 import { Gizmo } from "../change/Gizmo";
@@ -136,7 +136,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
     };
-    const drawn = new ServerView(place, state.sceneId, (shown, problem) => {
+    const drawn = new ServerView(place, scene, (shown, problem) => {
       setError(problem);
       if (!shown) return;
       setShare(null);
@@ -239,6 +239,7 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       server.destroy();
       serverView.value = null;
       element.dataset["drawn"] = "webgl";
+      if (view.showsDraft) at?.rest(); // and is drawn in full
       const angle = SWAYS.find((each) => [each, -each].every((by) => at && bound.peek()?.shows(orbit(at.view, by, 0))));
       if (angle && at && touched.current) at.sway(angle, touched.current);
     });
@@ -335,6 +336,6 @@ async function load(
   signal: AbortSignal,
   progress: (share: number) => void,
 ) {
-  const response = await send(exportPath(sceneId, "spz", version), { signal });
+  const response = await send(splatPath(sceneId, version, !draws), { signal });
   return readSplat(response.body ?? new ReadableStream(), cameras, draws, progress, signal);
 }

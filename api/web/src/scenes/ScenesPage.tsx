@@ -5,6 +5,7 @@ import { deleteScene, listScenes, openSample } from "../api/calls";
 import type { SceneSummary } from "../api/types";
 import { Progress } from "../jobs/Progress";
 import { texts } from "../texts";
+import { bytesText, dayText } from "../texts/figures";
 import { DeleteButton } from "../ui/DeleteButton";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
@@ -151,10 +152,11 @@ function OpenSample() {
 }
 
 function Card({ scene }: { scene: SceneSummary }) {
-  const [{ grade, names }, setTold] = useState<Told>({ grade: null, names: [] });
+  const [{ grade, names, bytes }, setTold] = useState<Told>({ grade: null, names: [], bytes: null });
   const name = nameOf(scene);
   const ready = scene.state === "READY";
-  const made = new Date(scene.created_at).toLocaleDateString("en", { dateStyle: "medium" });
+  const made = dayText(scene.created_at);
+  const size = bytes === null ? texts.scenes.gaussians(scene.gaussians) : bytesText(bytes);
   return (
     <a class="card" href={sceneAddress(scene.id)}>
       <Thumbnail scene={scene} name={name} onLoaded={setTold} />
@@ -163,7 +165,7 @@ function Card({ scene }: { scene: SceneSummary }) {
         {ready && grade ? texts.scenes.grades[grade] : texts.scenes.states[scene.state]}
       </span>
       {ready && <span class="hint names">{names.length > 0 && texts.scenes.names(names)}</span>}
-      <span class="hint">{[ready && texts.scenes.gaussians(scene.gaussians), made].filter(Boolean).join(" · ")}</span>
+      <span class="hint">{[ready && size, made].filter(Boolean).join(" · ")}</span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>
   );

@@ -4,6 +4,7 @@ import { getScene, renderPicture } from "../api/calls";
 import { isAbort } from "../api/http";
 import { listPhotos, photoAddress } from "../api/photoCalls";
 import type { Assessment, PosedCamera, SceneSummary } from "../api/types";
+import { exportBytes } from "../take/exportSizes";
 import { texts } from "../texts";
 import { Icon } from "../ui/Icon";
 import { middleCamera } from "../viewer/poses";
@@ -17,6 +18,8 @@ export interface Told {
   grade: Assessment["grade"] | null;
   /** Names in the scene, those of most Gaussians first. */
   names: readonly string[];
+  /** Of the scene as a compressed file, about; null where that is not known. */
+  bytes: number | null;
 }
 
 interface Shown extends Told {
@@ -80,7 +83,11 @@ export function Thumbnail({
 
 async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise<Shown> {
   const [scene, stored] = await Promise.all([getScene(id, signal), listPhotos(id, version, signal)]);
-  const told = { grade: scene.assessment?.grade ?? null, names: namesIn(scene.dictionary) };
+  const told = {
+    grade: scene.assessment?.grade ?? null,
+    names: namesIn(scene.dictionary),
+    bytes: exportBytes(scene, "spz"),
+  };
   const camera = middleCamera(scene.cameras);
   if (!camera) return { address: "", ...told };
   if (stored.has(camera.name)) return { address: await photoAddress(id, version, camera.name, true), ...told };
@@ -88,7 +95,7 @@ async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise
 }
 
 /** The same camera with a picture of at most `WIDTH` pixels across. */
-export function narrowed(camera: PosedCamera): PosedCamera {
+function narrowed(camera: PosedCamera): PosedCamera {
   const { width, height, fx, fy, cx, cy } = camera.intrinsics;
   const ratio = Math.min(1, WIDTH / width);
   const [w, h] = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];

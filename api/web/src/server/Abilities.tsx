@@ -1,7 +1,7 @@
 import type { ServerHealth, ServerStatus } from "../api/types";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
-import { bytesText } from "../ui/bytes";
+import { bytesText } from "../texts/figures";
 
 /** Release, models, workers, limits, and how much room the project has left. */
 export function Abilities({ status }: { status: ServerStatus }) {

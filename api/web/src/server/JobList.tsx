@@ -6,6 +6,7 @@ import { listOperations } from "../api/serverCalls";
 import type { Operation } from "../api/types";
 import { duration } from "../jobs/timing";
 import { texts } from "../texts";
+import { momentText, percent } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
 import { useLoaded } from "../ui/useLoaded";
@@ -69,10 +70,8 @@ function Job({ operation, name, act }: JobProperties) {
   const seconds = operation.stages.reduce((sum, each) => sum + each.seconds, 0);
   const about = [
     texts.server.kinds[operation.kind],
-    new Date(operation.created_at).toLocaleString("en"),
-    !operation.done && stage
-      ? `${texts.job.stages[stage.stage] ?? stage.stage} ${texts.job.percent(stage.fraction)}`
-      : "",
+    momentText(operation.created_at),
+    !operation.done && stage ? `${texts.job.stages[stage.stage] ?? stage.stage} ${percent(stage.fraction)}` : "",
     seconds > 0 ? duration(seconds) : "",
   ];
   return (

@@ -4,6 +4,7 @@ import { rolesUpTo } from "../api/roles";
 import { createKey, listKeys, revokeKey } from "../api/serverCalls";
 import type { AccessKey, NewKey, Role } from "../api/types";
 import { texts } from "../texts";
+import { momentText } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 
@@ -127,8 +128,8 @@ function Key({ accessKey, onRevoke }: { accessKey: AccessKey; onRevoke: () => vo
   const [asked, setAsked] = useState(false);
   const about = [
     texts.server.roles[accessKey.role],
-    texts.server.made(date(accessKey.created_at)),
-    accessKey.expires_at ? texts.server.until(date(accessKey.expires_at)) : texts.server.forever,
+    texts.server.made(momentText(accessKey.created_at)),
+    accessKey.expires_at ? texts.server.until(momentText(accessKey.expires_at)) : texts.server.forever,
     accessKey.operation_id && texts.server.usedUp,
     accessKey.id,
   ];
@@ -161,8 +162,4 @@ function Key({ accessKey, onRevoke }: { accessKey: AccessKey; onRevoke: () => vo
         ))}
     </li>
   );
-}
-
-function date(moment: string): string {
-  return new Date(moment).toLocaleString("en", { dateStyle: "medium", timeStyle: "short" });
 }

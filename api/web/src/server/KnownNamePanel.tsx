@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { sceneAddress } from "../address/router";
 import { deleteKnownName, listKnownNames } from "../api/serverCalls";
 import { texts } from "../texts";
+import { momentText } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 
@@ -20,13 +21,11 @@ export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
       <ul class="rows names" aria-label={texts.server.names}>
         {value?.map((name) => (
           <li key={name.id}>
-            {name.picture && (
-              <img src={`data:image/jpeg;base64,${name.picture}`} alt="" width="48" height="48" />
-            )}
+            {name.picture && <img src={`data:image/jpeg;base64,${name.picture}`} alt="" width="48" height="48" />}
             <span class="row-name">
               <a href={sceneAddress(name.scene_id, { text: name.name })}>{name.name}</a>
             </span>
-            <span class="hint">{new Date(name.named_at).toLocaleString("en")}</span>
+            <span class="hint">{momentText(name.named_at)}</span>
             {canDelete && (
               <button
                 type="button"

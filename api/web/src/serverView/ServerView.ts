@@ -1,12 +1,13 @@
 import { renderPicture } from "../api/calls";
 import { ApiError, isAbort } from "../api/http";
-import type { Tint } from "../api/types";
+import type { SceneSummary, Tint } from "../api/types";
 import { DIMMED, TINTS } from "../viewer/glow";
 import { nextScale, pictureSize } from "../viewer/pictureScale";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";
 
 const MOST_PIXELS = 1_000_000; // more is costly work to a server
+const LARGE = 90_000; // Gaussians of a scene that the server draws in fewer while the camera moves
 const SLOW_MS = 110; // nine pictures a second
 const RETRY_MS = 1_000;
 const SERVER_ERRORS = 500;
@@ -25,7 +26,7 @@ export interface Shown {
 /**
  * Shows pictures that the server draws, over a canvas on which the browser does not draw yet, or cannot: one request
  * under way, and the newest view after it. While the camera moves, pictures are as large as they come quickly; at rest
- * they have the canvas' own size.
+ * they have the canvas' own size. So it is with the Gaussians of a large scene.
  */
 export class ServerView {
   readonly #ended = new AbortController();
@@ -36,21 +37,22 @@ export class ServerView {
   #due = false;
   #running = false;
   #scale = 1;
-  #drawnScale = 0;
+  #drawnInFull = false;
 
   /**
    * @param place where pictures are put, each instead of the one before.
+   * @param scene which one.
    * @param drawn called with what a picture shows once it is there, or with why there is none.
    */
   constructor(
     private readonly place: HTMLElement,
-    private readonly sceneId: string,
+    private readonly scene: Pick<SceneSummary, "id" | "gaussians">,
     private readonly drawn: (shown: Shown | null, error: unknown) => void,
   ) {}
 
   /** Looks from somewhere else; at rest the picture is drawn anew only if the last one was a small one. */
   setView(view: LookAt, resting: boolean): void {
-    if (resting && view === this.#view && this.#drawnScale === 1 && !this.#due) {
+    if (resting && view === this.#view && this.#drawnInFull && !this.#due) {
       this.#resting = true;
       return;
     }
@@ -92,9 +94,11 @@ export class ServerView {
       if (!view || !shown || !width) break; // asked again as soon as that is known
       this.#due = false;
       const scale = this.#resting ? 1 : this.#scale;
+      const coarse = !this.#resting && this.scene.gaussians > LARGE;
       try {
         const begin = performance.now();
-        await this.#picture(view, shown, scale, width, height);
+        await this.#picture(view, shown, coarse, pictureSize(width, height, scale, MOST_PIXELS));
+        this.#drawnInFull = scale === 1 && !coarse;
         this.#scale = nextScale(scale, performance.now() - begin, SLOW_MS);
         this.drawn(shown, null);
       } catch (error) {
@@ -109,21 +113,20 @@ export class ServerView {
     this.#running = false;
   }
 
-  async #picture(view: LookAt, shown: Shown, scale: number, width: number, height: number): Promise<void> {
-    const [w, h] = pictureSize(width, height, scale, MOST_PIXELS);
+  async #picture(view: LookAt, shown: Shown, coarse: boolean, [w, h]: [number, number]): Promise<void> {
     const more = {
       format: "jpeg" as const,
       version: shown.version,
       tints: tintsOf(shown),
       dimming: shown.dimmed ? 1 - DIMMED : 0,
+      coarse,
     };
-    const blob = await renderPicture(this.sceneId, cameraOf(view, w, h), this.#ended.signal, more);
+    const blob = await renderPicture(this.scene.id, cameraOf(view, w, h), this.#ended.signal, more);
     const picture = new Image();
     picture.src = URL.createObjectURL(blob);
     await picture.decode().finally(() => URL.revokeObjectURL(picture.src));
     if (this.#over()) return;
     this.place.replaceChildren(picture);
-    this.#drawnScale = scale;
   }
 }
 

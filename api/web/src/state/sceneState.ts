@@ -11,7 +11,7 @@ import { LookState } from "./lookState";
 import { geometryVersion } from "./versions";
 
 /** What the panel beside the view is about. */
-export type PanelTab = "ask" | "things" | "photos" | "share";
+type PanelTab = "ask" | "things" | "photos" | "share";
 
 /** A scene on show: what the server says of it, what was asked, and which things are selected. */
 export class SceneState {

@@ -4,7 +4,7 @@ import { exportPath, maskPly } from "../api/calls";
 import type { Scene } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
-import { bytesText } from "../ui/bytes";
+import { bytesText } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import type { LookAt } from "../viewer/poses";
 import { cameraOf } from "../viewer/poses";

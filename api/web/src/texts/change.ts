@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { percent, plural } from "./figures";
 
 /** Changes, measuring and versions. */
 export const changeTexts = {
@@ -26,7 +26,7 @@ export const changeTexts = {
     promptEnd: "Done",
     lookAlikes: (name: string) => `Things that look like ${name}`,
     lookAlike: (thing: string, name: string, probability: number) =>
-      `${thing}: is it “${name}”, too? ${Math.round(100 * probability)} % likely.`,
+      `${thing}: is it “${name}”, too? ${percent(probability)} likely.`,
     lookAlikeYes: "Yes (Y)",
     lookAlikeNo: "No (N)",
     lookAlikeAll: (count: number) => `Yes to all ${count}`,

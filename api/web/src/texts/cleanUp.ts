@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** Cleaning a scene up, and cropping it. */
 export const cleanUpTexts = {

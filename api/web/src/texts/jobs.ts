@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** Jobs: how a scene is made, and how a finished one is made better. */
 export const jobsTexts = {
@@ -27,7 +27,6 @@ export const jobsTexts = {
     done: "done",
     seconds: (count: number) => `${count} s`,
     minutes: (count: number) => `${count} min`,
-    percent: (share: number) => `${Math.round(100 * share)} %`,
   },
   draft: {
     title: "Provisional.",

@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** The server's namer. */
 export const namerTexts = {

@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** The list of scenes, and the page of one. */
 export const sceneTexts = {

@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** The page of the server, and what the project holds. */
 export const serverTexts = {

@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { bytesText, dayText, percent, plural } from "./figures";
 
 /** Taking a scene away, links to it, and the file that needs no server. */
 export const takeTexts = {
@@ -42,7 +42,7 @@ export const takeTexts = {
     camerasWithPoints: "Both, with points, ZIP",
     camerasJson: "JSON",
     running: (label: string, bytes: number, of: number) =>
-      of > 0 ? `${label}: ${Math.round((100 * bytes) / of)} %` : `${label}: ${(bytes / 1e6).toFixed(1)} MB`,
+      `${label}: ${of > 0 ? percent(bytes / of) : bytesText(bytes)}`,
     share: "Link to look at it",
     shareHelp:
       "Whoever has the link sees this scene with its versions, and nothing else; they change nothing. It ends by itself, or when you revoke it.",
@@ -57,9 +57,7 @@ export const takeTexts = {
     revoke: "Revoke",
     revokeLink: (name: string) => `Revoke the link for ${name}`,
     state: (state: string, expires: string | null) =>
-      state === "VALID" && expires
-        ? `until ${new Date(expires).toLocaleDateString("en", { dateStyle: "medium" })}`
-        : state.toLowerCase(),
+      state === "VALID" && expires ? `until ${dayText(expires)}` : state.toLowerCase(),
     ended: "This link has ended",
     endedText: "It has expired or was revoked. Ask the person who sent it for another one.",
   },

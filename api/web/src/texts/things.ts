@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { percent, plural } from "./figures";
 
 const unnamed = (id: number, what = "") =>
   `${what ? what.charAt(0).toUpperCase() + what.slice(1) : "Thing"} ${id}, no name`;
@@ -12,10 +12,10 @@ interface Named {
 }
 
 const suggestion = (name: string, probability: number, sources: string[]) =>
-  `${name} (${Math.round(100 * probability)} %${sources.map((source) => `, says ${source}`).join("")})`;
+  `${name} (${percent(probability)}${sources.map((source) => `, says ${source}`).join("")})`;
 
 const titleOf = ({ name, id, guess, probability = 0, surface = "" }: Named) =>
-  guess ? `${name} (a guess, ${Math.round(100 * probability)} %)` : name || unnamed(id, surface);
+  guess ? `${name} (a guess, ${percent(probability)})` : name || unnamed(id, surface);
 
 /** Questions and things. */
 export const thingsTexts = {
@@ -67,7 +67,7 @@ export const thingsTexts = {
     saveKind: "Save what it is",
     skipKind: "Do not say",
     sources: { given: "named by the capture", detected: "named by a detector", person: "named by a person" },
-    probability: (value: number) => `${Math.round(100 * value)} % sure`,
+    probability: (value: number) => `${percent(value)} sure`,
     suggestions: "It may be",
     says: (lines: readonly string[]) => `It says ${lines.map((line) => `“${line}”`).join(", ")}`,
     suggestion,

@@ -1,4 +1,4 @@
-import { plural } from "./plural";
+import { plural } from "./figures";
 
 /** New scenes, from here and from a phone. */
 export const uploadTexts = {

@@ -25,7 +25,6 @@ export function AskKind({ state, thing, name, onSkip }: Properties) {
         {texts.things.isA(name)}
         <input
           value={text}
-          maxLength={200}
           autocomplete="off"
           placeholder={texts.things.kindExample}
           onInput={(event) => setText(event.currentTarget.value)}

@@ -113,7 +113,6 @@ function QuickName({ state, thing, onNamed }: { state: SceneState; thing: SceneT
         {texts.things.unnamed(thing.id)}
         <input
           ref={field}
-          maxLength={200}
           autocomplete="off"
           list="suggested-names"
           defaultValue={offered?.name ?? ""}

@@ -78,19 +78,13 @@ function Card({ state, thing, onFly }: Properties & { thing: SceneThing }) {
           {texts.things.name}
           <input
             value={name}
-            maxLength={200}
             autocomplete="off"
             onInput={(event) => setDraft({ over: thing.name, text: event.currentTarget.value })}
           />
         </label>
         <label>
           {texts.things.aliases}
-          <input
-            value={others}
-            maxLength={200}
-            autocomplete="off"
-            onInput={(event) => setOthers(event.currentTarget.value)}
-          />
+          <input value={others} autocomplete="off" onInput={(event) => setOthers(event.currentTarget.value)} />
         </label>
         <button class="primary" disabled={state.busy.value || !name.trim()}>
           {texts.things.save}

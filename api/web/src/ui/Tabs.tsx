@@ -4,7 +4,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import type { IconName } from "./Icon";
 import { Icon } from "./Icon";
 
-export interface TabOf<Name extends string> {
+interface TabOf<Name extends string> {
   name: Name & IconName;
   title: string;
   /** How many there are behind it, once that is known. */

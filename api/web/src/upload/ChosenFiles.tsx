@@ -1,5 +1,5 @@
 import { texts } from "../texts";
-import { bytesText } from "../ui/bytes";
+import { bytesText } from "../texts/figures";
 import { Icon } from "../ui/Icon";
 import type { ChosenFile } from "./choose";
 import { isPhoto, remarkOn, totalBytes } from "./choose";

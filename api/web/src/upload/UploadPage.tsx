@@ -6,7 +6,7 @@ import { isAbort, OfflineError, send } from "../api/http";
 import { serverStatus } from "../api/serverCalls";
 import type { Operation, ServerStatus } from "../api/types";
 import { texts } from "../texts";
-import { bytesText } from "../ui/bytes";
+import { bytesText } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
 import type { ChosenFile } from "./choose";
 import { chosen, dropped, joined, problemOf, sorted, totalBytes } from "./choose";

@@ -1,5 +1,5 @@
 import { texts } from "../texts";
-import { bytesText } from "../ui/bytes";
+import { bytesText } from "../texts/figures";
 import type { Limits } from "./limits";
 
 /** A file and the name under which it is sent: with the folders it was chosen in. */

@@ -67,12 +67,17 @@ export class CameraMotion {
   #show(view: LookAt): void {
     this.#view = view;
     this.changed(view, false);
+    this.rest();
+  }
+
+  /** Says that the camera rests, unless it moves by then. */
+  rest(): void {
     window.clearTimeout(this.#timer);
     cancelAnimationFrame(this.#drawn);
     // Rest begins once this view has been drawn, however long that takes: by then the next one may be due.
     this.#drawn = requestAnimationFrame(() => {
       this.#drawn = requestAnimationFrame(() => {
-        this.#timer = window.setTimeout(() => this.changed(view, true), REST_MS);
+        this.#timer = window.setTimeout(() => this.changed(this.#view, true), REST_MS);
       });
     });
   }

@@ -53,7 +53,7 @@ export interface LegendEntry {
 }
 
 /** Colors by thing id, and what they mean: one a thing, or one a name. */
-export interface Coloring {
+interface Coloring {
   byThing: Map<number, Rgb>;
   legend: LegendEntry[];
 }

@@ -1,7 +1,7 @@
 import type { SplatColumns } from "./spz";
 
 /** Scenes of more Gaussians are shown with one band of harmonics: each further one costs memory and time for little. */
-export const MOST_WITH_ALL_BANDS = 500_000;
+const MOST_WITH_ALL_BANDS = 500_000;
 const ONE_BAND = 3; // harmonics beside the constant one
 
 /** The same splat with one band of harmonics where it has more Gaussians than `most`; its columns may be shared. */

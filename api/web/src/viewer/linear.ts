@@ -2,7 +2,7 @@ import type { Vec } from "./vectors";
 import { cross, dot } from "./vectors";
 
 /** A symmetric 3×3 matrix by its columns. */
-export type Matrix = readonly [Vec, Vec, Vec];
+type Matrix = readonly [Vec, Vec, Vec];
 
 /** Σ (each direction's outer product with itself), or with `complement` Σ (identity − that). */
 export function outerSum(directions: readonly Vec[], complement = false): Matrix {

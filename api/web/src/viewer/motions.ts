@@ -9,7 +9,7 @@ export interface Motion {
   angles: Vec;
 }
 
-export interface Quaternion {
+interface Quaternion {
   x: number;
   y: number;
   z: number;

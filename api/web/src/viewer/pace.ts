@@ -1,6 +1,7 @@
 import { nextScale } from "./pictureScale";
 
 const MOST_MS = 60; // more than fifteen pictures a second
+const QUICK_MS = 15; // of a coarse picture: these graphics are no software
 const POLL_MS = 4;
 const FIRST_SCALE = 0.5;
 
@@ -10,14 +11,19 @@ export class Pace {
   #timer = 0;
   #begun = 0;
   #coarse = false;
-  #slow = false;
+  #slow: boolean | null = null; // until a picture tells
   #scale = FIRST_SCALE;
 
   constructor(private readonly gl: WebGL2RenderingContext) {}
 
   /** Whether the last full picture, or one that is still being made, takes too long for a camera that moves. */
   get isSlow(): boolean {
-    return this.#slow || (this.#fence !== null && !this.#coarse && performance.now() - this.#begun > MOST_MS);
+    return this.#slow === true || (this.#fence !== null && !this.#coarse && performance.now() - this.#begun > MOST_MS);
+  }
+
+  /** Whether it was seen how quick the graphics are. */
+  get isKnown(): boolean {
+    return this.#slow !== null;
   }
 
   /** The share of the full sides in which a coarse picture comes quickly. */
@@ -42,8 +48,10 @@ export class Pace {
       gl.deleteSync(this.#fence);
       this.#fence = null;
       const milliseconds = performance.now() - this.#begun;
-      if (coarse) this.#scale = nextScale(this.#scale, milliseconds, MOST_MS);
-      else this.#slow = milliseconds > MOST_MS;
+      if (coarse) {
+        this.#scale = nextScale(this.#scale, milliseconds, MOST_MS);
+        if (milliseconds < QUICK_MS) this.#slow ??= false; // until a full picture tells otherwise
+      } else this.#slow = milliseconds > MOST_MS;
     };
     this.#timer = window.setTimeout(look, POLL_MS);
   }

@@ -11,12 +11,15 @@ export interface Size {
 }
 
 /** A rectangle of that picture. */
-export interface Rect extends Size {
+interface Rect extends Size {
   left: number;
   top: number;
 }
 
 export type Point = readonly [number, number];
+
+/** A point in a path of SVG. */
+export const pathPoint = ([x, y]: Point): string => `${x.toFixed(1)} ${y.toFixed(1)}`;
 
 const NEAR = 0.02; // of the distance to the target: what is nearer is not drawn
 

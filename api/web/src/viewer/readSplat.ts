@@ -10,7 +10,7 @@ export interface SeenSplat {
 }
 
 /** The file is no splat that the page can read, or ends too early. */
-export class SplatFileError extends Error {}
+class SplatFileError extends Error {}
 
 /**
  * Reads a scene's file in a worker, so that the page answers meanwhile.

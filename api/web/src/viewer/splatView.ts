@@ -156,7 +156,9 @@ export class SplatView {
     this.#set("uForward", [0, 0, 1]);
     this.#set("uDepths", [0, 1]);
     this.#setMotion(null);
-    this.#resize();
+    if (draft)
+      this.#showCoarse(true); // drawn soon, and the engine is ready for it when the camera moves
+    else this.#resize();
   }
 
   /** Shows a state of each Gaussian (see `states.ts`), by row; with `dimmed`, those without one recede. */
@@ -191,6 +193,11 @@ export class SplatView {
   /** Whether a picture takes so long that not every thing that the pointer passes is worth one. */
   get sparesPictures(): boolean {
     return this.#pace.isSlow && this.#count > MANY;
+  }
+
+  /** Whether Gaussians are left out, or pixels. */
+  get showsDraft(): boolean {
+    return this.#coarse;
   }
 
   #recolor(coloring: number, told: ((range: readonly [number, number]) => void) | null): void {
@@ -248,7 +255,7 @@ export class SplatView {
 
   /** Looks from somewhere else; the camera moves on unless it is `resting`. */
   setView(view: LookAt, resting = false): void {
-    this.#showCoarse(!resting && this.#pace.isSlow);
+    this.#showCoarse(!resting && (this.#pace.isSlow || (this.#draft !== null && !this.#pace.isKnown)));
     // While the camera moves, the engine keeps the colors of some viewpoint nearby: at rest they are those of this one.
     if (resting) this.#full?.recolor();
     if (this.#view === view) {

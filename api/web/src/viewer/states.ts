@@ -3,7 +3,7 @@ export const PLAIN = 0;
 export const FOUND = 1;
 export const HOVERED = 2;
 export const SELECTED = 3;
-export const HIDDEN = 4;
+const HIDDEN = 4;
 
 /** bool [count] as bytes 0 and 1 of packed bits, most significant bit first: the contract's mask encoding "bits". */
 export function unpackBits(bits: Uint8Array, count: number): Uint8Array {

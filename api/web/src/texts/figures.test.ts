@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
 
-import { bytesText } from "./bytes";
+import { bytesText } from "./figures";
 
 test.each([
   [0, "0 B"],

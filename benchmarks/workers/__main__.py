@@ -1,0 +1,103 @@
+"""How jobs a day grow with workers: `python -m benchmarks.workers`, writes benchmarks/results/workers.json.
+
+Measured: seconds of a PostgreSQL server's processors that real workers with their default intervals take, while they
+wait, while each trains (a stage that sleeps), and for a job as such (stages that do nothing). Seconds of whole jobs are
+those of benchmarks/results/default_path.json, on two cores each. From these, up to 100 workers are simulated, see
+`simulation`. What more workers than were measured cost the database beside their own turns is not known.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+
+from benchmarks.provenance import NOT_CHOSEN, RESULTS, ROOT, begin, parser_of, write_results
+from benchmarks.workers.simulation import Costs, simulate
+from fastsplat.service.common.settings import settings_of
+from fastsplat.service.settings import JobSettings
+from fastsplat_contract.operations import Operation
+from tests.postgres import PostgresServer
+from tests.workers.deployment import Deployment
+
+_WORKERS = (1, 2, 5, 10, 20, 50, 100)
+_DATABASE_CORES = 2
+_CLOCK = os.sysconf("SC_CLK_TCK")
+
+
+def main() -> None:
+    """Measure, simulate, write."""
+    parser = parser_of(__doc__)
+    parser.add_argument("--workers", type=int, default=3, help="real ones")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each measurement")
+    parser.add_argument("--jobs", type=int, default=20, help="that do nothing")
+    options = parser.parse_args()
+    start = begin()
+    waiting, running, job_s = measure(options.workers, options.seconds, options.jobs)
+    rows = json.loads((ROOT / "benchmarks/results/default_path.json").read_text())
+    jobs = {name: sum(row["stage_seconds"].values()) for name, row in rows.items() if "stage_seconds" in row}
+    every_s = JobSettings().poll_interval_s
+    costs = Costs(tuple(jobs.values()), running * every_s, job_s, every_s, _DATABASE_CORES)
+    simulated = [{"workers": workers, **asdict(simulate(workers, costs))} for workers in _WORKERS]
+    for row in simulated:
+        print(row, flush=True)
+    measured = {"waiting": waiting, "running": running, "job": job_s}
+    document = {"database_cpu_s": measured, "jobs": jobs, "costs": asdict(costs), "rows": simulated}
+    write_results("workers", start, options, NOT_CHOSEN, document)
+    print(RESULTS / "workers.json")
+
+
+def measure(workers: int, seconds: float, jobs: int) -> tuple[float, float, float]:
+    """Seconds of the database's processors: a worker takes in a second while it waits, the same while it trains, and of
+    a job that does nothing."""
+    with tempfile.TemporaryDirectory() as made, closing(PostgresServer()) as server, server.database() as url:
+        deployment = Deployment(Path(made), url)
+        intervals = JobSettings(niceness=1).model_dump_json(include=set(settings_of(JobSettings)))
+        try:
+            for _ in range(workers):
+                deployment.start_worker(FASTSPLAT_JOBS=intervals)
+            store = deployment.service._store
+            deployment.wait_for(lambda: len(store.workers.list_workers()) == workers)
+
+            def over(begun: float, patience_s: float) -> float:
+                before = cpu_seconds(server)
+                time.sleep(max(0.0, begun + patience_s - time.monotonic()))
+                return cpu_seconds(server) - before
+
+            waiting = over(time.monotonic(), seconds) / (workers * seconds)
+            sleeping = [deployment.post(f"training:sleep {3 * seconds}") for _ in range(workers)]
+            for operation in sleeping:
+                deployment.wait_in("training", operation)
+            running = over(time.monotonic(), seconds) / (workers * seconds)
+            _wait(deployment, sleeping)
+            before, begun = cpu_seconds(server), time.monotonic()
+            _wait(deployment, [deployment.post() for _ in range(jobs)])
+            lasted = time.monotonic() - begun
+            once = (cpu_seconds(server) - before - waiting * workers * lasted) / jobs
+        finally:
+            deployment.close()
+    return waiting, running, max(once, 0.0)
+
+
+def _wait(deployment: Deployment, posted: Sequence[Operation]) -> None:
+    deployment.wait_for(lambda: {deployment.state(each) for each in posted} == {"SUCCEEDED"}, 1200.0)
+
+
+def cpu_seconds(server: PostgresServer) -> float:
+    """Seconds of processors that all processes of a server took so far."""
+    assert server._process is not None
+    main_id = server._process.pid
+    children = Path(f"/proc/{main_id}/task/{main_id}/children").read_text().split()
+    fields = [Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split() for pid in (str(main_id), *children)]
+    # utime and stime of each; of the first also what its children took that have ended (proc(5)).
+    ticks = sum(int(field) for each in fields for field in each[11:13]) + sum(map(int, fields[0][13:15]))
+    return ticks / _CLOCK
+
+
+if __name__ == "__main__":
+    main()

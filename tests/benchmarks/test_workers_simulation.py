@@ -1,0 +1,39 @@
+"""Simulated workers: alone they do what their jobs' seconds allow; a database that cannot follow bounds them all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from benchmarks.workers.simulation import Costs, simulate
+
+_COSTS = Costs(jobs_s=(100.0, 140.0), turn_s=0.0, job_s=0.0, every_s=2.0, cores=2)
+
+
+@pytest.mark.parametrize("workers", [1, 40])
+def test_with_a_database_that_takes_no_time_every_worker_counts_in_full(workers: int) -> None:
+    outcome = simulate(workers, _COSTS)
+    assert outcome.jobs_a_day == pytest.approx(workers * 86_400 / 121, rel=0.03)
+    assert outcome.of_workers_alone == pytest.approx(1, rel=0.03)
+    assert (outcome.database, outcome.longest_turn_s) == (0, 0)
+
+
+def test_what_the_database_is_asked_is_the_sum_of_turns_and_jobs() -> None:
+    outcome = simulate(10, replace(_COSTS, turn_s=0.01, job_s=0.5))
+    expected = (10 * 0.01 / 2 + outcome.jobs_a_day / 86_400 * 0.5) / 2
+    assert outcome.database == pytest.approx(expected, rel=0.01)
+
+
+def test_a_busy_database_bounds_jobs_and_delays_heartbeats() -> None:
+    costs = replace(_COSTS, job_s=10.0)
+    few, many = simulate(10, costs, hours=48), simulate(100, costs, hours=48)
+    assert few.jobs_a_day == pytest.approx(10 * 86_400 / 131, rel=0.05) and few.longest_turn_s < 60
+    assert many.jobs_a_day == pytest.approx(2 * 86_400 / 10, rel=0.02), "two cores, ten seconds a job"
+    assert many.database > 0.99 and many.longest_turn_s > few.longest_turn_s
+
+
+def test_the_same_seed_gives_the_same_and_hours_do_not_matter_much() -> None:
+    costs = replace(_COSTS, turn_s=0.01, job_s=0.1)
+    assert simulate(5, costs, seed=3) == simulate(5, costs, seed=3) != simulate(5, costs, seed=4)
+    assert simulate(5, costs, hours=96).jobs_a_day == pytest.approx(simulate(5, costs).jobs_a_day, rel=0.03)
