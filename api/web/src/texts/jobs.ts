@@ -18,6 +18,8 @@ export const jobsTexts = {
       perception: "Recognition",
       training: "Training",
       export: "Saving",
+      asking: "Asking a model",
+      suggesting: "Suggesting names",
     } as Record<string, string>,
     left: (time: string) => `about ${time} left in this stage`,
     spent: (time: string) => `${time} so far`,
