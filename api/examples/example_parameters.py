@@ -24,6 +24,7 @@ PARAMETERS: Mapping[str, Any] = {
     **IDS,
     "asker_view": "front.png",
     "cell": 0.0,
+    "coarse": False,
     "coverage": 0.9,
     "depth_scale": 0.001,
     "encoding": "runs",

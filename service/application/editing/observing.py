@@ -234,10 +234,10 @@ def _observation(
     return observation, pictures if keep else ()
 
 
-def _time_of(given: datetime | None, taken: Sequence[float], now: datetime) -> tuple[datetime, SeenAtSource]:
+def _time_of(said: datetime | None, taken: Sequence[float], now: datetime) -> tuple[datetime, SeenAtSource]:
     """When photos were taken: as the request says, else by their metadata, unless their camera's clock is ahead."""
-    if given is not None:
-        return given.astimezone(UTC), "given"
+    if said is not None:
+        return said.astimezone(UTC), "given"
     if taken and (newest := datetime.fromtimestamp(max(taken), UTC)) <= now + _AHEAD:
         return newest, "metadata"
     return now, "received"
