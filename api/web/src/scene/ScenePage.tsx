@@ -109,7 +109,7 @@ export function ScenePage({ sceneId }: { sceneId: string }) {
     return state.error.value !== null ? (
       <section class="sheet">
         <h1>{texts.scene.unavailable}</h1>
-        <ErrorNote error={state.error.value} onRetry={() => void state.refresh()} />
+        <ErrorNote error={state.error.value} onRetry={() => void state.refresh()} advises={false} />
         <a href="#/">{texts.scene.back}</a>
       </section>
     ) : (

@@ -89,7 +89,7 @@ export const sceneTexts = {
   },
   privacy: {
     people: "Keep people out",
-    hint: "Who is seen in the photos, by the detector’s word, is blanked before anything is made of them. The files as sent are deleted.",
+    hint: "Whoever the detector finds in the photos is blanked before anything is made of them. The files as sent are deleted.",
     withheld: (people: boolean, photos: number, share: number) =>
       `${people ? "People are" : "What moves is"} left out of ${plural(photos, "photo", "photos")}: ${(100 * share).toFixed(1)} % of all pixels.`,
     ofPhoto: (share: number) => `${(100 * share).toFixed(1)} % withheld`,
