@@ -28,7 +28,7 @@ from fastsplat.service.common.settings import (
     check_variables,
     settings_error,
 )
-from fastsplat.service.instances.settings import DiscoverySettings, LookAgainSettings, PromptOptions
+from fastsplat.service.instances.settings import DiscoverySettings, LookAgainOptions, PromptOptions
 from fastsplat.service.localization.settings import LocalizationSettings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.settings import QuerySettings
@@ -315,7 +315,7 @@ class Settings(BaseSettings):
     discovery: DiscoverySettings = DiscoverySettings()
     prompts: PromptOptions = PromptOptions()
     splat_import: SplatImportSettings = SplatImportSettings()
-    look_again: LookAgainSettings = LookAgainSettings()
+    look_again: LookAgainOptions = LookAgainOptions()
     query: QuerySettings = QuerySettings()
     jobs: JobSettings = JobSettings()
     photos: PhotoSettings = PhotoSettings()

@@ -39,21 +39,16 @@ class DiscoverySettings(DiscoveryOptions, SettingGroup, section="discovery"):
 
 
 class LookAgainOptions(Options):
-    """How closely single things are looked at."""
+    """How a finished scene is looked at again for more names."""
 
+    views: int = Field(8, ge=1)
+    """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
     closer_views: int = Field(4, ge=0)
     """Of these views, for each thing, so many that show it best are looked at around the thing alone; 0: none. Small
     things are found by this."""
     name_probability: float = Field(0.45, ge=0, le=1)
     """A text is stated as a thing's name from this mean score over the pictures that show the thing; below, it is a
     suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""
-
-
-class LookAgainSettings(LookAgainOptions, SettingGroup, section="look_again"):
-    """How a finished scene is looked at again for more names."""
-
-    views: int = Field(8, ge=1)
-    """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
 
 
 class PromptOptions(Options):

@@ -11,7 +11,7 @@ import pytest
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.common.progress import ProgressEvent
-from fastsplat.service.instances.settings import LookAgainSettings
+from fastsplat.service.instances.settings import LookAgainOptions
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -38,7 +38,7 @@ _DETECTOR = PerceptionSettings(
 def settings(models_dir: Path) -> Settings:
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
-    look_again = LookAgainSettings(views=4, closer_views=2)
+    look_again = LookAgainOptions(views=4, closer_views=2)
     return Settings(models=models_dir, perception=_DETECTOR, look_again=look_again)
 
 

@@ -27,6 +27,16 @@ _PERCEPTION = {
     "open_score_threshold": 0.15,
 }
 
+# That it looks at one view is no setting of a server.
+_WORKER = """
+from fastsplat.cli.logs import log_to_stderr
+from fastsplat.service.instances.settings import LookAgainOptions
+from fastsplat.service.settings import load_settings
+from fastsplat.workers.worker_process import run
+log_to_stderr("worker")
+run(load_settings().model_copy(update={"look_again": LookAgainOptions(views=1)}))
+"""
+
 
 @pytest.fixture
 def service(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SceneService]:
@@ -36,10 +46,9 @@ def service(tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path / "data"))
     monkeypatch.setenv("FASTSPLAT_MODELS", str(models_dir))
     monkeypatch.setenv("FASTSPLAT_PERCEPTION", json.dumps(_PERCEPTION))
-    monkeypatch.setenv("FASTSPLAT_LOOK_AGAIN", json.dumps({"views": 1}))
     monkeypatch.setenv("FASTSPLAT_JOBS", json.dumps({"niceness": 0}))  # a busy machine must not keep the test waiting
     load_settings.cache_clear()
-    command = [sys.executable, "-m", "fastsplat.cli.main", "worker"]
+    command = [sys.executable, "-c", _WORKER]
     with open_service(load_settings()) as opened:
         worker = subprocess.Popen(command, env=dict(os.environ), cwd=_ROOT, start_new_session=True)
         yield opened
