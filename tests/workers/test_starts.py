@@ -59,7 +59,7 @@ def _starts_until_given_up(
     """How many attempts a job has of which each reaches the fraction of its number, step by step, and dies."""
     attempts: list[float] = []
 
-    def start(*_: object) -> _Trainer:
+    def start(*_: object, **__: object) -> _Trainer:
         if len(attempts) == len(reached):
             raise _PowerCutError
         attempts.append(reached[len(attempts)])
