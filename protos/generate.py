@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
@@ -24,8 +23,6 @@ OUTPUT = _ROOT.parent / "client/fastsplat_contract/v1"
 GENERATED = (
     "fastsplat_pb2.py",
     "fastsplat_pb2.pyi",
-    "fastsplat_pb2_grpc.py",
-    "fastsplat_pb2_grpc.pyi",
     "status_pb2.py",
     "status_pb2.pyi",
 )
@@ -40,13 +37,11 @@ def write_proto() -> None:
 
 
 def generate(output: Path) -> None:
-    """Write `GENERATED` into `output` (needs grpcio-tools and mypy-protobuf beside this interpreter)."""
-    scripts = Path(sys.executable).parent
+    """Write `GENERATED` into `output` (needs grpcio-tools)."""
     bundled = Path(grpc_tools.__file__).parent / "_proto"
-    plugins = [f"--plugin=protoc-gen-{kind}={scripts / f'protoc-gen-{kind}'}" for kind in ("mypy", "mypy_grpc")]
     with tempfile.TemporaryDirectory() as folder:
-        outs = [f"--{kind}_out={folder}" for kind in ("python", "grpc_python", "mypy", "mypy_grpc")]
-        status = protoc.main(["protoc", f"-I{_ROOT}", f"-I{bundled}", *plugins, *outs, *_PROTOS])
+        outs = [f"--{kind}_out={folder}" for kind in ("python", "pyi")]
+        status = protoc.main(["protoc", f"-I{_ROOT}", f"-I{bundled}", *outs, *_PROTOS])
         if status != 0:
             raise SystemExit(status)
         for name in GENERATED:

@@ -26,9 +26,9 @@ from benchmarks.serve.stored_scenes import add_scene, room
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import open_store
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 
 _TEXTS = ("tea", "fork", "something to sit on", "banana", "submarine", "time")
 
@@ -82,7 +82,7 @@ def _overhead(settings: Settings, scene: str, api: Api, note: Note) -> None:
     service = open_service(settings)
     metadata = (("authorization", f"Bearer {api.key}"),)
     with grpc.insecure_channel(f"127.0.0.1:{api.grpc_port}") as channel, api.http() as http, service:
-        stub = rpc.SceneServiceStub(channel)
+        stub = SceneServiceStub(channel)
         ways = {
             "in_process": lambda text: service.answers.query(QueryRequest(scene, (text,))),
             "rest": lambda text: http.get("/query", params={"text": text, "scene": scene}).raise_for_status(),

@@ -14,6 +14,7 @@ from google.protobuf.message import DecodeError
 from fastsplat_client.errors import UnreachableError, error_of
 from fastsplat_client.keepalive import KeepaliveReplies
 from fastsplat_client.pending_queries import Connection, PendingQueries, StandingQuestion
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_client.transport import Retry
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
@@ -22,7 +23,6 @@ from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
 from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 from fastsplat_contract.v1 import status_pb2
 
 
@@ -81,7 +81,7 @@ class Grpc:
     ca: Path | None
 
     @contextmanager
-    def opened(self) -> Iterator[tuple[rpc.SceneServiceStub, tuple[tuple[str, str], ...]]]:
+    def opened(self) -> Iterator[tuple[SceneServiceStub, tuple[tuple[str, str], ...]]]:
         """A stub and the metadata of its calls; what they raise is the service's own.
 
         Raises:
@@ -95,7 +95,7 @@ class Grpc:
         with channel:
             try:
                 metadata = tuple((name.lower(), value) for name, value in self.headers.items())
-                yield rpc.SceneServiceStub(channel), metadata
+                yield SceneServiceStub(channel), metadata
             except grpc.RpcError as error:
                 raise error_from(error) from error
 

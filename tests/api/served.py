@@ -16,7 +16,7 @@ from grpc_status import rpc_status
 
 from fastsplat.api.server import Ports, serve
 from fastsplat.service.settings import Settings
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
+from fastsplat_client.rpc_stub import SceneServiceStub
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Faces:
     """A client of each face."""
 
     rest: httpx.Client
-    rpc: rpc.SceneServiceStub
+    rpc: SceneServiceStub
     channel: grpc.Channel
     ports: Ports
 
@@ -63,7 +63,7 @@ def served(service: Any, settings: Settings) -> Iterator[Faces]:
         httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=60) as rest,
         grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel,
     ):
-        yield Faces(rest, rpc.SceneServiceStub(channel), channel, ports)
+        yield Faces(rest, SceneServiceStub(channel), channel, ports)
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,9 @@ from grpc_reflection.v1alpha import reflection_pb2, reflection_pb2_grpc
 from fastsplat.api.server import _listen, serve
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.errors import ResourceError
-from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
+from fastsplat_contract.v1 import fastsplat_pb2
 from tests.api.made_scene import write_words
 from tests.api.served import Faces, served
 from tests.waiting import wait_for
@@ -153,7 +154,8 @@ import logging, sys
 from pathlib import Path
 from urllib.parse import urlsplit
 from fastsplat.api.server import run
-from fastsplat_contract.v1 import fastsplat_pb2, fastsplat_pb2_grpc
+from fastsplat_client.rpc_stub import SceneServiceStub
+from fastsplat_contract.v1 import fastsplat_pb2
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import Settings
 logging.basicConfig(level=logging.INFO)
@@ -201,9 +203,7 @@ def test_a_signal_lets_running_calls_finish(tmp_path: Path) -> None:
         )
         asking.start()
         with grpc.insecure_channel(f"127.0.0.1:{match[2]}") as channel:
-            over_grpc = fastsplat_pb2_grpc.SceneServiceStub(channel).GetScene.future(
-                fastsplat_pb2.GetSceneRequest(scene_id="none")
-            )
+            over_grpc = SceneServiceStub(channel).GetScene.future(fastsplat_pb2.GetSceneRequest(scene_id="none"))
             for _ in range(2):
                 assert process.stdout.readline() == "BEGUN\n"
             process.send_signal(signal.SIGTERM)

@@ -13,9 +13,9 @@ from fastsplat.api.server import Ports
 from fastsplat.api.tls import tls_of
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc as rpc
 from tests.api.served import serving
 
 
@@ -30,7 +30,7 @@ def _grpc(ports: Ports, pem: Path, client: str = "") -> None:
     pair = ((pem / f"{client}.key").read_bytes(), (pem / f"{client}.pem").read_bytes()) if client else (None, None)
     credentials = grpc.ssl_channel_credentials((pem / "ca.pem").read_bytes(), *pair)
     with grpc.secure_channel(f"127.0.0.1:{ports.grpc}", credentials) as channel:
-        rpc.SceneServiceStub(channel).ListScenes(pb.ListScenesRequest(), timeout=20)
+        SceneServiceStub(channel).ListScenes(pb.ListScenesRequest(), timeout=20)
 
 
 def test_both_ports_speak_tls_and_nothing_else(service: SceneService, api_settings: Settings, pem: Path) -> None:
@@ -41,7 +41,7 @@ def test_both_ports_speak_tls_and_nothing_else(service: SceneService, api_settin
         with pytest.raises(httpx.TransportError):
             httpx.get(f"http://127.0.0.1:{ports.http}/livez", timeout=60)
         with grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel, pytest.raises(grpc.RpcError):
-            rpc.SceneServiceStub(channel).ListScenes(pb.ListScenesRequest(), timeout=5)
+            SceneServiceStub(channel).ListScenes(pb.ListScenesRequest(), timeout=5)
 
 
 def test_clients_may_have_to_show_a_certificate(service: SceneService, api_settings: Settings, pem: Path) -> None:

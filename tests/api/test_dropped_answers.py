@@ -25,10 +25,10 @@ from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.records import NewJob
 from fastsplat_client import Client, StandingQuestion
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc
 from tests.api.made_scene import add_scene, turned
 from tests.waiting import wait_for
 
@@ -129,9 +129,7 @@ def test_an_answer_over_grpc_is_dropped(server: _Server, rpc: str) -> None:
     """Read to its first message, then cancelled, or its connection cut: by the blocking client."""
     for turn in range(_TIMES):
         with grpc.insecure_channel(f"127.0.0.1:{server.ports[1]}") as channel:
-            call = getattr(fastsplat_pb2_grpc.SceneServiceStub(channel), rpc)(
-                _argument(rpc, server.scene_id), timeout=60
-            )
+            call = getattr(SceneServiceStub(channel), rpc)(_argument(rpc, server.scene_id), timeout=60)
             next(call)
             if turn % 2:
                 call.cancel()
@@ -141,7 +139,7 @@ def test_an_answer_over_grpc_is_dropped(server: _Server, rpc: str) -> None:
 def test_answers_over_grpc_are_dropped_by_an_asyncio_client(server: _Server) -> None:
     async def main() -> None:
         async with aio.insecure_channel(f"127.0.0.1:{server.ports[1]}") as channel:
-            stub: Any = fastsplat_pb2_grpc.SceneServiceStub(channel)
+            stub: Any = SceneServiceStub(channel)
             for rpc, _ in itertools.product(_STREAMING, range(_TIMES)):
                 call = getattr(stub, rpc)(_argument(rpc, server.scene_id), timeout=60)
                 await anext(aiter(call))

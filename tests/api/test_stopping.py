@@ -19,8 +19,8 @@ import httpx
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
+from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from fastsplat_contract.v1 import fastsplat_pb2_grpc
 from tests.api.served import serving
 from tests.waiting import wait_for
 
@@ -114,7 +114,7 @@ def test_a_signal_in_mid_upload(tmp_path: Path) -> None:
         ):
             piece.sendall(head.encode() + data[acknowledged : acknowledged + 70_000])
             scene.sendall(form.encode() + data[:70_000])
-            over_grpc = fastsplat_pb2_grpc.SceneServiceStub(channel).CreateScene.future(messages())
+            over_grpc = SceneServiceStub(channel).CreateScene.future(messages())
             wait_for(lambda: stored.stat().st_size > acknowledged and len(list(root.glob("*/raw/*.jpg"))) == 2)
             server.process.send_signal(signal.SIGINT)
             answers = [_answer(piece), _answer(scene)]
