@@ -1875,6 +1875,7 @@ class Scene(_message.Message):
     VERTICAL_FIELD_NUMBER: _builtins.int
     ALIGNMENT_FIELD_NUMBER: _builtins.int
     PROVISIONAL_FIELD_NUMBER: _builtins.int
+    THING_COUNT_FIELD_NUMBER: _builtins.int
     id: _builtins.str
     name: _builtins.str
     state: Global___SceneState.ValueType
@@ -1890,6 +1891,8 @@ class Scene(_message.Message):
     """length of the whole dictionary"""
     camera_count: _builtins.int
     """number of the scene's own cameras"""
+    thing_count: _builtins.int
+    """surfaces left out; absent until getScene counts them"""
     @_builtins.property
     def created_at(self) -> _timestamp_pb2.Timestamp: ...
     @_builtins.property
@@ -1945,12 +1948,15 @@ class Scene(_message.Message):
         vertical: Global___SceneVertical | None = ...,
         alignment: Global___SceneAlignment | None = ...,
         provisional: Global___Provisional | None = ...,
+        thing_count: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "created_at", b"created_at", "provisional", b"provisional", "quality", b"quality", "scaling", b"scaling", "vertical", b"vertical"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_thing_count", b"_thing_count", "alignment", b"alignment", "assessment", b"assessment", "created_at", b"created_at", "provisional", b"provisional", "quality", b"quality", "scaling", b"scaling", "thing_count", b"thing_count", "vertical", b"vertical"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["alignment", b"alignment", "assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "provisional", b"provisional", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_thing_count", b"_thing_count", "alignment", b"alignment", "assessment", b"assessment", "camera_count", b"camera_count", "cameras", b"cameras", "created_at", b"created_at", "dictionary", b"dictionary", "gaussians", b"gaussians", "id", b"id", "label_count", b"label_count", "name", b"name", "operation_id", b"operation_id", "provisional", b"provisional", "quality", b"quality", "scale", b"scale", "scaling", b"scaling", "state", b"state", "thing_count", b"thing_count", "version", b"version", "vertical", b"vertical"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
-    def WhichOneof(self, oneof_group: _Never) -> None: ...
+    _WhichOneofReturnType__thing_count: _TypeAlias = _typing.Literal["thing_count"]  # noqa: Y015
+    _WhichOneofArgType__thing_count: _TypeAlias = _typing.Literal["_thing_count", b"_thing_count"]  # noqa: Y015
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__thing_count) -> _WhichOneofReturnType__thing_count | None: ...
 
 Global___Scene: _TypeAlias = Scene  # noqa: Y015
 
