@@ -35,7 +35,7 @@ def list_scenes(session: Session) -> None:
         Column("name", "cut"),
         Column("state"),
         Column("Gaussians", right=True),
-        Column("names", right=True),
+        Column("things", right=True),
         Column("unit"),
         Column("made"),
     )
@@ -45,7 +45,7 @@ def list_scenes(session: Session) -> None:
             each.name,
             each.state,
             f"{each.gaussians:,}",
-            str(each.label_count),
+            "-" if each.thing_count is None else str(each.thing_count),
             "m" if each.scale == "METRIC" else "-",
             minute(each.created_at),
         )

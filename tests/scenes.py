@@ -16,9 +16,11 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.language.embeddings import embed_labels
+from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.scene.drafts import draft_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
+from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
@@ -138,7 +140,8 @@ def finish_job(
     ]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
     quality = dict(scene.quality)
-    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality)
+    things = thing_count(things_of(scene))
+    summary = SceneSummary(version, len(scene.gaussians), scene.scale, rows, cameras, quality, things)
     if draft is None:
         store.jobs.succeed(claim, summary)
     else:

@@ -35,7 +35,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import camera_to_json
-from fastsplat.workers.look_again_stages import dictionary_rows
+from fastsplat.workers.look_again_stages import content_of
 from fastsplat.workers.made_scenes import CARRIED, DRAFTS, EDITS, SUMMARY, read_edited
 from fastsplat.workers.progress_files import ProgressFiles
 from fastsplat.workers.protocol import Job
@@ -101,8 +101,7 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
                 "author": before.author,
                 "request_id": before.request_id,
                 "request_digest": before.request_digest,
-                "gaussians": summary["gaussians"],
-                "dictionary": summary["dictionary"],
+                **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
                 "scaling": scaling_to_json(each.index.scene.scaling),
                 "alignment": alignment_to_json(each.index.scene.alignment),
                 "quality": summary["quality"] if changed_views(each.index.scene.quality) else None,
@@ -201,9 +200,8 @@ class Drafts:
 
 def _summary(scene: Scene) -> dict[str, Any]:
     return {
-        "gaussians": len(scene.gaussians),
+        **content_of(scene),
         "scale": scene.scale,
-        "dictionary": dictionary_rows(scene),
         "cameras": [camera_to_json(posed) for posed in scene.cameras],
         "quality": dict(scene.quality),
     }

@@ -91,6 +91,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         scaling=summary.get("scaling"),
         alignment=summary.get("alignment"),
         quality=summary.get("quality"),
+        things=summary.get("things"),
         beside=summary.get("beside", False),
         max_versions=job.max_versions,
     )

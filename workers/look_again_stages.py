@@ -17,8 +17,10 @@ from fastsplat.service.look_again import Sightings, look_for, name_sightings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
+from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
+from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.store.blobs import remove
 from fastsplat.workers.protocol import Job, Stage
@@ -74,17 +76,18 @@ def write_renamed(job: Job, scene: Scene, folder: Path, more: Mapping[str, Any])
     except OSError:  # not every file system has links
         write_ply(scene.gaussians, folder / "scene.ply")
     share_photos(job.upload, folder)
-    rows = {"parent": job.version, "gaussians": len(scene.gaussians), "dictionary": dictionary_rows(scene)}
-    (folder / "summary.json").write_text(json.dumps({**rows, **more}))
+    (folder / "summary.json").write_text(json.dumps({"parent": job.version, **content_of(scene), **more}))
 
 
-def dictionary_rows(scene: Scene) -> list[dict[str, Any]]:
-    """The rows of a scene's dictionary as they are stored with it, by label id."""
+def content_of(scene: Scene) -> dict[str, Any]:
+    """What stands in a version's row of what it holds: "gaussians" and "things", their numbers, and "dictionary", its
+    rows by label id."""
     counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1)
-    return [
+    dictionary = [
         {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
         for number, entry in enumerate(scene.dictionary.entries, start=1)
     ]
+    return {"gaussians": len(scene.gaussians), "things": thing_count(things_of(scene)), "dictionary": dictionary}
 
 
 def open_current(job: Job) -> SceneIndex:

@@ -144,7 +144,8 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     from fastsplat.service.scene.scene_files import read_scene  # which a worker needs only where a draft was edited
 
     values = json.loads((folder / SUMMARY).read_text())
-    summary = SceneSummary(version=version, **{name: values[name] for name in _OF_SCENE})
+    of_scene = {name: values[name] for name in _OF_SCENE}
+    summary = SceneSummary(version=version, things=values.get("things"), **of_scene)
     carried: list[NewVersion] = []
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").things if rows else None

@@ -21,7 +21,7 @@ from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.continuation import Continued
 from fastsplat.service.splatting.previews import TrainingWatch
 from fastsplat.service.train_more import capture_of, merged_scene, train_further
-from fastsplat.workers.look_again_stages import dictionary_rows
+from fastsplat.workers.look_again_stages import content_of
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
 from fastsplat.workers.protocol import Job, Stage
 from fastsplat.workers.results import checkpoint_folder, intact
@@ -84,8 +84,7 @@ def _merge(job: Job, folder: Path, progress: Progress) -> None:
     summary = {
         "parent": parent,
         "beside": beside,
-        "gaussians": len(scene.gaussians),
-        "dictionary": dictionary_rows(scene),
+        **content_of(scene),
         "quality": _json(scene),
         "scaling": scaling_to_json(scene.scaling),
         "alignment": alignment_to_json(scene.alignment),

@@ -117,6 +117,7 @@ _SUMMARY = SceneSummary(
     scale="METRIC",
     version="1",
     label_count=2,
+    thing_count=7,
 )
 _PHOTO = PhotoVerdict(
     name="IMG_0042.jpg",

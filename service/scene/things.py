@@ -40,6 +40,12 @@ def part_rows(things: Things) -> NDArray[np.int32]:
     return posterior(things.parts.membership, len(things.parts.table) + 1).classes
 
 
+def thing_count(things: Things) -> int:
+    """How many things, with or without a name, have Gaussians; floors, walls and other surfaces do not count."""
+    here = set(np.unique(thing_rows(things)).tolist())
+    return sum(thing.id in here and not thing.surface for thing in things.table)
+
+
 def next_thing_id(things: Things) -> int:
     """The id of the next thing that is added; see `Things.next_id`."""
     used = [*(thing.id for thing in things.everything), *(group.id for group in things.groups)]

@@ -34,7 +34,8 @@ _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 @dataclass(frozen=True)
 class SceneRecord:
     """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
-    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
+    is a draft, or what one was edited to. `things` is None where nobody has counted them. Times are seconds since 1970,
+    UTC."""
 
     id: str
     name: str
@@ -50,6 +51,7 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
+    things: int | None = None
 
     def __post_init__(self) -> None:
         require(
@@ -66,6 +68,7 @@ class SceneRecord:
             quality=is_object(self.quality),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
+            things=self.things is None or isinstance(self.things, int),
         )
 
 
@@ -192,7 +195,8 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
+    """What a finished job stores about its scene; the artefact itself is a folder of this version. `things` is None
+    where the job's trainer, of an earlier release, did not count them."""
 
     version: str
     gaussians: int
@@ -200,6 +204,7 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
+    things: int | None = None
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,8 @@ scenes = Table(
     # Of the current version: how its lengths follow from those of the trained one; null: they are the same.
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
+    # Things of the current version; null: not counted, as in rows of earlier releases.
+    Column("things", Integer, nullable=True),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
 )
@@ -121,6 +123,7 @@ scene_versions = Table(
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
     Column("quality", JSON(none_as_null=True), nullable=True),
+    Column("things", Integer, nullable=True),
     UniqueConstraint("scene_id", "request_id"),
 )
 

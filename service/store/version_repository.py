@@ -27,8 +27,9 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 @dataclass(frozen=True)
 class VersionRecord:
     """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
-    the service layer wrote them. `current_at` is when it last ceased to be current (in rows of earlier releases when it
-    last became current), None if it never did. `author` names the key that made it.
+    the service layer wrote them; `things` is None where nobody has counted them. `current_at` is when it last ceased to
+    be current (in rows of earlier releases when it last became current), None if it never did. `author` names the key
+    that made it.
     """
 
     scene_id: str
@@ -46,6 +47,7 @@ class VersionRecord:
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
+    things: int | None = None
     current: bool = False
 
     def __post_init__(self) -> None:
@@ -62,6 +64,7 @@ class VersionRecord:
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
             quality=self.quality is None or is_object(self.quality),
+            things=self.things is None or isinstance(self.things, int),
         )
 
 
@@ -89,6 +92,7 @@ class NewVersion:
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
+    things: int | None = None
     beside: bool = False
     max_versions: int | None = None
 
@@ -171,6 +175,14 @@ class VersionRepository:
             raise ConflictError(
                 f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
             ) from error
+
+    def record_things(self, scene_id: str, version: str, things: int) -> None:
+        """Note how many things a version has that no row says it of."""
+        with self._writing() as connection:
+            here = update(scenes).where(scenes.c.id == scene_id, scenes.c.version == version)
+            connection.execute(here.values(things=things))
+            here = update(scene_versions).where(_ROWS.scene_id == scene_id, _ROWS.version == version)
+            connection.execute(here.values(things=things))
 
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
         """Make the parent of the current version current; returns it.
@@ -332,7 +344,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
     values = {
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
-        "alignment": None if to.alignment is None else dict(to.alignment),
+        "alignment": None if to.alignment is None else dict(to.alignment), "things": to.things,
         **({} if to.quality is None else {"quality": dict(to.quality)}),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
@@ -367,5 +379,5 @@ def no_version(version: str) -> NotFoundError:
 def trained_version(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
-        quality=scene.quality, current=True,
+        quality=scene.quality, things=scene.things, current=True,
     )  # fmt: skip

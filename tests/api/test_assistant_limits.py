@@ -99,7 +99,7 @@ class _Many:
 
     def scenes(self) -> Any:
         at = datetime(2026, 1, 1, tzinfo=UTC)
-        summary = SceneSummary("s", "sample \u202eroom\n", "READY", "o", at, 1, "METRIC", "1", 1)
+        summary = SceneSummary("s", "sample \u202eroom\n", "READY", "o", at, 1, "METRIC", "1", 1, None)
         return (replace(summary, id=f"s{number}") for number in range(self.count))
 
 

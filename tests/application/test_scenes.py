@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from sqlalchemy import update
 
+from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
+from fastsplat.service.store.schema import scene_versions, scenes
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.json_codec import from_json, to_json
 from fastsplat_contract.pieces import messages_of_query, query_of
 from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 
@@ -37,6 +41,51 @@ def test_pages_stay_stable_while_scenes_come_and_go(service, post):
     post("newcomer")
     rest, _ = service.list_scenes(4, token)
     assert [scene.id for scene in rest] == posted[3::-1]
+
+
+def test_a_list_says_how_many_things_each_scene_has_as_it_is_edited(service, post, finish):
+    info = post()
+    assert service.list_scenes().scenes[0].thing_count is None  # there is no version yet
+
+    def said() -> tuple[int | None, int | None]:
+        listed = len(service.answers.list_things(info.id).things)
+        assert service.get_scene(info.id).thing_count == listed
+        return service.list_scenes().scenes[0].thing_count, listed
+
+    finish(info)
+    counts = [said()]
+    service.versions.edit(info.id, [Edit("remove", label="mug")])
+    counts.append(said())
+    service.versions.undo(info.id)
+    counts.append(said())
+    service.versions.redo(info.id)
+    counts.append(said())
+    assert counts == [(2, 2), (1, 1), (2, 2), (1, 1)]
+
+
+def test_what_an_earlier_release_did_not_count_is_counted_once_and_kept(service, settings, post, finish):
+    info = post()
+    finish(info)
+    service.versions.edit(info.id, [Edit("remove", label="mug")])
+    engine = open_engine(resolve_url(settings.data_dir, "", sqlite_name=SQLITE_NAME))
+    with engine.begin() as connection:
+        connection.execute(update(scenes).values(things=None))
+        connection.execute(update(scene_versions).values(things=None))
+    engine.dispose()
+    assert service.list_scenes().scenes[0].thing_count is None  # not counted is not none
+    assert service.get_scene(info.id).thing_count == 1
+    assert service.list_scenes().scenes[0].thing_count == 1
+    service.versions.undo(info.id)
+    assert service.list_scenes().scenes[0].thing_count is None
+    assert service.get_scene(info.id).thing_count == 2
+    service.versions.redo(info.id)
+    assert service.list_scenes().scenes[0].thing_count == 1
+    service.versions.undo(info.id)
+    (settings.data_dir / "scenes" / info.id / "v1" / "artefact" / "scene.json").write_bytes(b"damaged")
+    with engine.begin() as connection:
+        connection.execute(update(scenes).values(things=None))
+    engine.dispose()
+    assert service.get_scene(info.id).thing_count is None
 
 
 def test_page_sizes_are_cut_and_checked(service, post):

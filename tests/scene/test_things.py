@@ -23,6 +23,7 @@ from fastsplat.service.scene.things import (
     merge_things,
     next_thing_id,
     rename_thing,
+    thing_count,
     thing_of,
     thing_rows,
     things_of_rows,
@@ -106,6 +107,15 @@ def test_a_scene_of_the_tenth_schema_has_things_and_no_groups(scene: Scene, tmp_
     path.write_text(_sealed(body))
     read = read_scene(tmp_path / "v1").things
     assert scene.things is not None and read is not None and (read.table, read.groups) == (scene.things.table, ())
+
+
+def test_neither_surfaces_nor_things_without_gaussians_count(scene: Scene) -> None:
+    things = scene.things
+    assert things is not None
+    of_surface = {thing.id: bool(thing.surface) for thing in things.table}
+    assert of_surface == {2: False, 5: True, 9: False} and thing_count(things) == 2
+    without_9 = things_of_rows(things, np.flatnonzero(thing_rows(things) != 9))
+    assert without_9 is not None and len(without_9.table) == 3 and thing_count(without_9) == 1
 
 
 def test_groups_follow_their_things(scene: Scene) -> None:

@@ -32,10 +32,10 @@ from tests.postgres import PostgresServer
 _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
 _NEW_COLUMNS = {
-    "scenes": {"project", "scaling", "alignment"},
+    "scenes": {"project", "scaling", "alignment", "things"},
     "operations": {"project", "finish_requested", "progress_files", "worker"},
     "api_keys": {"project", "scene_id", "operation_id"},
-    "scene_versions": {"author", "current_at", "scaling", "alignment", "quality"},
+    "scene_versions": {"author", "current_at", "scaling", "alignment", "quality", "things"},
 }
 """What came to each table since the last release before alembic."""
 _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
@@ -160,7 +160,7 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
         ("operations", "enqueued"): (0, None),
-        ("schema_version", "version"): (2, 17),
+        ("schema_version", "version"): (2, 18),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)

@@ -22,7 +22,7 @@ def test_scenes_have_pictures_and_states(place: Place, browser: Browser) -> None
         card = visit.page.get_by_role("link", name="a table")
         expect(card.get_by_role("img", name="Picture of a table").first).to_be_visible()
         expect(card.first).to_contain_text("Ready")
-        expect(card.first).to_contain_text("3 names: ")
+        expect(card.first).to_contain_text("3 things: ")
         expect(visit.page.get_by_role("img", name="Picture of half done")).to_be_visible()
         expect(visit.page.get_by_role("link", name="in the queue")).to_contain_text("Waiting for a worker.")
         visit.check_accessible()

@@ -22,12 +22,12 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SceneInList:
-    """One scene of the project."""
+    """One scene of the project; `things` is null where nobody has counted them."""
 
     id: str
     name: str
     state: str
-    labels: int
+    things: int | None
     unit: Unit
 
 

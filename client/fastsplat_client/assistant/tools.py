@@ -95,7 +95,7 @@ def list_scenes(client: Client) -> Scenes:
     """The scenes of the project, newest first."""
     every = list(client.scenes())
     shown = [
-        SceneInList(each.id, each.name, each.state, each.label_count, unit_of(each)) for each in every[:_MOST_SCENES]
+        SceneInList(each.id, each.name, each.state, each.thing_count, unit_of(each)) for each in every[:_MOST_SCENES]
     ]
     return Scenes(shown, len(every) - len(shown))
 

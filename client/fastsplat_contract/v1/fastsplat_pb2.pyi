@@ -916,7 +916,7 @@ class OpenSampleRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional")
+    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional", "thing_count")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
@@ -935,6 +935,7 @@ class Scene(_message.Message):
     VERTICAL_FIELD_NUMBER: _ClassVar[int]
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
+    THING_COUNT_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
     state: SceneState
@@ -953,7 +954,8 @@ class Scene(_message.Message):
     vertical: SceneVertical
     alignment: SceneAlignment
     provisional: Provisional
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
+    thing_count: int
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., thing_count: _Optional[int] = ...) -> None: ...
 
 class DictionaryEntry(_message.Message):
     __slots__ = ("label_id", "label", "aliases", "pixels", "views", "gaussian_count")

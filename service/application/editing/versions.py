@@ -29,6 +29,7 @@ from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.changes import changed_views
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.scaling import scaling_to_json
+from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Scene, Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.name_repository import names_between
@@ -301,6 +302,7 @@ class Versions:
                     scaling=scaling_to_json(edited.scaling),
                     alignment=alignment_to_json(edited.alignment),
                     quality={**record.quality, "changed_by": changes} if changes else None,
+                    things=thing_count(index.things.table),
                     max_versions=self._max_versions(edited),
                 )
             )

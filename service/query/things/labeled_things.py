@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fastsplat.service.common.logistic import logistic
-from fastsplat.service.query.things.gaussian_labels import GaussianLabels
+from fastsplat.service.query.things.gaussian_labels import GaussianLabels, label_gaussians
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
 from fastsplat.service.scene.connectivity import components
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
@@ -25,6 +25,11 @@ _REACH = 4.0
 """A Gaussian of the same label this many standard deviations from a thing's nearest one belongs to the thing."""
 _MIN_SHARE = 0.05
 _MAX_THINGS_A_LABEL = 1_000
+
+
+def things_of(scene: Scene) -> Things:
+    """The things that a scene stores, else those of its labels."""
+    return labeled_things(scene, label_gaussians(scene)) if scene.things is None else scene.things
 
 
 def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:

@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.nn.utils import get_total_norm
 
 from fastsplat.service.splatting.raster import classify
 from fastsplat.service.splatting.raster.checks import finite_rows, isect_limit_error
@@ -188,15 +189,16 @@ def _usable(splats: Splats) -> tuple[Tensor | None, int]:
     """Rows that gsplat may see, None for all, and how many of the others are not finite.
 
     A step would spend more time on starting the kernels that take rows out of five tensors, and put their gradients
-    back, than on drawing. So one number says whether all rows are usable; only a sum that overflows says so wrongly,
+    back, than on drawing. So one number says whether all rows are usable; only a norm that overflows says so wrongly,
     and then every row is looked at.
     """
-    parts = [getattr(splats, name).detach() for name in _PARTS]
-    shortest = parts[1].abs().amax(dim=1)
-    if len(shortest) and bool(torch.stack([part.sum() for part in parts]).isfinite().all() & (shortest.amin() > 0)):
-        return None, 0
+    lengths = torch.linalg.vector_norm(splats.quats.detach(), ord=torch.inf, dim=1)
+    if len(lengths):
+        norm = get_total_norm([getattr(splats, name).detach() for name in _PARTS])
+        if bool(lengths.amin() > 0 * norm):  # 0 times what is not finite is NaN, and nothing is above that
+            return None, 0
     finite = finite_rows(splats)
-    return torch.nonzero(finite & (shortest > 0))[:, 0], int((~finite).sum())
+    return torch.nonzero(finite & (lengths > 0))[:, 0], int((~finite).sum())
 
 
 def _empty(splats: Splats, camera: Camera, background: Tensor | None, non_finite: int, *, median: bool) -> Rendering:

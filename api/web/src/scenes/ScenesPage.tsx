@@ -152,11 +152,12 @@ function OpenSample() {
 }
 
 function Card({ scene }: { scene: SceneSummary }) {
-  const [{ grade, names, bytes }, setTold] = useState<Told>({ grade: null, names: [], bytes: null });
+  const [told, setTold] = useState<Told | null>(null);
+  const grade = told?.grade;
   const name = nameOf(scene);
   const ready = scene.state === "READY";
   const made = dayText(scene.created_at);
-  const size = bytes === null ? texts.scenes.gaussians(scene.gaussians) : bytesText(bytes);
+  const size = told?.bytes ? bytesText(told.bytes) : texts.scenes.gaussians(scene.gaussians);
   return (
     <a class="card" href={sceneAddress(scene.id)}>
       <Thumbnail scene={scene} name={name} onLoaded={setTold} />
@@ -164,7 +165,11 @@ function Card({ scene }: { scene: SceneSummary }) {
       <span class={`state ${scene.state.toLowerCase()} ${grade ?? ""}`}>
         {ready && grade ? texts.scenes.grades[grade] : texts.scenes.states[scene.state]}
       </span>
-      {ready && <span class="hint names">{names.length > 0 && texts.scenes.names(names)}</span>}
+      {ready && (
+        <span class="hint names">
+          {texts.scenes.things(told?.things ?? scene.thing_count ?? null, told?.names ?? [])}
+        </span>
+      )}
       <span class="hint">{[ready && size, made].filter(Boolean).join(" · ")}</span>
       {scene.state === "TRAINING" && <Progress operationId={scene.operation_id} />}
     </a>

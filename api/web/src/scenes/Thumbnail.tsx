@@ -18,6 +18,8 @@ export interface Told {
   grade: Assessment["grade"] | null;
   /** Names in the scene, those of most Gaussians first. */
   names: readonly string[];
+  /** How many things it has; null where nobody could count them. */
+  things: number | null;
   /** Of the scene as a compressed file, about; null where that is not known. */
   bytes: number | null;
 }
@@ -86,6 +88,7 @@ async function load({ id, version }: SceneSummary, signal: AbortSignal): Promise
   const told = {
     grade: scene.assessment?.grade ?? null,
     names: namesIn(scene.dictionary),
+    things: scene.thing_count ?? null,
     bytes: exportBytes(scene, "spz"),
   };
   const camera = middleCamera(scene.cameras);

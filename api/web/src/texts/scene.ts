@@ -15,7 +15,10 @@ export const sceneTexts = {
       `Delete ${names.map((name) => `“${name}”`).join(", ")}? Their versions and files are removed for good.`,
     untitled: "Untitled scene",
     gaussians: (count: number) => plural(count, "Gaussian", "Gaussians"),
-    names: (names: readonly string[]) => `${plural(names.length, "name", "names")}: ${names.slice(0, 12).join(", ")}`,
+    things: (count: number | null, names: readonly string[]) =>
+      [count === null ? "" : plural(count, "thing", "things"), names.slice(0, 12).join(", ")]
+        .filter(Boolean)
+        .join(": "),
     grades: { good: "Ready", fair: "Ready, fair", poor: "Ready, poor" },
     find: "Find a scene, or ask where something is",
     findExample: "A name, or: where is the drill?",
