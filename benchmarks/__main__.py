@@ -40,7 +40,6 @@ BENCHMARKS = {
     ),
     "changes": Benchmark("what changed in drawn rooms, told by ten photos of another day", _TEST),
     "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
-    "fairness": Benchmark("what one key's load costs another", module="serve.fairness"),
     "flipped_bits": Benchmark(
         "how reading ends when random bits of stored files flip", module="robustness.flipped_bits"
     ),
@@ -50,9 +49,7 @@ BENCHMARKS = {
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
     "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a namer suggests", _MODELS),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
-    "poses": Benchmark("photos placed by structure from motion, and their errors", ("--data", _DATA)),
     "published": Benchmark("the paper's scenes (FOLDER of LERF-OVS or 3D-OVS), beside its figures"),
-    "query": Benchmark("milliseconds of questions to a scene, in process", _MODELS),
     "questions": Benchmark("scenes as the product trains them, asked what their photos show (--scenes FOLDER)"),
     "raster": Benchmark("rasterizer and training step", ("--peers", "benchmarks/results/peers.json")),
     "reads": Benchmark("words printed on things in drawn rooms, read in photos (--split test: other rooms)"),

@@ -70,7 +70,7 @@ def _examine(settings: Settings) -> Sequence[Problem]:
     problems = list(check_folder(settings.data_dir, settings.uploads.min_free_bytes))
     of_database = check_database(settings.data_dir, settings.database_url)
     problems += of_database
-    if any(problem.place != "jobs.sqlite" for problem in of_database) or not os.access(settings.data_dir, os.W_OK):
+    if of_database or not os.access(settings.data_dir, os.W_OK):
         return problems  # the rows cannot be read
     with ExitStack() as opened:
         try:

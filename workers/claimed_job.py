@@ -221,10 +221,7 @@ class ClaimedJob:
     @patient
     def claim_again(self) -> None:
         """Begin another attempt of this worker, whose trainer died."""
-        claim = self._jobs.claim(self.id, self.claim.operation.retries, after="trainer_died")
-        if claim is None:
-            raise FencedError(self.id)
-        self.claim = claim
+        self.claim = self._jobs.claim_again(self.claim)
 
     @patient
     def release(self) -> None:

@@ -1,7 +1,7 @@
 """Heartbeats of workers, and recovery of the jobs of workers that have stalled.
 
-A worker writes the time into its row. One without a heartbeat for too long is dead, or suspended, or cut off; its jobs
-are queued again either way, for each write of a job carries the number of its attempt, and a late write of an old
+A worker writes the time into its row. One without a heartbeat for too long is dead, or suspended, or cut off; others
+may claim its jobs either way, for each write of a job carries the number of its attempt, and a late write of an old
 attempt changes nothing. Of workers of its own machine a worker knows more, and sooner: whether the process has ended.
 
 Who judges measures by its own clock how long it has seen the same heartbeat. Times that others wrote are never compared
@@ -23,7 +23,6 @@ from collections.abc import Mapping
 
 from fastsplat.service.store.records import WorkerRecord
 from fastsplat.service.store.store import Store
-from fastsplat.workers.engine import JobEngine
 from fastsplat.workers.process_group import machine_id, process_state
 
 logger = logging.getLogger(__name__)
@@ -99,7 +98,6 @@ def kill_suspended_workers(store: Store, executor_id: str, observer: Observer, t
 
 def prune_stalled_workers(
     store: Store,
-    engine: JobEngine,
     executor_id: str,
     heartbeats: Observer,
     owners: Observer,
@@ -107,11 +105,10 @@ def prune_stalled_workers(
     *,
     trust_timeout: bool,
 ) -> None:
-    """Queue the jobs of dead workers again, and unregister dead workers without jobs.
+    """Let others claim the jobs of dead workers, and unregister dead workers without jobs.
 
     Args:
-        store: where the heartbeats are.
-        engine: whose queue it is.
+        store: where jobs and heartbeats are.
         executor_id: this worker, which is left out.
         heartbeats: what `kill_suspended_workers` has seen.
         owners: what this function has seen of the owners of unfinished jobs.
@@ -120,7 +117,7 @@ def prune_stalled_workers(
             whose process is known to have ended, is dead in any case.
     """
     # Jobs first, heartbeats second: a worker registers before it takes jobs, so one that is new in between is known.
-    busy = engine.owners()
+    busy = store.jobs.owners()
     owners.look(busy)
     host, stalled = machine_id(), heartbeats.stalled(timeout_s)
     others = [worker for worker in store.workers.list_workers() if worker.executor_id != executor_id]
@@ -134,8 +131,8 @@ def prune_stalled_workers(
         known = {worker.executor_id for worker in others} | {executor_id}
         dead |= owners.stalled(timeout_s) - known
     for dead_id in sorted(dead & set(busy)):
-        logger.warning("worker %s is dead; its jobs are queued again", dead_id)
-        engine.requeue(dead_id)
+        logger.warning("worker %s is dead; others go on with its jobs", dead_id)
+        store.jobs.take_back(dead_id)
     # One that had jobs is unregistered by the next call, which sees that none is left.
     for worker in others:
         if worker.executor_id in dead and worker.executor_id not in busy:

@@ -39,7 +39,7 @@ def run(settings: Settings, kinds: Mapping[OperationKind, JobKind] = KINDS) -> N
     logger.info("worker %s is stopping", worker.executor_id)
     stop(worker)
     logging.shutdown()
-    os._exit(0)  # the engine's threads hold an unfinished job, which must stay pending
+    os._exit(0)  # whatever its threads are at: none may begin a job any more
 
 
 def wait_for_space(data_dir: Path, pause: Callable[[float], bool]) -> None:

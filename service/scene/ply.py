@@ -5,21 +5,17 @@ from __future__ import annotations
 import os
 import secrets
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.ply_tables import LITTLE, MAX_HEADER_BYTES, check_size, read_element, read_header
 from fastsplat.service.scene.types import F32, SH_COUNTS, Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 
-_MAX_HEADER_BYTES = 64 << 10
 _CHUNK_ROWS = 1 << 16
-_TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "<i2", "int16": "<i2", "ushort": "<u2",
-    "uint16": "<u2", "int": "<i4", "int32": "<i4", "uint": "<u4", "uint32": "<u4", "float": "<f4", "float32": "<f4",
-    "double": "<f8", "float64": "<f8",
-}  # fmt: skip
 _COUNT_OF_REST = {3 * (count - 1): count for count in SH_COUNTS}
 """Coefficients of a color by the number of f_rest properties."""
 
@@ -82,30 +78,32 @@ def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:
         InvalidInputError: not a whole binary little-endian 3DGS PLY, or numbers that are not finite.
         LimitExceededError: more than `max_gaussians` rows.
     """
+    refuse = partial(_bad, path)
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
-            head = file.read(_MAX_HEADER_BYTES)
+            header = read_header(file.read(MAX_HEADER_BYTES), refuse, (LITTLE,))
     except OSError as error:
-        raise _bad(path, f"cannot be read: {error}") from error
-    count, layout, start = _parse_header(path, head)
+        raise refuse(f"cannot be read: {error}") from error
+    if [element.name for element in header.elements] != ["vertex"]:
+        raise refuse("does not consist of one element named vertex")
+    (vertices,) = header.elements
+    count = vertices.count
     if count > max_gaussians:
         raise LimitExceededError(
             f"{path.name} announces {count} Gaussians", field=path.name, limit=f"{max_gaussians} Gaussians"
         )
-    expected = start + count * layout.itemsize
-    if size != expected:
-        raise _bad(path, f"has {size} bytes where its header asks for {expected}")
-    sh_count, code_count = _check_properties(path, layout)
+    check_size(path, header, vertices)
+    if size != (expected := header.size + count * vertices.layout.itemsize):
+        raise refuse(f"has {size} bytes where its header asks for {expected}")
+    sh_count, code_count = _check_properties(path, vertices.layout)
     names = [name for name in _property_names(sh_count, code_count) if name not in ("nx", "ny", "nz")]
     values = np.empty((count, len(names)), dtype=np.float32)
-    if count:
-        table = np.memmap(path, dtype=layout, mode="r", offset=start, shape=(count,))
+    for rows, table in read_element(path, header, vertices):
         for column, name in enumerate(names):
-            values[:, column] = table[name]
-            bad = np.flatnonzero(~np.isfinite(values[:, column]))
-            if len(bad):
-                raise _bad(path, f"has {values[bad[0], column]} as {name} of row {bad[0]}")
+            values[rows, column] = table[name]
+    for row, column in np.argwhere(~np.isfinite(values))[:1]:
+        raise refuse(f"has {values[row, column]} as {names[column]} of row {row}")
     rest = values[:, 6 : 3 + 3 * sh_count].reshape(count, 3, sh_count - 1).transpose(0, 2, 1)
     after = 3 + 3 * sh_count
     return Gaussians(
@@ -154,38 +152,6 @@ def _rows(rows: NDArray[np.bool_] | NDArray[np.integer] | None, count: int) -> N
     if len(ids) and (ids[0] < 0 or ids[-1] >= count):
         raise InvalidInputError(f"Gaussian ids {ids[0]}..{ids[-1]} of {count} Gaussians", field="rows")
     return ids.astype(np.intp)
-
-
-def _parse_header(path: Path, head: bytes) -> tuple[int, np.dtype[np.void], int]:
-    """Row count, row layout and offset of the first row."""
-    end = head.find(b"end_header\n")
-    ending = b"end_header\n"
-    if end < 0:
-        end, ending = head.find(b"end_header\r\n"), b"end_header\r\n"
-    if not head.startswith((b"ply\n", b"ply\r\n")) or end < 0:
-        raise _bad(path, f"has no PLY header within its first {_MAX_HEADER_BYTES} bytes")
-    try:
-        lines = [line.split() for line in head[:end].decode("ascii").splitlines()[1:]]
-    except UnicodeDecodeError as error:
-        raise _bad(path, "has a header that is not ASCII") from error
-    lines = [words for words in lines if words and words[0] not in ("comment", "obj_info")]
-    if not lines or lines[0] != ["format", "binary_little_endian", "1.0"]:
-        raise _bad(
-            path, f"has the format {' '.join(lines[0][1:]) if lines else ''!r}, expected binary_little_endian 1.0"
-        )
-    if len(lines) < 2 or lines[1][:2] != ["element", "vertex"] or len(lines[1]) != 3:
-        raise _bad(path, "does not begin with one element named vertex")
-    count = lines[1][2]
-    if not count.isascii() or not count.isdigit() or len(count) > 18:
-        raise _bad(path, f"announces {count[:40]!r} rows")
-    properties: list[tuple[str, str]] = []
-    for words in lines[2:]:
-        if len(words) != 3 or words[0] != "property" or words[1] not in _TYPES:
-            raise _bad(path, f"has the header line {' '.join(words)[:80]!r}; only scalar vertex properties are read")
-        properties.append((words[2], _TYPES[words[1]]))
-    if not properties or len({name for name, _ in properties}) != len(properties):
-        raise _bad(path, "has no properties, or two of one name")
-    return int(count), np.dtype(properties), end + len(ending)
 
 
 def _check_properties(path: Path, layout: np.dtype[np.void]) -> tuple[int, int]:

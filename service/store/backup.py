@@ -11,8 +11,8 @@ A backup is a folder:
 
 Rows are saved first and files after, so what a row names is there, or was deleted meanwhile; in the latter case both
 are saved again. What is not saved: stage results of running jobs (which start over), uploads of failed jobs and those
-that are not whole, logs, and the job engine's own database, which is made anew from the rows. With an object store,
-scenes and uploads stay there, and its own versioning is their backup.
+that are not whole, and logs. With an object store, scenes and uploads stay there, and its own versioning is their
+backup.
 
 Earlier releases saved PostgreSQL as `postgresql.dump` (`pg_dump --format=custom`), which is restored by `pg_restore`.
 """
@@ -30,7 +30,7 @@ from contextlib import closing
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from sqlalchemy import URL, Connection, create_engine, delete, insert, select, text, update
+from sqlalchemy import URL, Connection, create_engine, delete, insert, select, update
 
 from fastsplat.service.common.atomic import atomic_file, link_or_copy, sync_directory, sync_tree
 from fastsplat.service.store.backup_files import (
@@ -287,10 +287,8 @@ def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
     engine = open_engine(url)
     try:
         with engine.begin() as connection:
-            if engine.dialect.name == "postgresql":  # the job engine would take these jobs for old ones
-                connection.execute(text("DROP SCHEMA IF EXISTS dbos CASCADE"))
             waiting = update(operations).where(operations.c.state.in_(_UNFINISHED))
-            connection.execute(waiting.values(state="QUEUED", enqueued=False, starts=0))
+            connection.execute(waiting.values(state="QUEUED", worker="", starts=0))
             connection.execute(delete(workers))
     finally:
         engine.dispose()

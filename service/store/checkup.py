@@ -24,7 +24,6 @@ from fastsplat.service.store.schema import metadata, operations, scene_versions,
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import FastSplatError
 
-_DATABASES = (SQLITE_NAME, "jobs.sqlite")
 _LOST = "Restore a database that has it; or, if nobody needs it, remove the folder."
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
@@ -51,11 +50,11 @@ def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
 
     To be called before `open_store`, which brings an older schema to this release's.
     """
-    url = resolve_url(data_dir, database_url, sqlite_name=_DATABASES[0])
+    url = resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME)
     if url.get_backend_name() == "sqlite":
-        problems = [problem for name in _DATABASES for problem in _check_sqlite(data_dir, name)]
-        if problems or not (data_dir / _DATABASES[0]).exists():
-            return tuple(problems)
+        problems = tuple(_check_sqlite(data_dir, SQLITE_NAME))
+        if problems or not (data_dir / SQLITE_NAME).exists():
+            return problems
     return tuple(_check_schema(url))
 
 
@@ -66,7 +65,7 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
         data_dir: the data folder.
         floor_bytes: below so much free space, uploads are refused.
     """
-    names = ("", "key", *_DATABASES)
+    names = ("", "key", SQLITE_NAME)
     for path in (data_dir / name for name in names):
         if path.exists() and path.stat().st_mode & _OTHERS:
             mode = f"{stat.S_IMODE(path.stat().st_mode):o}"
@@ -88,7 +87,7 @@ def check_folder(data_dir: Path, floor_bytes: int) -> Iterator[Problem]:
 
 def mend_folder(data_dir: Path) -> None:
     """Take the data folder from everybody but its owner."""
-    for path in (data_dir, *(data_dir / name for name in ("key", *_DATABASES))):
+    for path in (data_dir, *(data_dir / name for name in ("key", SQLITE_NAME))):
         if path.exists():
             path.chmod(path.stat().st_mode & ~_OTHERS & 0o777)
 

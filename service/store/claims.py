@@ -1,14 +1,23 @@
-"""Claims to jobs, and updates that only the newest one makes."""
+"""Claims to jobs: which worker has which, and updates that only the newest claim makes."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
-from sqlalchemy import Connection, Update, update
+from sqlalchemy import Connection, Engine, Update, func, select, update
 
-from fastsplat.service.store.records import OperationRecord
+from fastsplat.service.store.damaged_rows import each_readable
+from fastsplat.service.store.database import transaction
+from fastsplat.service.store.records import AGAIN_AFTER, RELEASED, OperationRecord
+from fastsplat.service.store.scene_repository import as_operation
 from fastsplat.service.store.schema import operations
+from fastsplat_contract.operations import AgainAfter
+
+_UNCLAIMED = (operations.c.state == "QUEUED") | ((operations.c.state == "RUNNING") & (operations.c.worker == ""))
 
 JobRequest = Literal["cancel", "finish"]
 """What was asked of a job that runs: to stop, or to end its training early and to keep what is there."""
@@ -48,3 +57,109 @@ def execute_fenced(connection: Connection, claim: Claim, statement: Update) -> N
     """
     if not connection.execute(statement).rowcount:
         raise FencedError(claim.operation.id)
+
+
+class JobQueue:
+    """The queue; every method is one or two transactions, and raises `DatabaseError` when the database is away."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._writing = partial(transaction, engine)
+        self._reading = partial(transaction, engine.execution_options(read_only=True))
+
+    def waiting(self) -> Sequence[OperationRecord]:
+        """Operations that no worker has: those whose worker died or gave them back, then queued ones; by priority and
+        age."""
+        query = select(operations).where(_UNCLAIMED)
+        order = (operations.c.state.desc(), operations.c.priority.desc(), operations.c.created_at, operations.c.id)
+        with self._reading() as connection:
+            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
+
+    def claim_next(self, worker: str) -> Claim | None:
+        """Start an attempt of the job to run next, projects taking turns.
+
+        A job that was begun goes first. Else the next is of the project with the fewest jobs under way; of several, the
+        one whose latest job is longest ago, then the one that has waited longest. Within a project priority decides,
+        then age.
+
+        Args:
+            worker: who claims it, by its executor id.
+
+        Returns:
+            None if nothing waits, or another worker was faster.
+        """
+        waiting = self.waiting()
+        job = waiting[0] if waiting and waiting[0].state == "RUNNING" else self._in_turn(waiting)
+        return None if job is None else self.claim(job.id, worker)
+
+    def _in_turn(self, queued: Sequence[OperationRecord]) -> OperationRecord | None:
+        """Of operations by priority and age, the first of the project whose turn it is."""
+        first: dict[str, OperationRecord] = {}
+        oldest: dict[str, float] = {}
+        for job in queued:
+            first.setdefault(job.project, job)
+            oldest[job.project] = min(job.created_at, oldest.get(job.project, job.created_at))
+        if len(first) < 2:  # as mostly, when a worker asks
+            return next(iter(first.values()), None)
+        project = operations.c.project
+        running = select(project, func.count()).where(operations.c.state == "RUNNING").group_by(project)
+        begun = select(project, func.max(operations.c.updated_at)).where(operations.c.attempt > 0).group_by(project)
+        with self._reading() as connection:
+            active: dict[str, int] = dict(connection.execute(running).all())
+            latest: dict[str, float] = dict(connection.execute(begun).all())
+        return first[min(first, key=lambda name: (active.get(name, 0), latest.get(name, 0.0), oldest[name]))]
+
+    def claim(self, operation_id: str, worker: str = "") -> Claim | None:
+        """Start an attempt of a job that waits: counts one start and fences earlier claims.
+
+        Args:
+            operation_id: which job.
+            worker: who claims it; until it ends, or `take_back`, nobody else may, unless that is "".
+
+        Returns:
+            None if the operation does not wait: another worker has it, or it is over or deleted.
+        """
+        waiting = select(operations).where(operations.c.id == operation_id, _UNCLAIMED).with_for_update()
+        with self._writing() as connection:
+            row = connection.execute(waiting).mappings().first()
+            if row is None:
+                return None
+            before = as_operation(row)
+            return _begin(connection, before, "worker_stopped" if RELEASED in before.options else "worker_died", worker)
+
+    def claim_again(self, claim: Claim) -> Claim:
+        """Start another attempt of a worker whose trainer died.
+
+        Raises:
+            FencedError: as `report`.
+        """
+        with self._writing() as connection:
+            execute_fenced(connection, claim, fenced(claim).values(updated_at=time.time()))
+            row = connection.execute(select(operations).where(operations.c.id == claim.operation.id)).mappings().one()
+            return _begin(connection, as_operation(row), "trainer_died", row["worker"])
+
+    def owners(self) -> Mapping[str, float]:
+        """The workers that have unfinished jobs, and when one was last written to, in seconds since 1970."""
+        owned = operations.c.state == "RUNNING", operations.c.worker != ""
+        latest = select(operations.c.worker, func.max(operations.c.updated_at)).where(*owned)
+        with self._reading() as connection:
+            return dict(connection.execute(latest.group_by(operations.c.worker)).all())
+
+    def take_back(self, worker: str) -> None:
+        """Let others claim the unfinished jobs of a worker that is dead."""
+        with self._writing() as connection:
+            connection.execute(update(operations).where(operations.c.worker == worker).values(worker=""))
+
+
+def _begin(connection: Connection, before: OperationRecord, after: AgainAfter, worker: str) -> Claim:
+    """Begin an attempt of an unfinished operation; `after` is what ended the one before, if that was under way."""
+    options = {name: value for name, value in before.options.items() if name != RELEASED}
+    if before.state == "RUNNING":
+        options[AGAIN_AFTER] = after
+    here = operations.c.id == before.id
+    values = {
+        "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1, "worker": worker,
+        "options": options, "updated_at": time.time(),
+    }  # fmt: skip
+    connection.execute(update(operations).where(here).values(values))
+    record = as_operation(connection.execute(select(operations).where(here)).mappings().one())
+    return Claim(record, record.attempt)

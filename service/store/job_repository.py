@@ -1,18 +1,23 @@
-"""Job queue of the workers. Every write carries the attempt that claimed the job: a late copy changes nothing."""
+"""What workers write of their jobs. Every write carries the attempt that claimed the job: late ones change nothing."""
 
 from __future__ import annotations
 
 import time
-from collections import Counter, defaultdict, deque
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any
 
-from sqlalchemy import Connection, Engine, delete, exists, func, insert, select, update
+from sqlalchemy import Connection, delete, exists, insert, select, update
 
-from fastsplat.service.store.claims import Claim, FencedError, JobRequest, execute_fenced, fenced, uncancelled
+from fastsplat.service.store.claims import (
+    Claim,
+    FencedError,
+    JobQueue,
+    JobRequest,
+    execute_fenced,
+    fenced,
+    uncancelled,
+)
 from fastsplat.service.store.damaged_rows import each_readable
-from fastsplat.service.store.database import transaction
 from fastsplat.service.store.made_scenes import publish_made_within
 from fastsplat.service.store.photo_repository import record_photos
 from fastsplat.service.store.records import (
@@ -26,10 +31,9 @@ from fastsplat.service.store.records import (
     SceneSummary,
 )
 from fastsplat.service.store.scene_repository import as_operation, no_operation, no_upload, queued_row
-from fastsplat.service.store.schema import operations, scenes, workers
+from fastsplat.service.store.schema import operations, scenes
 from fastsplat.service.store.version_repository import NewVersion, publish_within
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.operations import AgainAfter
 
 _ENDED = ("SUCCEEDED", "FAILED", "CANCELLED")
 _UNFINISHED = ("QUEUED", "RUNNING")
@@ -37,102 +41,15 @@ _RETRIED = ("FAILED", "CANCELLED")
 _REQUESTED = (operations.c.cancel_requested, operations.c.finish_requested)
 
 
-class JobRepository:
-    """The queue; every method is one transaction, and raises `DatabaseError` when the database is away."""
-
-    def __init__(self, engine: Engine) -> None:
-        self._writing = partial(transaction, engine)
-        self._reading = partial(transaction, engine.execution_options(read_only=True))
-
-    def waiting(self) -> Sequence[OperationRecord]:
-        """Queued operations that no job engine knows of yet, in the order to run them."""
-        query = select(operations).where(operations.c.state == "QUEUED", operations.c.enqueued.is_(False))
-        order = (operations.c.priority.desc(), operations.c.created_at, operations.c.id)
-        with self._reading() as connection:
-            return each_readable(connection.execute(query.order_by(*order)).mappings(), as_operation)
-
-    def due(self, live_since: float) -> Sequence[OperationRecord]:
-        """Queued operations to hand to the job engine now: one for each worker without a job, projects taking turns.
-
-        The engine's queue knows priorities, but no projects, and keeps the order in which it was told; so it is told as
-        late as possible. The next operation is of the project with the fewest jobs under way; of several, the one whose
-        latest job is longest ago, then the one that has waited longest. Within a project priority decides, then age.
-
-        Args:
-            live_since: seconds since 1970; workers whose last heartbeat is older are not counted. One always is.
-        """
-        waiting = self.waiting()
-        if not waiting:  # as mostly, when a worker asks
-            return []
-        under_way = operations.c.enqueued.is_(True) | (operations.c.state == "RUNNING")
-        counts = select(operations.c.project, func.count()).where(operations.c.state.in_(_UNFINISHED), under_way)
-        begun = select(operations.c.project, func.max(operations.c.updated_at).label("at")).where(
-            operations.c.attempt > 0
-        )
-        live = select(func.count()).select_from(workers).where(workers.c.heartbeat_at >= live_since)
-        with self._reading() as connection:
-            rows = connection.execute(counts.group_by(operations.c.project))
-            active = Counter({project: int(count) for project, count in rows})
-            latest = {row.project: row.at for row in connection.execute(begun.group_by(operations.c.project))}
-            free = max(1, int(connection.scalar(live) or 0)) - active.total()
-        queues: dict[str, deque[OperationRecord]] = defaultdict(deque)
-        for record in waiting if free > 0 else ():
-            queues[record.project].append(record)
-        due: list[OperationRecord] = []
-        while queues and len(due) < free:
-            project = min(
-                queues,
-                key=lambda name: (active[name], latest.get(name, 0.0), min(job.created_at for job in queues[name])),
-            )
-            due.append(queues[project].popleft())
-            active[project] += 1
-            if not queues[project]:
-                del queues[project]
-        return due
-
-    def mark_enqueued(self, operation_id: str, retries: int = 0) -> None:
-        """Note that the job engine has the operation, durably, if it was not cancelled and retried meanwhile."""
-        with self._writing() as connection:
-            here = operations.c.id == operation_id
-            row = connection.execute(select(operations).where(here).with_for_update()).mappings().first()
-            if row is not None and as_operation(row).retries == retries:
-                connection.execute(update(operations).where(here).values(enqueued=True))
-
-    def claim(self, operation_id: str, retries: int = 0, after: AgainAfter = "worker_died") -> Claim | None:
-        """Start an attempt: counts one start and fences earlier claims.
-
-        Args:
-            operation_id: which job.
-            retries: how often it had been retried when this run of it was queued.
-            after: what ended the attempt before, if it was under way and its worker did not release it.
-
-        Returns:
-            None if the operation is over or deleted, or this run of it was ended and the job retried since.
-        """
-        with self._writing() as connection:
-            stored = connection.execute(select(operations).where(operations.c.id == operation_id).with_for_update())
-            row = stored.mappings().first()
-            if row is None or (before := as_operation(row)).retries != retries:
-                return None
-            options = {name: value for name, value in before.options.items() if name != RELEASED}
-            if before.state == "RUNNING":
-                options[AGAIN_AFTER] = "worker_stopped" if RELEASED in before.options else after
-            unfinished = update(operations).where(operations.c.id == operation_id, operations.c.state.in_(_UNFINISHED))
-            values = {
-                "state": "RUNNING", "attempt": operations.c.attempt + 1, "starts": operations.c.starts + 1,
-                "options": options, "updated_at": time.time(),
-            }  # fmt: skip
-            if not connection.execute(unfinished.values(values)).rowcount:
-                return None
-            row = connection.execute(select(operations).where(operations.c.id == operation_id)).mappings().one()
-            record = as_operation(row)
-            return Claim(record, record.attempt)
+class JobRepository(JobQueue):
+    """The queue, and what is written of a job; every method is one transaction, and raises `DatabaseError` when the
+    database is away."""
 
     def release(self, claim: Claim) -> None:
         """Give an unfinished job back; its start does not count. Does nothing when fenced."""
         with self._writing() as connection:
             options = {**claim.operation.options, RELEASED: True}
-            values = {"starts": operations.c.starts - 1, "options": options, "updated_at": time.time()}
+            values = {"starts": operations.c.starts - 1, "options": options, "worker": "", "updated_at": time.time()}
             connection.execute(fenced(claim).values(values))
 
     def report(
@@ -304,7 +221,7 @@ class JobRepository:
             }
             again = {
                 "state": "QUEUED", "starts": 0, "stages": [], "error": None, "cancel_requested": False,
-                "finish_requested": False, "progress_files": None, "enqueued": False,
+                "finish_requested": False, "progress_files": None, "worker": "",
                 "options": options, "updated_at": time.time(),
             }  # fmt: skip
             connection.execute(update(operations).where(here).values(again))

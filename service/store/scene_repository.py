@@ -87,7 +87,7 @@ class SceneRepository:
         """
         try:
             with self._writing() as connection:
-                connection.execute(insert(operations).values(request_id=request_id, enqueued=True, **vars(operation)))
+                connection.execute(insert(operations).values(request_id=request_id, **vars(operation)))
                 connection.execute(insert(scenes).values(**vars(scene)))
                 record_photos(connection, scene.id, photos)
                 within(connection)
@@ -372,6 +372,6 @@ def _check_trains(operation: OperationRecord) -> None:
 
 def as_operation(row: RowMapping) -> OperationRecord:
     """A row of `operations` as a record."""
-    hidden = ("request_id", "enqueued")
+    hidden = ("request_id", "worker")
     values: dict[str, Any] = {name: value for name, value in row.items() if name not in hidden}
     return OperationRecord(**values)

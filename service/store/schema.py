@@ -79,7 +79,8 @@ operations = Table(
     # Starts since the job last came further than before that ended in a crash or have not ended; a release of the job
     # takes its start back.
     Column("starts", Integer, nullable=False, default=0),
-    Column("enqueued", Boolean, nullable=False, default=False),
+    # The executor id of the worker that has it while it is RUNNING; "": others may claim it.
+    Column("worker", String(80), nullable=False, default="", server_default=""),
     Column("cancel_requested", Boolean, nullable=False, default=False),
     # Its training is to end early, and what is there to be kept.
     Column("finish_requested", Boolean, nullable=False, default=False, server_default=false()),

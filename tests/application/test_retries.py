@@ -68,7 +68,7 @@ def fail(service: SceneService, posted: Operation) -> Callable[[FastSplatError],
 def _claimed(service: SceneService, operation: Operation) -> tuple[Job, Any]:
     """What the trainer of the job's next attempt is told."""
     store = service._store
-    claim = store.jobs.claim(operation.id, store.scenes.operation(operation.id).retries)
+    claim = store.jobs.claim(operation.id)
     assert claim is not None
     claimed = ClaimedJob(store, claim, CallSettings())
     folder = claimed.upload()

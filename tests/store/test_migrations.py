@@ -33,7 +33,7 @@ _HERE = Path(__file__).parent
 _FIRST_RELEASE, _BEFORE_ALEMBIC = "first_release.sql", "before_alembic.sql"
 _NEW_COLUMNS = {
     "scenes": {"project", "scaling", "alignment", "things"},
-    "operations": {"project", "finish_requested", "progress_files"},
+    "operations": {"project", "finish_requested", "progress_files", "worker"},
     "api_keys": {"project", "scene_id", "operation_id"},
     "scene_versions": {"author", "current_at", "scaling", "alignment", "quality", "things"},
 }
@@ -159,7 +159,8 @@ def test_what_the_last_release_before_alembic_stored_is_there_and_goes_on(
     assert changed == {
         ("api_keys", "kind"): ("read", "reader"),
         ("holdings", "owner"): ("0123456789ab", None),
-        ("schema_version", "version"): (2, 17),
+        ("operations", "enqueued"): (0, None),
+        ("schema_version", "version"): (2, 18),
     }
     assert all(row.get("project", "default") == "default" for rows in after.values() for row in rows)
     store = open_store(tmp_path, database_url)

@@ -45,22 +45,50 @@ def test_projects_take_turns_whatever_the_priorities_of_another(store):
         project, priority = ("a", 100) if number < 4 else ("b", number - 5)
         store.scenes.create(replace(job(number), project=project, priority=priority))
     ran = []
-    while due := store.jobs.due(live_since=0.0):
-        (record,) = due  # without a worker that is known, one
-        store.jobs.mark_enqueued(record.id)
-        assert store.jobs.due(live_since=0.0) == []
-        store.jobs.succeed(store.jobs.claim(record.id), SUMMARY)
-        ran.append(record.id)
+    while claim := store.jobs.claim_next("worker"):
+        store.jobs.succeed(claim, SUMMARY)
+        ran.append(claim.operation.id)
     assert sorted(ran) == [f"op{number}" for number in range(6)]
     assert ran == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
 
     for number in range(10, 18):
         project, priority = ("a", 100) if number < 16 else ("b", 0)
         store.scenes.create(replace(job(number), project=project, priority=priority))
-    for number in range(4):
-        store.workers.update_heartbeat(f"worker{number}", "here", number)
-    assert [record.project for record in store.jobs.due(live_since=0.0)] == ["b", "a", "b", "a"]
-    assert len(store.jobs.due(live_since=time.time() + 60)) == 1
+    claims = [store.jobs.claim_next(f"worker{number}") for number in range(4)]
+    assert [claim.operation.project for claim in claims] == ["b", "a", "b", "a"]
+
+
+def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store):
+    for number in (1, 2):
+        store.scenes.create(job(number))
+    first = store.jobs.claim_next("one")
+    assert store.jobs.owners().keys() == {"one"}
+    assert store.jobs.claim("op1", "two") is None
+    second = store.jobs.claim_next("two")
+    assert second.operation.id == "op2" and store.jobs.claim_next("three") is None
+    store.jobs.release(first)
+    store.jobs.take_back("two")
+    assert store.jobs.owners() == {}
+    store.scenes.create(replace(job(3), priority=100))
+    assert [store.jobs.claim_next("three").operation.id for _ in range(3)] == ["op1", "op2", "op3"]
+    with pytest.raises(FencedError):
+        store.jobs.check(second)
+
+
+def test_two_that_claim_at_once_have_different_jobs(store):
+    for number in range(6):
+        store.scenes.create(job(number))
+    barrier = threading.Barrier(6)
+
+    def claim(number: int) -> str:
+        barrier.wait()
+        while (claim := store.jobs.claim_next(f"worker{number}")) is None:
+            pass
+        return claim.operation.id
+
+    with ThreadPoolExecutor(6) as pool:
+        assert sorted(pool.map(claim, range(6))) == [f"op{number}" for number in range(6)]
+    assert len(store.jobs.owners()) == 6
 
 
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
@@ -151,10 +179,8 @@ def test_a_retry_begins_anew_and_an_ended_run_can_neither_claim_nor_write(store)
 
     assert (again.state, again.starts, again.stages, again.error, again.retries) == ("QUEUED", 0, [], None, 1)
     assert again.run_id != old.operation.run_id and store.scenes.scene("scene1").state == "TRAINING"
-    store.jobs.mark_enqueued("op1")  # of the ended run: says nothing of this one
     assert [record.id for record in store.jobs.waiting()] == ["op1"]
-    assert store.jobs.claim("op1") is None
-    claim = store.jobs.claim("op1", retries=1)
+    claim = store.jobs.claim("op1")
     for write in (store.jobs.cancelled, lambda claim: store.jobs.succeed(claim, SUMMARY)):
         with pytest.raises(FencedError):
             write(old)
@@ -168,7 +194,7 @@ def test_a_job_cancelled_in_the_queue_can_be_retried_and_one_that_waits_or_runs_
     again = store.jobs.retry("op1", ended_since=0.0)
     assert again.state == "QUEUED" and not again.cancel_requested
     assert store.jobs.retry("op1", ended_since=0.0) == again
-    claim = store.jobs.claim("op1", retries=1)
+    claim = store.jobs.claim("op1")
     assert store.jobs.retry("op1", ended_since=0.0).attempt == claim.attempt
 
 
@@ -235,11 +261,13 @@ def test_a_job_that_is_begun_again_says_what_ended_the_attempt_before(store, end
     first = store.jobs.claim("op1")
     assert first.operation.again_after is None
     end(store, first)
-    retries = store.jobs.retry("op1", ended_since=0.0).retries
-    again = store.jobs.claim("op1", retries)
+    store.jobs.retry("op1", ended_since=0.0)
+    again = store.jobs.claim("op1")
     assert again.operation.again_after == after
-    assert store.jobs.claim("op1", retries, after="trainer_died").operation.again_after == "trainer_died"
-    assert store.jobs.claim("op1", retries).operation.again_after == "worker_died"  # of a release no word is left
+    assert store.jobs.claim_again(again).operation.again_after == "trainer_died"
+    with pytest.raises(FencedError):
+        store.jobs.claim_again(again)
+    assert store.jobs.claim("op1").operation.again_after == "worker_died"  # of a release no word is left
 
 
 def test_pages_cover_every_scene_once_even_with_equal_times(store, monkeypatch):
@@ -300,8 +328,11 @@ _CALLS = {
     "quota_usage.of": lambda store, claim: store.quota_usage.of("key"),
     "job_metrics.jobs_by_state": lambda store, claim: store.job_metrics.jobs_by_state(),
     "jobs.waiting": lambda store, claim: store.jobs.waiting(),
-    "jobs.mark_enqueued": lambda store, claim: store.jobs.mark_enqueued("op1"),
+    "jobs.claim_next": lambda store, claim: store.jobs.claim_next("worker"),
     "jobs.claim": lambda store, claim: store.jobs.claim("op1"),
+    "jobs.claim_again": lambda store, claim: store.jobs.claim_again(claim),
+    "jobs.owners": lambda store, claim: store.jobs.owners(),
+    "jobs.take_back": lambda store, claim: store.jobs.take_back("worker"),
     "jobs.release": lambda store, claim: store.jobs.release(claim),
     "jobs.report": lambda store, claim: store.jobs.report(claim, []),
     "jobs.check": lambda store, claim: store.jobs.check(claim),

@@ -120,7 +120,7 @@ def test_a_cancelled_job_says_so_and_nothing_else_when_it_is_tried_again(
         assert "so far" not in stages.inner_text() and page.get_by_text("Waiting for a worker.").count() == 0
         page.get_by_role("button", name="Try again", exact=True).click()
         expect(page.get_by_text("Waiting for a worker.").first).to_be_visible()
-        again = jobs.claim(training.operation.id, 1)
+        again = jobs.claim(training.operation.id)
         assert again is not None
         expect(page.get_by_text("Attempt 2: the job was cancelled")).to_be_visible()
         assert page.get_by_text("without warning").count() == 0
@@ -150,8 +150,8 @@ def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, bro
         assert asked == [{"exclude": ["IMG_0012.jpg"]}]
         visit.check_accessible()
         for more, offer in (({"recurs": True}, "Choose other photos"), ({"recurs": False}, "Try again")):
-            retries = place.service._store.jobs.retry(job, 0.0).retries
-            claim = jobs.claim(job, retries)
+            jobs.retry(job, 0.0)
+            claim = jobs.claim(job)
             assert claim is not None
             jobs.fail(claim, {**error, "message": "it failed", **more})
             page.reload()

@@ -19,14 +19,12 @@ import numpy as np
 import psycopg
 import pytest
 from PIL import Image
-from sqlalchemy import create_engine
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.settings import settings_of
 from fastsplat.service.settings import JobSettings, Settings
-from fastsplat.service.store.database import resolve_url
 from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
@@ -190,16 +188,6 @@ class Deployment:
         """Process id of the trainer once it entered a stage of a job for the nth time."""
         self.wait_for(lambda: len(self.visits(stage, operation)) >= visit)
         return self.visits(stage, operation)[visit - 1].pid
-
-    def engine_records(self) -> int:
-        """How many jobs the job engine remembers."""
-        url = resolve_url(self.settings.data_dir, self.settings.database_url, sqlite_name="jobs.sqlite")
-        engine = create_engine(url)
-        with engine.connect() as connection:
-            table = "dbos.workflow_status" if self.settings.database_url else "workflow_status"
-            count = connection.exec_driver_sql(f"SELECT count(*) FROM {table}").scalar()
-        engine.dispose()
-        return int(count)
 
     def orderly(self, operation: Operation) -> bool:
         """Whether a job's stages ran one after the other, each again only in a later attempt than before."""

@@ -87,7 +87,7 @@ def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
     _back_up(deployment, tmp_path / "backup")
     dump = tmp_path / "backup/postgresql.dump"
     url = deployment.settings.database_url
-    order = ["pg_dump", f"--dbname={url}", "--format=custom", "--exclude-schema=dbos", "--no-owner", f"--file={dump}"]
+    order = ["pg_dump", f"--dbname={url}", "--format=custom", "--no-owner", f"--file={dump}"]
     subprocess.run(order, check=True)
     (tmp_path / "backup/fastsplat.sqlite").unlink()
     manifest = json.loads((tmp_path / "backup/backup.json").read_text())

@@ -153,26 +153,8 @@ def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_
     assert {note["niceness"] for note in notes} == {min(19, os.getpriority(os.PRIO_PROCESS, 0) + 1)}
 
 
-_NEXT_RELEASE = """
-import importlib.metadata
-import fastsplat.workers.engine as engine
-version, made = importlib.metadata.version, engine.JobEngine.__init__
-importlib.metadata.version = lambda name: "99.0.0" if name == "fastsplat" else version(name)
-def make(self, url, executor_id, poll_interval_s, run):
-    def run_otherwise(operation_id, retries=0):
-        return run(operation_id, retries)
-    made(self, url, executor_id, poll_interval_s, run_otherwise)
-engine.JobEngine.__init__ = make
-"""
-"""A worker of another version, whose code of a job is another: the engine must not take its jobs for other ones."""
-
-
-@pytest.mark.parametrize(
-    ("deployment", "code"), [("sqlite", ""), ("postgresql", _NEXT_RELEASE)], indirect=["deployment"]
-)
-def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_one_of_the_next_release_goes_on(
-    deployment: Deployment, code: str
-) -> None:
+@on_both_databases()
+def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_another_goes_on(deployment: Deployment) -> None:
     deployment.max_starts = 1
     operation = deployment.post("training:sleep_once 600")
     worker = deployment.start_worker()
@@ -180,40 +162,20 @@ def test_a_worker_that_is_told_to_stop_gives_its_job_back_and_one_of_the_next_re
     worker.terminate()
     assert worker.wait(timeout=60) == 0
     assert not deployment.is_alive(trainer) and deployment.state(operation) == "RUNNING"
-    deployment.start_worker(code=code)
+    deployment.start_worker()
     over = deployment.wait_over(operation)
     assert (over.state, over.again_after) == ("SUCCEEDED", "worker_stopped")
     assert len(deployment.visits("capture")) == 1
 
 
-_WAIT_AT_THE_END = """
-import os, time
-import fastsplat.service.store.job_repository as jobs
-report = jobs.JobRepository.report
-def wait(self, claim, stages, **more):
-    asked = report(self, claim, stages, **more)
-    finished = any(stage["stage"] == "perception" and stage["message"] == "done" for stage in stages)
-    while finished and not os.path.exists({flag!r}):
-        time.sleep(0.05)
-    return asked
-jobs.JobRepository.report = wait
-"""
-"""Between the last report of a stage and the job engine's own record of it. There, on waking, the job's thread finds
-the record of the new owner and waits for it, so that another thread must notice."""
-
-
-@pytest.mark.parametrize(
-    ("deployment", "code"), [("sqlite", _WAIT_AT_THE_END), ("postgresql", "")], indirect=["deployment"]
-)
-def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment, code: str) -> None:
-    resumed = deployment.settings.data_dir / "resumed.txt"
+@on_both_databases()
+def test_a_suspended_worker_of_another_machine_that_resumes_is_fenced(deployment: Deployment) -> None:
     operation = deployment.post("training:sleep_once 600", "export:sleep 2")
-    suspended = deployment.start_worker(elsewhere=True, code=code.format(flag=str(resumed)))
+    suspended = deployment.start_worker(elsewhere=True)
     trainer = deployment.wait_in("training", operation)
     deployment.suspend(suspended)
     deployment.start_worker()
     deployment.wait_in("export", operation)
-    resumed.touch()
     deployment.resume(suspended)
 
     assert suspended.wait(timeout=60) == 75
@@ -288,9 +250,8 @@ def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_s
     deployment.start_worker(FASTSPLAT_JOBS__ENDED_JOB_RETENTION_S="0.001")
 
     deployment.wait_for(lambda: not log.exists())
-    deployment.wait_for(lambda: not deployment.service._store.scenes.list_operations(9, None, "CANCELLED"))
-    deployment.wait_for(lambda: deployment.engine_records() == 0)
-    assert {record.id for record in deployment.service._store.scenes.list_operations(9)} == {kept.id, failed.id}
+    listed = deployment.service._store.scenes.list_operations
+    deployment.wait_for(lambda: {record.id for record in listed(9)} == {kept.id, failed.id})
     assert deployment.service.get_scene(kept.scene_id).state == "READY"
 
 

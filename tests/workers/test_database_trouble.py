@@ -33,16 +33,11 @@ def test_the_database_restarts_in_mid_job_and_the_job_is_done_once(deployment, r
         time.sleep(_WITHOUT_DATABASE_S)
         server.start()
     else:
-        names = ("fastsplat.sqlite", "jobs.sqlite")
-        held = [
-            sqlite3.connect(deployment.settings.data_dir / name, timeout=60, isolation_level=None) for name in names
-        ]
-        for connection in held:
-            connection.execute("BEGIN IMMEDIATE")
-        told.touch()
-        deployment.wait_in("export", first)  # only writers wait
-        for connection in held:
-            connection.close()
+        path = deployment.settings.data_dir / "fastsplat.sqlite"
+        with closing(sqlite3.connect(path, timeout=60, isolation_level=None)) as held:
+            held.execute("BEGIN IMMEDIATE")
+            told.touch()
+            deployment.wait_in("export", first)  # only writers wait
 
     for operation in (first, second):
         assert deployment.wait_over(operation).state == "SUCCEEDED"

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.ply_tables import Element, PlyHeader, check_size, read_element
 from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
+from fastsplat.service.common.ply_tables import ASCII, Element, PlyHeader, check_size, read_element
 
 _CHUNK = 256
 _BOUNDS = {
@@ -43,24 +43,24 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
     """
     vertex = _element(name, header, "vertex", _PACKED, "<u4")
     check_count(name, vertex.count, limits)
-    if header.encoding != "binary":
+    if header.encoding == ASCII:
         raise bad_splat(name, "is compressed and ASCII, which nobody writes")
     chunks = _element(name, header, "chunk", (*_BOUNDS["position"], *_BOUNDS["scale"]), "<f4")
     if chunks.count != -(-vertex.count // _CHUNK):
         raise bad_splat(name, f"has {chunks.count} chunks for {vertex.count} Gaussians, expected one for {_CHUNK}")
-    check_size(path, name, header, chunks)
-    check_size(path, name, header, vertex)
+    check_size(path, header, chunks)
+    check_size(path, header, vertex)
     bounds = {group: np.empty((chunks.count, 6), np.float32) for group in _BOUNDS}
     colored = set(_BOUNDS["color"]).issubset(chunks.layout.names or ())
     bounds["color"][:] = (0, 0, 0, 1, 1, 1)
-    for rows, table in read_element(path, name, header, chunks):
+    for rows, table in read_element(path, header, chunks):
         for group, names in _BOUNDS.items():
             if group != "color" or colored:
                 bounds[group][rows] = np.stack([table[own] for own in names], axis=1)
     count = vertex.count
     sh_count = _sh_count(path, name, header, count)
     result = SplatRows.empty(count, sh_count)
-    for rows, table in read_element(path, name, header, vertex):
+    for rows, table in read_element(path, header, vertex):
         chunk = np.arange(rows.start, rows.stop) // _CHUNK
         result.means[rows] = _between(bounds["position"][chunk], _unpack_11_10_11(table["packed_position"]))
         result.log_scales[rows] = _between(bounds["scale"][chunk], _unpack_11_10_11(table["packed_scale"]))
@@ -70,7 +70,7 @@ def read_compressed_ply(path: Path, name: str, header: PlyHeader, limits: SplatL
         with np.errstate(divide="ignore"):
             result.logit_opacities[rows] = np.log(color[:, 3]) - np.log1p(-color[:, 3])
     if sh_count > 1:
-        _read_harmonics(path, name, header, result)
+        _read_harmonics(path, header, result)
     return result
 
 
@@ -91,21 +91,21 @@ def _sh_count(path: Path, name: str, header: PlyHeader, count: int) -> int:
     names = element.layout.names or ()
     if len(names) not in SH_OF_REST or len(names) == 0:
         raise bad_splat(name, f"has {len(names)} harmonics, expected {', '.join(map(str, list(SH_OF_REST)[1:]))}")
-    check_size(path, name, header, element)
+    check_size(path, header, element)
     if element.count != count:
         raise bad_splat(name, f"has harmonics of {element.count} Gaussians, and {count} Gaussians")
     _element(name, header, "sh", tuple(f"f_rest_{index}" for index in range(len(names))), "<u1")
     return SH_OF_REST[len(names)]
 
 
-def _read_harmonics(path: Path, name: str, header: PlyHeader, result: SplatRows) -> None:
+def _read_harmonics(path: Path, header: PlyHeader, result: SplatRows) -> None:
     element = header.element("sh")
     assert element is not None
     higher = result.sh.shape[1] - 1
     levels = (np.arange(256, dtype=np.float32) + 0.5) / 256
     levels[0], levels[255] = 0, 1  # the encoder truncates, so that a level stands for its middle, but for the ends
     levels = (levels - 0.5) * _SH_RANGE
-    for rows, table in read_element(path, name, header, element):
+    for rows, table in read_element(path, header, element):
         for index in range(3 * higher):
             result.sh[rows, 1 + index % higher, index // higher] = levels[table[f"f_rest_{index}"]]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.uploads.splat_files.compressed_ply import is_compressed, read_compressed_ply
 from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits, bad_splat, check_count
-from fastsplat.service.capture.uploads.splat_files.ply_tables import (
+from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
+from fastsplat.service.capture.uploads.splat_files.spz import MAGIC, read_spz
+from fastsplat.service.common.ply_tables import (
     MAX_HEADER_BYTES,
     PlyHeader,
     Table,
@@ -19,8 +22,6 @@ from fastsplat.service.capture.uploads.splat_files.ply_tables import (
     read_element,
     read_header,
 )
-from fastsplat.service.capture.uploads.splat_files.rows import F32, SH_OF_REST, Y00, SplatRows
-from fastsplat.service.capture.uploads.splat_files.spz import MAGIC, read_spz
 
 _MEANS, _QUATS = ("x", "y", "z"), ("rot_0", "rot_1", "rot_2", "rot_3")
 _SCALES, _DC, _RGB = ("scale_0", "scale_1", "scale_2"), ("f_dc_0", "f_dc_1", "f_dc_2"), ("red", "green", "blue")
@@ -81,7 +82,7 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
         return _settled(name, read_spz(path, name, limits), "SPZ")
     if head.startswith(MAGIC):
         raise bad_splat(name, f"is SPZ of version {int.from_bytes(head[4:8], 'little')} without gzip around it")
-    header = read_header(name, head)
+    header = read_header(head, partial(bad_splat, name))
     if is_compressed(header):
         return _settled(name, read_compressed_ply(path, name, header, limits), "compressed PLY")
     return _settled(name, read_splat_ply(path, name, header, limits), "3DGS PLY")
@@ -157,9 +158,9 @@ def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits
         if own not in present:
             raise bad_splat(name, f"has no property {own}, which every Gaussian needs")
     count, sh_count = vertex.count, SH_OF_REST[rest]
-    check_size(path, name, header, vertex)
+    check_size(path, header, vertex)
     result = SplatRows.empty(count, sh_count)
-    for rows, table in read_element(path, name, header, vertex):
+    for rows, table in read_element(path, header, vertex):
         _fill(result.means[rows], table, _MEANS)
         _fill(result.quats[rows], table, _QUATS)
         _fill(result.log_scales[rows], table, _SCALES)
