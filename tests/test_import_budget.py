@@ -38,7 +38,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         (_COMMAND.format(words=["--help"], status=0), 100, set()),
         (
             _COMMAND.format(words=["keys", "list"], status=0),
-            406,
+            407,
             {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi", "httpx"},
         ),
         (

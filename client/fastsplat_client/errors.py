@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
@@ -67,7 +68,12 @@ def problem_of(content: str | bytes, status: int = 0, after: str = "") -> FastSp
     except (ValueError, KeyError, TypeError):
         body, reason, detail = {}, "", f"HTTP {status} without a problem to read"
     kind = _KINDS.get(status) or (Kind.INVALID_ARGUMENT if 400 <= status < 500 else Kind.INTERNAL)
-    return error_of(reason, kind, detail, body, float(after) if after.replace(".", "", 1).isdigit() else None)
+    return error_of(reason, kind, detail, body, seconds_after(after))
+
+
+def seconds_after(header: str) -> float | None:
+    """What a Retry-After header says, if it says seconds; one that says a date, or "", says nothing."""
+    return float(header) if re.fullmatch(r"[0-9]{1,9}(\.[0-9]{1,9})?", header) else None
 
 
 def error_of(

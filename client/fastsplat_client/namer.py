@@ -19,6 +19,8 @@ from urllib.parse import urlsplit
 import httpx
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fastsplat_client.errors import seconds_after
+from fastsplat_client.transport import Retry
 from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.thing_sheets import ThingSheet
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 MAX_REQUESTS = 40
 """To a namer for one scene, repeated ones included."""
 _TRIES = 3
+_PAUSES = Retry(first_s=1.0, most_s=10.0)
+"""Between tries: a model that is being loaded, or asked by too many, is left alone for a moment."""
 _MAX_ANSWER = 1_000_000
 _MOST_ALIKE, _FEW = 0.5, 4
 """Of `_FEW` things and more, not more than this share may get the same name."""
@@ -200,16 +204,19 @@ def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
 
 def _answer(namer: Namer, http: httpx.Client, sheet: ThingSheet, ends: float, most: int) -> tuple[_Answer, int]:
     """What a namer says of a sheet, and how often it was asked."""
-    failed = "too many requests"
+    failed, pause = "too many requests", 0.0
     for tried in range(1, min(_TRIES, most) + 1):
         left = ends - time.monotonic()
-        if left <= 0:
-            failed = f"{namer.total_s:g} seconds are over"
+        if left <= pause:
+            failed = f"{namer.total_s:g} seconds are over" + (f" ({failed})" if pause else "")
             break
+        time.sleep(pause)
         try:
-            return _once(namer, http, sheet, min(left, namer.request_s)), tried
+            return _once(namer, http, sheet, min(left - pause, namer.request_s)), tried
         except (_AgainError, httpx.HTTPError) as error:
             failed = str(error) or type(error).__name__
+            told = error.after_s if isinstance(error, _AgainError) else None
+            pause = _PAUSES.pause(tried - 1) if told is None else told
     raise NamerError(
         f"the namer at {namer.host} does not answer: {failed[:300]}",
         field="url",
@@ -219,7 +226,11 @@ def _answer(namer: Namer, http: httpx.Client, sheet: ThingSheet, ends: float, mo
 
 
 class _AgainError(Exception):
-    """An answer that another try may better."""
+    """An answer that another try may better; `after_s`, if the namer said so, is when, in seconds."""
+
+    def __init__(self, message: str, after_s: float | None = None) -> None:
+        super().__init__(message)
+        self.after_s = after_s
 
 
 def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -> _Answer:
@@ -231,7 +242,7 @@ def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -
         if status in (401, 403):
             raise NamerError(f"the namer at {namer.host} refuses the key", field="key")
         if status in _AGAIN or status >= 500:
-            raise _AgainError(f"status {status}")
+            raise _AgainError(f"status {status}", seconds_after(response.headers.get("retry-after", "")))
         content = b""
         for piece in response.iter_bytes(65_536):
             content += piece

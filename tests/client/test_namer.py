@@ -104,8 +104,28 @@ def scripted_namer() -> Iterator[Scripted]:
         yield server
 
 
+class _Clock:
+    """Time that passes by sleeping alone."""
+
+    def __init__(self) -> None:
+        self.slept: list[float] = []
+
+    def monotonic(self) -> float:
+        return sum(self.slept)
+
+    def sleep(self, seconds: float) -> None:
+        self.slept.append(seconds)
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> _Clock:
+    made = _Clock()
+    monkeypatch.setattr("fastsplat_client.namer.time", made)
+    return made
+
+
 @pytest.mark.parametrize("bad", _BAD)
-def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, bad: str) -> None:
+def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, clock: _Clock, bad: str) -> None:
     namer = Namer(scripted_namer.url, "eyes")
     scripted_namer.script = [_BAD[bad], _BAD[bad], _GOOD]
     said = ask_namer(namer, [_sheet(1)])
@@ -118,6 +138,24 @@ def test_what_may_get_better_is_asked_for_three_times(scripted_namer: Scripted, 
     scripted_namer.script = [_GOOD, *[_BAD[bad]] * 3, _GOOD]
     said = ask_namer(namer, [_sheet(1), _sheet(2), _sheet(3)])
     assert [each.thing for each in said.names] == [101] and "does not answer" in said.problem
+
+
+def test_tries_are_further_and_further_apart_and_as_far_as_the_namer_says(
+    scripted_namer: Scripted, clock: _Clock
+) -> None:
+    namer = Namer(scripted_namer.url, "eyes", total_s=60.0)
+    scripted_namer.script = [_BAD["down"], "hang up", _GOOD, _GOOD]
+    ask_namer(namer, [_sheet(1), _sheet(2)])
+    begins, again, once_more, next_sheet = clock.slept
+    assert (begins, next_sheet) == (0, 0) and 0.5 <= again <= 1 <= once_more <= 2
+    clock.slept.clear()
+    scripted_namer.script = [(429, {"Retry-After": "7"}, b""), _GOOD]
+    assert ask_namer(namer, [_sheet(1)]).requests == 2 and clock.slept == [0, 7]
+    clock.slept.clear()
+    scripted_namer.script = [(429, {"Retry-After": "3600"}, b"")]
+    with pytest.raises(NamerError, match=r"60 seconds are over \(status 429\)"):
+        ask_namer(namer, [_sheet(1)])
+    assert sum(clock.slept) == 0
 
 
 def test_a_redirect_is_not_followed(scripted_namer: Scripted) -> None:
