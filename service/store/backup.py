@@ -96,7 +96,7 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
             fails.
     """
     manifest = _read_manifest(backup)
-    url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
+    url = resolve_url(data_dir, database_url)
     kind = url.get_backend_name()
     if manifest["database"] != kind:
         raise InvalidInputError(
@@ -131,7 +131,7 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
 
 
 def _save(store: Store, data_dir: Path, database_url: str, target: Path) -> BackupReport:
-    url = resolve_url(data_dir, database_url, sqlite_name=_SQLITE)
+    url = resolve_url(data_dir, database_url)
     for _ in range(_TRIES):
         if url.get_backend_name() == "sqlite":
             copy_sqlite(Path(str(url.database)), target / _SQLITE)

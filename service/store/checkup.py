@@ -50,7 +50,7 @@ def check_database(data_dir: Path, database_url: str) -> tuple[Problem, ...]:
 
     To be called before `open_store`, which brings an older schema to this release's.
     """
-    url = resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME)
+    url = resolve_url(data_dir, database_url)
     if url.get_backend_name() == "sqlite":
         problems = tuple(_check_sqlite(data_dir, SQLITE_NAME))
         if problems or not (data_dir / SQLITE_NAME).exists():

@@ -34,14 +34,14 @@ SQLITE_NAME = "fastsplat.sqlite"
 """Of the database in a data folder, where no URL names another."""
 
 
-def resolve_url(data_dir: Path, database_url: str, *, sqlite_name: str) -> URL:
-    """The database to use: `data_dir/sqlite_name` for an empty URL, else the URL, with psycopg for PostgreSQL.
+def resolve_url(data_dir: Path, database_url: str) -> URL:
+    """The database to use: `SQLITE_NAME` of the data folder for an empty URL, else that, with psycopg for PostgreSQL.
 
     Raises:
         InvalidInputError: the URL cannot be read.
     """
     if not database_url:
-        return URL.create("sqlite", database=str(data_dir.resolve() / sqlite_name))
+        return URL.create("sqlite", database=str(data_dir.resolve() / SQLITE_NAME))
     try:
         url = make_url(database_url)
     except ArgumentError as error:
@@ -60,25 +60,15 @@ def open_engine(url: URL, save: Save | None = None) -> Engine:
     the busy timeout; so every transaction begins IMMEDIATE unless its connection says `read_only`. `save` is as
     `migrate` takes it.
     """
-    engine = connect(url, pool_size=8, max_overflow=24, json_deserializer=read_json)
-    if engine.dialect.name == "sqlite":
+    options: dict[str, Any] = {"pool_size": 8, "max_overflow": 24, "json_deserializer": read_json}
+    if url.get_backend_name() == "sqlite":
+        engine = create_engine(url, **options)
         event.listen(engine, "connect", _tune_sqlite)
         event.listen(engine, "begin", _begin_sqlite)
+    else:
+        engine = create_engine(url, pool_pre_ping=True, connect_args=dict(_POSTGRES), **options)
+        event.listen(engine, "connect", _tune_postgres)
     _open_tables(engine, save)
-    return engine
-
-
-def connect(url: URL, **options: Any) -> Engine:
-    """An engine over any database; PostgreSQL's end the sessions of processes that are gone or suspended.
-
-    Args:
-        url: of the database.
-        options: of `create_engine`.
-    """
-    if url.get_backend_name() == "sqlite":
-        return create_engine(url, **options)
-    engine = create_engine(url, pool_pre_ping=True, connect_args=dict(_POSTGRES), **options)
-    event.listen(engine, "connect", _tune_postgres)
     return engine
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from sqlalchemy import URL, Connection, Engine
 
 from fastsplat.service.store.blobs import Blobs
-from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
+from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.identity import adopt, check_new_database, establish_identity
 from fastsplat.service.store.job_metrics import JobMetrics
 from fastsplat.service.store.job_repository import JobRepository
@@ -104,7 +104,7 @@ def open_store(
             field="data_dir",
             hint="Mount its disk for writing or mend its owner; or point FASTSPLAT_DATA_DIR at a writable folder.",
         )
-    url = resolve_url(data_dir, database_url, sqlite_name=SQLITE_NAME)
+    url = resolve_url(data_dir, database_url)
     blobs = open_blobs(data_dir.resolve(), artefacts or ArtefactSettings())
     engine = _open_own(url, blobs, adopting, _saving_into(data_dir.resolve()))
     reserve = Reserve(data_dir.resolve())

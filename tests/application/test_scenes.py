@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from sqlalchemy import update
 
-from fastsplat.service.store.database import SQLITE_NAME, open_engine, resolve_url
+from fastsplat.service.store.database import open_engine, resolve_url
 from fastsplat.service.store.schema import scene_versions, scenes
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.json_codec import from_json, to_json
@@ -67,7 +67,7 @@ def test_what_an_earlier_release_did_not_count_is_counted_once_and_kept(service,
     info = post()
     finish(info)
     service.versions.edit(info.id, [Edit("remove", label="mug")])
-    engine = open_engine(resolve_url(settings.data_dir, "", sqlite_name=SQLITE_NAME))
+    engine = open_engine(resolve_url(settings.data_dir, ""))
     with engine.begin() as connection:
         connection.execute(update(scenes).values(things=None))
         connection.execute(update(scene_versions).values(things=None))

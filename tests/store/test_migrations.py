@@ -45,7 +45,7 @@ _SCRIPTS = Path(sys.modules[migrate.__module__].__file__ or "").parent
 def empty(tmp_path: Path, database_url: str) -> Iterator[Engine]:
     """A database without any table, and the folder of the scene that the databases of before have."""
     (tmp_path / "scenes" / "done").mkdir(parents=True)
-    engine = open_engine(resolve_url(tmp_path, database_url, sqlite_name="fastsplat.sqlite"))
+    engine = open_engine(resolve_url(tmp_path, database_url))
     _clear(engine)
     yield engine
     engine.dispose()

@@ -308,10 +308,10 @@ def test_many_threads_write_without_losing_anything(store):
 
 
 def test_database_urls(tmp_path):
-    assert resolve_url(tmp_path, "", sqlite_name="x.sqlite").database == str(tmp_path / "x.sqlite")
-    assert resolve_url(tmp_path, "postgresql://u:p@h/d", sqlite_name="x").drivername == "postgresql+psycopg"
+    assert resolve_url(tmp_path, "").database == str(tmp_path / "fastsplat.sqlite")
+    assert resolve_url(tmp_path, "postgresql://u:p@h/d").drivername == "postgresql+psycopg"
     with pytest.raises(InvalidInputError) as caught:
-        resolve_url(tmp_path, "no url with secret", sqlite_name="x")
+        resolve_url(tmp_path, "no url with secret")
     assert "secret" not in str(caught.value)
 
 
