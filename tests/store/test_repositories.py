@@ -40,57 +40,6 @@ def test_what_is_created_is_there_for_every_process_at_once(store, tmp_path):
     other.close()
 
 
-def test_projects_take_turns_whatever_the_priorities_of_another(store):
-    for number in range(6):
-        project, priority = ("a", 100) if number < 4 else ("b", number - 5)
-        store.scenes.create(replace(job(number), project=project, priority=priority))
-    ran = []
-    while claim := store.jobs.claim_next("worker"):
-        store.jobs.succeed(claim, SUMMARY)
-        ran.append(claim.operation.id)
-    assert sorted(ran) == [f"op{number}" for number in range(6)]
-    assert ran == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
-
-    for number in range(10, 18):
-        project, priority = ("a", 100) if number < 16 else ("b", 0)
-        store.scenes.create(replace(job(number), project=project, priority=priority))
-    claims = [store.jobs.claim_next(f"worker{number}") for number in range(4)]
-    assert [claim.operation.project for claim in claims] == ["b", "a", "b", "a"]
-
-
-def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store):
-    for number in (1, 2):
-        store.scenes.create(job(number))
-    first = store.jobs.claim_next("one")
-    assert store.jobs.owners().keys() == {"one"}
-    assert store.jobs.claim("op1", "two") is None
-    second = store.jobs.claim_next("two")
-    assert second.operation.id == "op2" and store.jobs.claim_next("three") is None
-    store.jobs.release(first)
-    store.jobs.take_back("two")
-    assert store.jobs.owners() == {}
-    store.scenes.create(replace(job(3), priority=100))
-    assert [store.jobs.claim_next("three").operation.id for _ in range(3)] == ["op1", "op2", "op3"]
-    with pytest.raises(FencedError):
-        store.jobs.check(second)
-
-
-def test_two_that_claim_at_once_have_different_jobs(store):
-    for number in range(6):
-        store.scenes.create(job(number))
-    barrier = threading.Barrier(6)
-
-    def claim(number: int) -> str:
-        barrier.wait()
-        while (claim := store.jobs.claim_next(f"worker{number}")) is None:
-            pass
-        return claim.operation.id
-
-    with ThreadPoolExecutor(6) as pool:
-        assert sorted(pool.map(claim, range(6))) == [f"op{number}" for number in range(6)]
-    assert len(store.jobs.owners()) == 6
-
-
 def test_one_request_id_makes_one_operation_whoever_is_faster(store):
     barrier = threading.Barrier(8)
 

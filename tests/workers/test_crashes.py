@@ -255,7 +255,6 @@ def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_s
     assert deployment.service.get_scene(kept.scene_id).state == "READY"
 
 
-@on_both_databases()
 def test_two_workers_never_run_one_job(deployment: Deployment) -> None:
     operations = [deployment.post("training:sleep 0.3") for _ in range(4)]
     for _ in range(2):

@@ -172,19 +172,3 @@ def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(s
         deployment.post(request_id="once")
     assert all(len(deployment.visits(stage, operation)) == 1 for stage in STAGES)
     deployment.wait_for(lambda: deployment.left_over() == before)
-
-
-@on_both_databases("shared_deployment")
-def test_higher_priorities_run_first_and_equal_ones_in_the_order_of_arrival(shared_deployment):
-    deployment = shared_deployment
-    blocker = deployment.post("training:sleep 600")
-    deployment.wait_in("training", blocker)
-    jobs = [deployment.post(priority=priority) for priority in (0, -5, 0, 9)]
-
-    deployment.service.cancel_operation(blocker.id)
-    for operation in jobs:
-        assert deployment.wait_over(operation).state == "SUCCEEDED"
-
-    ours = [operation.id for operation in jobs]
-    order = [ours.index(visit.operation_id) for visit in deployment.visits("capture") if visit.operation_id in ours]
-    assert order == [3, 0, 2, 1]

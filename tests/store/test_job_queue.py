@@ -1,0 +1,74 @@
+"""The queue of jobs: whose turn it is, and who has which; on both databases, whose locks differ."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from fastsplat.service.store.claims import FencedError
+from fastsplat.service.store.store import Store, open_store
+from tests.store.test_repositories import SUMMARY, job
+
+
+@pytest.fixture
+def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
+    """An empty one."""
+    opened = open_store(tmp_path / "data", database_url)
+    yield opened
+    opened.close()
+
+
+def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) -> None:
+    for number in range(6):
+        project, priority = ("a", 100) if number < 4 else ("b", number - 5)
+        store.scenes.create(replace(job(number), project=project, priority=priority))
+    ran = []
+    while claim := store.jobs.claim_next("worker"):
+        store.jobs.succeed(claim, SUMMARY)
+        ran.append(claim.operation.id)
+    assert sorted(ran) == [f"op{number}" for number in range(6)]
+    assert ran == ["op0", "op5", "op1", "op4", "op2", "op3"]  # within a project, by priority and age
+
+    for number in range(10, 18):
+        project, priority = ("a", 100) if number < 16 else ("b", 0)
+        store.scenes.create(replace(job(number), project=project, priority=priority))
+    claims = [store.jobs.claim_next(f"worker{number}") for number in range(4)]
+    assert [claim.operation.project for claim in claims] == ["b", "a", "b", "a"]
+
+
+def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) -> None:
+    for number in (1, 2):
+        store.scenes.create(job(number))
+    first = store.jobs.claim_next("one")
+    assert store.jobs.owners().keys() == {"one"}
+    assert store.jobs.claim("op1", "two") is None
+    second = store.jobs.claim_next("two")
+    assert second.operation.id == "op2" and store.jobs.claim_next("three") is None
+    store.jobs.release(first)
+    store.jobs.take_back("two")
+    assert store.jobs.owners() == {}
+    store.scenes.create(replace(job(3), priority=100))
+    assert [store.jobs.claim_next("three").operation.id for _ in range(3)] == ["op1", "op2", "op3"]
+    with pytest.raises(FencedError):
+        store.jobs.check(second)
+
+
+def test_two_that_claim_at_once_have_different_jobs(store: Store) -> None:
+    for number in range(6):
+        store.scenes.create(job(number))
+    barrier = threading.Barrier(6)
+
+    def claim(number: int) -> str:
+        barrier.wait()
+        while (claim := store.jobs.claim_next(f"worker{number}")) is None:
+            pass
+        return claim.operation.id
+
+    with ThreadPoolExecutor(6) as pool:
+        assert sorted(pool.map(claim, range(6))) == [f"op{number}" for number in range(6)]
+    assert len(store.jobs.owners()) == 6
