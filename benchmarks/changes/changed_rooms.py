@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.relations.drawing import pose_at
 from benchmarks.rooms.arranging import Placed, Room, extent
 from benchmarks.rooms.drawing import Studio, camera_of, room_of
 from benchmarks.rooms.models.tableware import Random
@@ -16,6 +15,7 @@ from benchmarks.rooms.pictures import Faults, photo_of
 from benchmarks.rooms.shapes import F64, Meshes, placed, resting
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.localize_messages import ChangeKind
+from fastsplat_contract.poses import look_at
 
 PHOTOS = 10
 _MOST_CHANGES = 6
@@ -90,7 +90,7 @@ def _path(room: Room, rng: Random, views: int) -> list[F64]:
         eye, forward = pose[:3, 3], pose[:3, 2]
         reach = float(np.dot(middle - eye, forward))
         aside = eye + rng.normal(0, 0.06 * reach, 3)
-        poses.append(pose_at(aside.tolist(), (eye + reach * forward + rng.normal(0, 0.02 * reach, 3)).tolist()))
+        poses.append(look_at(aside.tolist(), (eye + reach * forward + rng.normal(0, 0.02 * reach, 3)).tolist()))
     return poses
 
 

@@ -12,6 +12,7 @@ from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import SH_C0, Gaussians, Scene, SemanticHead, Thing, Things
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -125,18 +126,6 @@ def scene_of(room: Room, seed: int, world: F64, cameras: bool = True) -> Scene:
     return _trained(room, world, *(np.concatenate(each) for each in (means, colors, owners, widths)), cameras=cameras)
 
 
-def pose_at(eye: Sequence[float], target: Sequence[float]) -> F64:
-    """float64 [4, 4], world from camera, of who stands at `eye` and looks at `target`; OpenCV axes, z up."""
-    forward = np.subtract(target, eye).astype(np.float64)
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = eye
-    return pose
-
-
 def drawn_frame(rng: np.random.Generator) -> F64:
     """float64 [4, 4]: any rotation, and a translation of a few meters."""
     rotation, upper = np.linalg.qr(rng.standard_normal((3, 3)))
@@ -184,7 +173,7 @@ def _trained(
     count, classes = len(means), len(dictionary) + 1
     angles = np.arange(8) * np.pi / 4
     lens = Camera(96, 72, 90.0, 90.0, 48.0, 36.0)
-    views = [pose_at((4 * np.cos(angle), 4 * np.sin(angle), 1.6), (0.0, 0.0, 0.5)) for angle in angles]
+    views = [look_at((4 * np.cos(angle), 4 * np.sin(angle), 1.6), (0.0, 0.0, 0.5)) for angle in angles]
     posed = [PosedCamera(lens, world @ view, f"{number}.jpg") for number, view in enumerate(views)]
     known = tuple(Thing(number, thing.name, "person", 1.0) for number, thing in enumerate(room.things, start=1))
     rows = np.arange(count)

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.relations.drawing import F64, Room, box, crate, pose_at, table
+from benchmarks.relations.drawing import F64, Room, box, crate, table
+from fastsplat_contract.poses import look_at
 
 COLORS = {
     "red": (0.75, 0.10, 0.10),
@@ -155,7 +156,7 @@ def facing_room(rng: np.random.Generator) -> Drawn:
     middle, around = str(names[0]), str(names[1])
     angle = float(rng.uniform(0, 2 * np.pi))
     eye = (3.8 * np.cos(angle), 3.8 * np.sin(angle), 1.5)
-    asker = pose_at(eye, (float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3)), 0.4))
+    asker = look_at(eye, (float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-0.3, 0.3)), 0.4))
     room.place(middle, box(_STANDING[middle]), (0, 0, 0), float(rng.uniform(0, 3)), _WOOD)
     right = np.array([-np.sin(angle), np.cos(angle)])  # of who looks at the middle
     away = -np.array([np.cos(angle), np.sin(angle)])
@@ -167,7 +168,7 @@ def facing_room(rng: np.random.Generator) -> Drawn:
         placed[str(side)] = room.place(around, box(_STANDING[around]), base, float(rng.uniform(0, 3)), _WOOD)
     for side in _SIDES:
         drawn.ask(f"the {around} {side} the {middle}", side, [placed[side]] if side in placed else [], asker)
-    opposite = pose_at((-eye[0], -eye[1], 1.5), (0.0, 0.0, 0.4))
+    opposite = look_at((-eye[0], -eye[1], 1.5), (0.0, 0.0, 0.4))
     turned_round = {"left of": "right of", "right of": "left of", "behind": "in front of", "in front of": "behind"}
     side = str(rng.choice(list(placed)))
     drawn.ask(
@@ -187,7 +188,7 @@ def facing_room(rng: np.random.Generator) -> Drawn:
         room.place(third, box((0.35, 0.35, 0.4)), (float(spot[0]), float(spot[1]), 0.0), 0.0, _WOOD)
         sign = "right of" if np.cos(diagonal) > 0 else "left of"
         drawn.ask(f"the {third} {sign} the {middle}", "between two directions", None, asker)
-    behind = pose_at((-0.4 * eye[0], -0.4 * eye[1], 1.5), (-4 * eye[0], -4 * eye[1], 1.0))
+    behind = look_at((-0.4 * eye[0], -0.4 * eye[1], 1.5), (-4 * eye[0], -4 * eye[1], 1.0))
     drawn.ask(f"the {around} {side} the {middle}", "behind the asker", None, behind)
     return drawn
 
@@ -213,7 +214,7 @@ def row_room(rng: np.random.Generator) -> Drawn:
     drawn.ask(f"second largest {name}", "size", [by_size[-2]])
     drawn.ask(f"the tallest {name}", "size", [by_size[-1]])
     side = float(rng.choice([-1.0, 1.0]))
-    asker = pose_at((float(rng.uniform(-0.4, 0.4)), 3.5 * side, 1.5), (0.0, 0.0, 0.5))
+    asker = look_at((float(rng.uniform(-0.4, 0.4)), 3.5 * side, 1.5), (0.0, 0.0, 0.5))
     ordered = row if side < 0 else row[::-1]  # from the front (−y) left is −x
     number = int(rng.integers(1, count))
     words = ("first", "second", "third", "fourth", "fifth")
@@ -265,7 +266,7 @@ def near_room(rng: np.random.Generator) -> Drawn:
     drawn.ask(f"the {other} closest to the {second}", "nearest", [middle])
     drawn.ask(f"the farthest {other} from the {first}", "farthest", [off])
     eye = (-half - 2.0, float(rng.uniform(-0.3, 0.3)), 1.5)
-    asker = pose_at(eye, (0.0, 0.0, 0.4))
+    asker = look_at(eye, (0.0, 0.0, 0.4))
     drawn.ask(f"the nearest {other}", "nearest", [beside], asker)
     drawn.ask(f"the {other} farthest from me", "farthest", [off], asker)
     drawn.ask(f"the nearest {other}", "pose not said", None)

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.relations.drawing import pose_at
 from benchmarks.rooms.models.tableware import Random
 from benchmarks.rooms.shapes import F64, Meshes, placed, resting
 from fastsplat.service.scene.types import SurfaceKind
+from fastsplat_contract.poses import look_at
 
 Build = Callable[[Random], Meshes]
 
@@ -160,5 +160,5 @@ def arc(
             e = np.radians(elevation) + rng.normal(0, 0.03)
             way = np.array([np.sin(a) * np.cos(e), -np.cos(a) * np.cos(e), np.sin(e)])
             eye = np.asarray(target) + distance * rng.uniform(0.92, 1.06) * way + rng.normal(0, jitter / 2, 3)
-            poses.append(pose_at(eye, np.asarray(target) + rng.normal(0, jitter, 3)))
+            poses.append(look_at(eye, np.asarray(target) + rng.normal(0, jitter, 3)))
     return poses

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field
 
 from fastsplat_contract.errors import InvalidInputError
@@ -92,6 +92,25 @@ def rigid(orientation: Quaternion, position: Vector3) -> F64:
             [0.0, 0.0, 0.0, 1.0],
         ]
     )
+
+
+def look_at(position: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> F64:
+    """float64 [4, 4], world_from_camera, OpenCV axes: a camera at `position` that looks at `target`, upright by `up`.
+
+    Args:
+        position, target: [3], two places.
+        up: [3], of any length; straight up or down any side will do.
+    """
+    forward = np.subtract(target, position, dtype=np.float64)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, dtype=np.float64))
+    if np.linalg.norm(right) < 1e-6:
+        right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
 
 
 def pose_of(matrix: F64) -> Pose:

@@ -18,6 +18,7 @@ from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat_contract.camera import Camera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.poses import look_at
 
 _RINGS = ((12.0, 2.8), (30.0, 2.8), (30.0, 2.0), (55.0, 2.4))
 """Elevation in degrees above the center of the bulk, and distance from it in its radii."""
@@ -102,19 +103,6 @@ def trial_camera(field_of_view_deg: float, side: int = _TRIAL_SIDE) -> Camera:
     height = round(0.75 * side)
     focal = side / 2 / np.tan(np.radians(field_of_view_deg) / 2)
     return Camera(side, height, float(focal), float(focal), side / 2, height / 2)
-
-
-def look_at(position: F64, target: F64, up: F64) -> F64:
-    """The pose at `position` that looks at `target`, world_from_camera [4, 4], OpenCV axes, its head towards `up`."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-6:  # straight up or down: any side will do
-        right = np.cross(forward, np.roll(up, 1))
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return pose
 
 
 def _candidates(gaussians: Gaussians, bulk: Bulk, up: F64) -> Iterator[F64]:

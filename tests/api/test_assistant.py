@@ -22,7 +22,7 @@ from PIL import Image
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
-from fastsplat_client.assistant.look_from import look_at
+from fastsplat_client.assistant.look_from import free_view
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.guarded import Guarded
@@ -235,14 +235,14 @@ def test_a_free_viewpoint_looks_at_its_target_with_up_up() -> None:
     for up in (*rng.normal(size=(20, 3)), np.array([0.0, 0.0, 1.0])):
         unit = up / np.linalg.norm(up)
         position, target = rng.normal(size=(2, 3))
-        pose = look_at(position, target, unit).world_from_camera
+        pose = free_view(position, target, unit).world_from_camera
         seen = np.linalg.inv(pose) @ [*target, 1.0]
         assert np.allclose(seen[:2], 0, atol=1e-9) and seen[2] > 0
         assert -pose[:3, 1] @ unit >= -1e-9 and abs(pose[:3, 0] @ unit) < 1e-9
-    straight = look_at(np.zeros(3), np.array([0.0, 0.0, -2.0]), np.array([0.0, 0.0, 1.0])).world_from_camera
+    straight = free_view(np.zeros(3), np.array([0.0, 0.0, -2.0]), np.array([0.0, 0.0, 1.0])).world_from_camera
     assert np.allclose(straight[:3, :3].T @ straight[:3, :3], np.eye(3))
     with pytest.raises(InvalidInputError, match="one place"):
-        look_at(np.ones(3), np.ones(3), np.array([0.0, 0.0, 1.0]))
+        free_view(np.ones(3), np.ones(3), np.array([0.0, 0.0, 1.0]))
 
 
 def test_a_name_is_given_and_found(guarded: Guarded) -> None:

@@ -23,6 +23,7 @@ from fastsplat.service.capture.sfm.geometry import (
 )
 from fastsplat.service.capture.sfm.pairs import choose_pairs, probe_scores, probes
 from fastsplat_contract.errors import ReconstructionError
+from fastsplat_contract.poses import look_at
 
 
 def _ring(count: int = 8, radius: float = 3.0) -> np.ndarray:
@@ -30,13 +31,7 @@ def _ring(count: int = 8, radius: float = 3.0) -> np.ndarray:
     poses = []
     for angle in np.linspace(0, 2, count):
         center = radius * np.array([np.cos(angle), np.sin(angle), 0.3])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.column_stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = center
-        poses.append(pose)
+        poses.append(look_at(center, (0, 0, 0)))
     return np.array(poses)
 
 

@@ -20,6 +20,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.capture.world.scale_tags import TagSighting, draw_tag, estimate_scale, find_tags
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 
 F64 = NDArray[np.float64]
 
@@ -32,13 +33,7 @@ _FEATURES = 1_500
 
 
 def _looking(position: F64, target: F64) -> PosedCamera:
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0, 1])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return PosedCamera(_CAMERA, pose)
+    return PosedCamera(_CAMERA, look_at(position, target))
 
 
 def _cameras(count: int = 16) -> list[PosedCamera]:

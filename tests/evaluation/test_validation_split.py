@@ -16,6 +16,7 @@ from fastsplat.service.evaluation.datasets.training import training_capture
 from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.evaluation.validation_split import validation_names
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.poses import look_at
 from tests.evaluation import made_data
 
 SETTINGS = CaptureSettings()
@@ -26,13 +27,7 @@ def _ring(count: int, *, jitter: float = 0.1, seed: int = 0) -> list[NDArray[np.
     rng, poses = np.random.default_rng(seed), []
     for angle in np.linspace(0, 2 * np.pi, count, endpoint=False):
         center = np.array([np.cos(angle), np.sin(angle), 0.3]) + jitter * rng.standard_normal(3)
-        forward = -center / np.linalg.norm(center)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-        pose[:3, 3] = center
-        poses.append(pose)
+        poses.append(look_at(center, (0, 0, 0)))
     return poses
 
 

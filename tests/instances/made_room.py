@@ -15,6 +15,7 @@ from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 from tests.instances.made import gaussians_at, grid
 
 CAMERA = Camera(96, 72, 80.0, 80.0, 48.0, 36.0)
@@ -132,11 +133,4 @@ def _nearest_color(image: Image) -> np.ndarray:
 def _pose(angle: float) -> np.ndarray:
     """World-from-camera of a level camera two meters away that looks down at the middle."""
     position = np.array([2.0 * np.cos(angle), 2.0 * np.sin(angle), 1.5])
-    forward = np.array([0.0, 0.0, 0.1]) - position
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return pose
+    return look_at(position, (0.0, 0.0, 0.1))

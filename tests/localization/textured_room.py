@@ -14,6 +14,7 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 from tests.scenes import labelled_scene
 
 CAMERA = Camera(480, 360, 420.0, 420.0, 240.0, 180.0)
@@ -64,12 +65,7 @@ def looking(angle: float, *, height: float = 1.3, away: float = 2.7, name: str =
     middle = np.array([0.7, 0.7, 0.5])
     direction = np.pi / 4 + angle
     center = middle + away * np.array([np.cos(direction), np.sin(direction), 0.0]) + [0, 0, height - 0.5]
-    ahead = (middle - center) / np.linalg.norm(middle - center)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, 0], pose[:3, 1], pose[:3, 2], pose[:3, 3] = right, np.cross(ahead, right), ahead, center
-    return PosedCamera(CAMERA, pose, name)
+    return PosedCamera(CAMERA, look_at(center, middle), name)
 
 
 def renderer(scene: Scene) -> Renderer:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 from tests.scenes import labelled_scene
 
 
@@ -40,14 +41,7 @@ def scene_of(things: Sequence[BoxShell], cameras: Sequence[PosedCamera] = (), de
 
 def look(eye: Sequence[float], target: Sequence[float], name: str) -> PosedCamera:
     """A level camera (z is up) of 96×72 pixels."""
-    forward = np.subtract(target, eye)
-    forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = eye
-    return PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), pose, name)
+    return PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), look_at(eye, target), name)
 
 
 def orbit(count: int = 8, radius: float = 1.0, height: float = 0.5) -> list[PosedCamera]:

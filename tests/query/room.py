@@ -9,6 +9,7 @@ import numpy as np
 
 from fastsplat.service.query.surfaces.surface_views import SurfaceView
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 
 CAMERA = Camera(120, 90, 70.0, 70.0, 60.0, 45.0)
 
@@ -40,13 +41,7 @@ def around(radius: float = 2.6, height: float = 1.6, count: int = 10) -> list[np
     poses = []
     for angle in np.arange(count) * 2 * np.pi / count + 0.1:
         eye = np.array([radius * np.cos(angle), radius * np.sin(angle), height])
-        forward = -eye / np.linalg.norm(eye)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-        pose[:3, 3] = eye
-        poses.append(pose)
+        poses.append(look_at(eye, (0, 0, 0)))
     return poses
 
 

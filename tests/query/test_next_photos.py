@@ -11,6 +11,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.next_photo_messages import NextPhoto
+from fastsplat_contract.poses import look_at
 from tests.query.conftest import DrawnEncoder
 from tests.scenes import labelled_scene
 
@@ -26,13 +27,7 @@ def _ring(degrees: list[float], radius: float = 3.0) -> list[PosedCamera]:
     cameras = []
     for angle in np.radians(degrees):
         place = np.array([radius * np.cos(angle), radius * np.sin(angle), 1.0])
-        forward = -place / np.linalg.norm(place)
-        right = np.cross(forward, [0, 0, 1.0])
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-        pose[:3, 3] = place
-        cameras.append(PosedCamera(_CAMERA, pose, f"{np.degrees(angle):03.0f}.jpg"))
+        cameras.append(PosedCamera(_CAMERA, look_at(place, (0, 0, 0)), f"{np.degrees(angle):03.0f}.jpg"))
     return cameras
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.relations.drawing import Room, box, crate, drawn_frame, pose_at, scene_of, table
+from benchmarks.relations.drawing import Room, box, crate, drawn_frame, scene_of, table
 from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -17,10 +17,11 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Scene, Thing
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import LimitExceededError
+from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import Answer
 
 _WORLD = drawn_frame(np.random.default_rng(3))
-_ASKER = _WORLD @ pose_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
+_ASKER = _WORLD @ look_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
 _WOOD, _RED, _BLUE, _GREEN, _WHITE = (
     (0.72, 0.55, 0.38),
     (0.75, 0.1, 0.1),
@@ -142,7 +143,7 @@ def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(ind
         ("the mug left of the lamp", None, "pose_needed"),
         ("the nearest mug", None, "pose_needed"),
         ("the second mug from the left", None, "pose_needed"),
-        ("the mug left of the lamp", _WORLD @ pose_at((0.0, 3.0, 1.5), (0.0, 6.0, 1.0)), "out_of_view"),
+        ("the mug left of the lamp", _WORLD @ look_at((0.0, 3.0, 1.5), (0.0, 6.0, 1.0)), "out_of_view"),
         ("the bottle on the table", None, "indirect"),
         ("how many things are on the table?", None, "indirect"),
         ("the lamp next to the mug", None, "ambiguous_referent"),
@@ -208,7 +209,7 @@ def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> N
     answer = _answer(index, "the red mug")
     assert (index.mask3d(answer) == (index.things.owner == _RED_MUG)).all()
     assert [thing.thing_id for thing in index.objects_of(answer)] == [_RED_MUG]
-    pose = _WORLD @ pose_at((0.2, -0.5, 1.0), (0.2, 0.1, 0.8))
+    pose = _WORLD @ look_at((0.2, -0.5, 1.0), (0.2, 0.1, 0.8))
     view = PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), pose)
     inside = index.things.map(view) == _RED_MUG
     assert inside.any() and (index.mask(answer, view) == inside).all()

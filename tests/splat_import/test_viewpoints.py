@@ -21,10 +21,11 @@ from fastsplat.service.splat_import.bulk import find_bulk, quantiles
 from fastsplat.service.splat_import.orientation import axis_vector, estimate_up
 from fastsplat.service.splat_import.pictures import render_views
 from fastsplat.service.splat_import.settings import SplatImportSettings
-from fastsplat.service.splat_import.viewpoints import choose_viewpoints, look_at, trial_camera
+from fastsplat.service.splat_import.viewpoints import choose_viewpoints, trial_camera
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.poses import look_at
 
 _CAMERA = trial_camera(60.0)
 

@@ -15,6 +15,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import PictureRequest
 from tests.api.made_scene import ENCODER, LABELS
 from tests.scenes import add_photos, labelled_scene, store_scene
@@ -78,13 +79,7 @@ def looking(
     up: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> PosedCamera:
     """A camera that looks from one point to another, `up` upright in its picture."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return PosedCamera(camera, pose)
+    return PosedCamera(camera, look_at(position, target, up))
 
 
 def _around(angle: float, name: str) -> PosedCamera:

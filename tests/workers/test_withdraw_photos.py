@@ -40,12 +40,12 @@ from fastsplat.workers.supervisor import Supervisor
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.places import Alignment
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
+from fastsplat_contract.poses import Pose, Quaternion, Vector3, look_at
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 from tests.scenes import add_photos, labelled_scene, store_scene
-from tests.splatting.train.conftest import LABELS, MakeWorld, look_at
+from tests.splatting.train.conftest import LABELS, MakeWorld
 from tests.splatting.train.conftest import make_world as make_world
 from tests.workers.real_worker import TRAINING, eventually, over
 from tests.workers.real_worker import service as service

@@ -9,6 +9,7 @@ from fastsplat_client.assistant.tools import resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import Tint
 from fastsplat_contract.scenes import Color, Scene
 
@@ -46,7 +47,7 @@ def look_from(
         )
     viewpoint: str | PosedCamera
     if position is not None and target is not None:
-        viewpoint = look_at(np.array(position), np.array(target), _up(shown))
+        viewpoint = free_view(np.array(position), np.array(target), _up(shown))
     elif view:
         viewpoint = _reduced(next((each for each in shown.cameras if each.name == view), view))
     elif thing:
@@ -60,27 +61,19 @@ def look_from(
     return client.picture(shown.id, "rgb", viewpoint, image_format="jpeg", tints=tints, dimming=0.4 if thing else 0.0)
 
 
-def look_at(position: NDArray[np.float64], target: NDArray[np.float64], up: NDArray[np.float64]) -> PosedCamera:
+def free_view(position: NDArray[np.float64], target: NDArray[np.float64], up: NDArray[np.float64]) -> PosedCamera:
     """A pinhole camera [3] -> [3] of 60° whose picture's up is `up` (unit, world) as nearly as can be.
 
     Raises:
         InvalidInputError: not finite, or position and target are one.
     """
-    forward = target - position
-    length = float(np.linalg.norm(forward))
+    length = float(np.linalg.norm(target - position))
     if not np.isfinite(length) or length < 1e-9:
         raise InvalidInputError("position and target are one place", field="target", hint="Look at some other place.")
-    forward = forward / length
-    # Straight up or down there is no right hand; any axis that is not the direction of view then gives one.
-    helper = up if abs(float(forward @ up)) < 0.999 else np.eye(3)[int(np.argmin(np.abs(forward)))]
-    right = np.cross(forward, helper)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
     side = _MOST_PIXELS_A_SIDE
     focal = side / 2 / float(np.tan(_FREE_ANGLE / 2))
-    return PosedCamera(Camera(side, side * 3 // 4, focal, focal, side / 2, side * 3 / 8), pose)
+    camera = Camera(side, side * 3 // 4, focal, focal, side / 2, side * 3 / 8)
+    return PosedCamera(camera, look_at(position, target, up))
 
 
 def _up(scene: Scene) -> NDArray[np.float64]:

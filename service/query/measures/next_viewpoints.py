@@ -22,6 +22,7 @@ from fastsplat.service.scene.assessment import common_point
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoReason
+from fastsplat_contract.poses import look_at
 
 F64 = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -107,7 +108,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
         around = target + _AROUND * float(np.ptp(opaque, axis=0).max())
         for turn, nearer in product(_TURNS_DEG, _NEARER):
             turned = Rotation.from_rotvec(np.radians(turn) * up).apply(near.world_from_camera[:3, 3] - target) * nearer
-            pose = _looking(target + turned, target, up)
+            pose = look_at(target + turned, target, up)
             sight = SightLines(replace(near, world_from_camera=pose), opaque)
             cell, depth, _ = sight.cells(around)
             in_sight = (depth <= sight.nearest[cell]).sum() == len(around)
@@ -119,7 +120,7 @@ def _at_hidden(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
         target = np.array(hollow.middle)
         thing = called.get(hollow.thing, "") or "thing that has no name there"
         yield (
-            _looking(near.world_from_camera[:3, 3], target, up),
+            look_at(near.world_from_camera[:3, 3], target, up),
             target,
             near,
             "hidden",
@@ -148,7 +149,7 @@ def _beside_gaps(index: SceneIndex, focus: F64) -> Iterator[Candidate]:
         edges = ((one, step), (other, -step)) if width > 2 * _STEP_DEG else ((one, step),)
         for edge, turn in edges:
             place = focus + Rotation.from_rotvec(np.radians(turn) * up).apply(offsets[edge])
-            yield _looking(place, focus, up), focus, cameras[edge], "gap", ""
+            yield look_at(place, focus, up), focus, cameras[edge], "gap", ""
 
 
 def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
@@ -184,7 +185,7 @@ def _at_thin_surfaces(index: SceneIndex, solid: Rows) -> Iterator[Candidate]:
             for turn in (_STEP_DEG, -_STEP_DEG)
         ]
         place = max(places, key=lambda one: float(np.linalg.norm(others - one, axis=1).min()))
-        yield _looking(place, target, up), target, near, "few_directions", ""
+        yield look_at(place, target, up), target, near, "few_directions", ""
 
 
 def _crowded(points: F64, place: F64, target: F64) -> bool:
@@ -211,19 +212,6 @@ def _up(scene: Scene) -> F64:
         return np.array(vertical.up, dtype=np.float64)
     up = -np.mean([posed.world_from_camera[:3, 1] for posed in scene.cameras], axis=0)
     return np.asarray(up / max(float(np.linalg.norm(up)), 1e-12), dtype=np.float64)
-
-
-def _looking(place: F64, target: F64, up: F64) -> F64:
-    """world_from_camera [4, 4] of an upright camera."""
-    forward = (target - place) / np.linalg.norm(target - place)
-    right = np.cross(forward, up)
-    if np.linalg.norm(right) < 1e-6:  # straight down or up
-        right = np.cross(forward, np.eye(3)[np.abs(forward).argmin()])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = place
-    return pose
 
 
 def _name_at(index: SceneIndex, solid: Rows, points: F64, target: F64) -> str:

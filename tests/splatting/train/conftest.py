@@ -18,19 +18,9 @@ from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.poses import look_at
 
 LABELS = ("floor", "ball", "block")
-
-
-def look_at(position: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """World-from-camera [4, 4], OpenCV axes, world z up."""
-    forward = (target - position) / np.linalg.norm(target - position)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = position
-    return pose
 
 
 def _world() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
