@@ -1,4 +1,5 @@
-"""Do the images work? Lint, build in a clean Debian, run as a container would, ask a question.
+"""Do the images work? Lint, build in a clean Debian, run as a container would, ask a question; and does a job that is
+under way go on where the images of a next release take the place of these?
 
 `python docker/check.py` as root on Debian with buildah, debootstrap, docker-compose and npm, from the development
 environment. Network: the package registries that apt, pip and npm are set to. FASTSPLAT_MODELS names a model directory;
@@ -17,8 +18,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 
 from images import ROOT, Builder, Image
@@ -28,6 +30,8 @@ from tests.postgres import PostgresServer
 
 _PATIENCE_S = 1200.0
 _UID = 10001
+_NEXT = "0.1.9999"
+"""A release that is none, of the minor release that clients of this one fit."""
 
 
 def main() -> int:
@@ -41,7 +45,8 @@ def main() -> int:
         images = {target: builder.build(target) for target in ("models", "worker", "api")}
         for target in ("worker", "api"):
             _check_contents(target, images[target])
-        _check_service(folder, images)
+        newer = {target: builder.next_release(target, images[target], _NEXT) for target in ("worker", "api")}
+        _check_service(folder, images, newer)
     finally:
         builder.close()
         shutil.rmtree(folder, ignore_errors=True)
@@ -50,7 +55,7 @@ def main() -> int:
 
 
 def _check_contents(target: str, image: Image) -> None:
-    """No compiler, no package tool of the build, a user that is not root; prints how large it is."""
+    """No compiler, no package tool of the build, a user that is not root; how large it is."""
     assert image.user == f"{_UID}:{_UID}", f"{target} runs as {image.user!r}"
     assert image.health, f"{target} has no health check"
     for tool in ("gcc", "g++", "cc", "make", "npm"):
@@ -59,7 +64,8 @@ def _check_contents(target: str, image: Image) -> None:
     print(f"{target}: {size / 1e9:.2f} GB unpacked")
 
 
-def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
+def _check_service(folder: Path, images: Mapping[str, Image], newer: Mapping[str, Image]) -> None:
+    """Start the service of `images` and ask it, then have `newer` go on with a job of it."""
     data, models = folder / "data", folder / "models"
     for path in (data, models):
         path.mkdir()
@@ -86,19 +92,37 @@ def _check_service(folder: Path, images: Mapping[str, Image]) -> None:
     if not given:
         with _running(images["models"], "models", {}, data, models, folder, writable_models=True) as fetch:
             assert fetch.wait(_PATIENCE_S) == 0, "the models could not be fetched"
+    url, capture = f"http://127.0.0.1:{http}", _make_capture(folder)
+    with closing(PostgresServer(secret.read_text().strip(), postgres)):
+        with _service(folder, images, environment, data, models):
+            key = (data / "key").read_text().strip()
+            with Client(url, key=key) as client:
+                _ask(client, capture)
+                job = _begin_training(client, capture)
+        with _service(folder, newer, environment, data, models), Client(url, key=key) as client:
+            assert client.server().version == _NEXT, client.server()
+            ended = client.wait(job, timeout_s=_PATIENCE_S)
+            assert (ended.state, ended.again_after) == ("SUCCEEDED", "worker_stopped"), ended
+            print("a job that was under way went on in the images of the next release")
+
+
+@contextmanager
+def _service(
+    folder: Path, images: Mapping[str, Image], environment: Mapping[str, str], data: Path, models: Path
+) -> Iterator[None]:
+    """API and worker, from when both are healthy."""
     with (
-        closing(PostgresServer(secret.read_text().strip(), postgres)),
         _running(images["api"], "api", environment, data, models, folder) as api,
         _running(images["worker"], "worker", environment, data, models, folder) as worker,
     ):
         for target, process in (("api", api), ("worker", worker)):
-            _until(f"{target} is healthy", lambda target=target: _healthy(images[target], environment, data, models))
+            _until(f"{target} is healthy", partial(_healthy, images[target], environment, data, models))
             assert process.poll() is None, f"{target} has ended"
-        _ask(folder, (data / "key").read_text().strip(), f"http://127.0.0.1:{http}")
+        yield
 
 
-def _ask(folder: Path, key: str, url: str) -> None:
-    """Post a few photos with their poses, wait for the scene, see that the poses arrived, ask for the banana."""
+def _make_capture(folder: Path) -> Path:
+    """A few of the sample's photos, with their poses."""
     sample, capture = ROOT / "demo/sample", folder / "capture"
     (capture / "images").mkdir(parents=True)
     names = sorted(path.name for path in (sample / "images").glob("*.jpg"))[::3]
@@ -112,19 +136,34 @@ def _ask(folder: Path, key: str, url: str) -> None:
     ]
     del transforms["labels"]
     (capture / "transforms.json").write_text(json.dumps(transforms))
-    with Client(url, key=key) as client:
-        posted = client.create_scene(capture, options=SceneOptions(max_gaussians=5_000))
-        operation = client.wait(posted.id, timeout_s=_PATIENCE_S)
-        assert operation.state == "SUCCEEDED", operation
-        poses = {frame["file_path"]: frame["transform_matrix"] for frame in transforms["frames"]}
-        for posed in client.scene(operation.scene_id).cameras:
-            for row in range(3):
-                sent, kept = poses[posed.name][row][3], posed.world_from_camera[row, 3]
-                assert abs(sent - kept) < 1e-6, f"{posed.name} was posted with a pose and has another"
-        (answer,) = client.query(operation.scene_id, "banana")
-        print(answer.sentence)
-        assert answer.outcome == "here", answer
-        assert client.export(operation.scene_id, "mcap").startswith(b"\x89MCAP0"), "no file for Foxglove"
+    return capture
+
+
+def _ask(client: Client, capture: Path) -> None:
+    """Post the photos, wait for the scene, see that their poses arrived, ask for the banana."""
+    posted = client.create_scene(capture, options=SceneOptions(max_gaussians=5_000))
+    operation = client.wait(posted.id, timeout_s=_PATIENCE_S)
+    assert operation.state == "SUCCEEDED", operation
+    frames = json.loads((capture / "transforms.json").read_text())["frames"]
+    poses = {frame["file_path"]: frame["transform_matrix"] for frame in frames}
+    for posed in client.scene(operation.scene_id).cameras:
+        for row in range(3):
+            sent, kept = poses[posed.name][row][3], posed.world_from_camera[row, 3]
+            assert abs(sent - kept) < 1e-6, f"{posed.name} was posted with a pose and has another"
+    (answer,) = client.query(operation.scene_id, "banana")
+    print(answer.sentence)
+    assert answer.outcome == "here", answer
+    assert client.export(operation.scene_id, "mcap").startswith(b"\x89MCAP0"), "no file for Foxglove"
+
+
+def _begin_training(client: Client, capture: Path) -> str:
+    """Post the photos once more; the id of the job, whose training has begun."""
+    job = client.create_scene(capture, options=SceneOptions(max_gaussians=5_000)).id
+    operation = next(
+        now for now in client.watch(job) if now.done or "training" in {stage.stage for stage in now.stages}
+    )
+    assert not operation.done, operation
+    return job
 
 
 @contextmanager
@@ -140,7 +179,7 @@ def _running(
 ) -> Iterator[subprocess.Popen[bytes]]:
     """The image's CMD, stopped in the end as `docker stop` does; what it wrote is shown if anything went wrong."""
     log = folder / f"{name}.log"
-    with log.open("wb") as out:
+    with log.open("ab") as out:
         process = subprocess.Popen(
             _contained(image, environment, data, models, image.command, writable_models), stdout=out, stderr=out
         )
@@ -194,7 +233,7 @@ def _contained(
     return ["unshare", "--mount", "sh", "-c", "\n".join(lines)]
 
 
-def _until(what: str, holds: object) -> None:
+def _until(what: str, holds: Callable[[], bool]) -> None:
     deadline = time.monotonic() + _PATIENCE_S
     while not holds():
         assert time.monotonic() < deadline, f"waited {_PATIENCE_S:.0f} s until {what}"

@@ -9,12 +9,24 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
 ROOT = Path(__file__).resolve().parent.parent
 _BASE = "docker.io/library/debian:bookworm-slim"
+_DPKG = """\
+path-exclude /usr/share/doc/*
+path-include /usr/share/doc/*/copyright
+path-exclude /usr/share/info/*
+path-exclude /usr/share/locale/*
+path-exclude /usr/share/man/*
+"""
+_APT = """\
+DPkg::Post-Invoke { "rm -f /var/cache/apt/archives/*.deb /var/cache/apt/*.bin"; };
+Dir::Cache::pkgcache "";
+Dir::Cache::srcpkgcache "";
+"""
 _CERTIFICATES = Path("/etc/ssl/build-machine.crt")  # the usual name belongs to a Debian package, which must write it
 
 
@@ -48,6 +60,7 @@ class Builder:
         root = self._folder / "debian"
         mirror = _debian_mirror()
         subprocess.run(["debootstrap", "--variant=minbase", "bookworm", root, *mirror], check=True, stdout=2)
+        _slim(root)
         container = self._buildah("from", "scratch")
         self._buildah("add", container, str(root), "/")
         self._buildah("commit", "--rm", container, _BASE)
@@ -75,6 +88,13 @@ class Builder:
             health=tuple((config.get("Healthcheck") or {"Test": ["NONE"]})["Test"][1:]),
         )
 
+    def next_release(self, target: str, image: Image, version: str) -> Image:
+        """The built image of `target` again, with nothing changed but the release that its package says it is of."""
+        root = Path(self._buildah("mount", self._buildah("from", "--pull-never", f"localhost/{target}")))
+        (told,) = root.glob("opt/fastsplat/lib/python3*/site-packages/fastsplat-*.dist-info/METADATA")
+        told.write_text(re.sub(r"(?m)^Version: .*$", f"Version: {version}", told.read_text(), count=1))
+        return replace(image, root=root)
+
     def close(self) -> None:
         """Unmount everything."""
         self._buildah("rm", "--all")
@@ -92,6 +112,18 @@ class Builder:
         if chatty:
             return ""
         return done.stdout.strip() if arguments[0] == "inspect" else done.stdout.strip().rpartition("\n")[2]
+
+
+def _slim(root: Path) -> None:
+    """Leave out of a fresh Debian what its image of the name "slim" leaves out, now and with packages to come."""
+    (root / "etc/dpkg/dpkg.cfg.d/slim").write_text(_DPKG)
+    (root / "etc/apt/apt.conf.d/slim").write_text(_APT)
+    for folder in ("usr/share/doc", "usr/share/info", "usr/share/locale", "usr/share/man", "var/cache/apt"):
+        for path in (root / folder).rglob("*"):
+            if path.name != "copyright" and (path.is_symlink() or path.is_file()):
+                path.unlink()
+    for path in (root / "var/lib/apt/lists").glob("*_*"):
+        path.unlink()
 
 
 def _driver(folder: Path) -> str:
