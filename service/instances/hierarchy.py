@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,7 +38,12 @@ class Hierarchy:
     groups: dict[int, tuple[int, ...]]
 
 
-def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: DiscoverySettings) -> Hierarchy:
+def find_hierarchy(
+    candidates: Sequence[Candidate],
+    size: F32,
+    settings: DiscoverySettings,
+    apart: Callable[[int, int], bool] = lambda part, whole: False,
+) -> Hierarchy:
     """Parts, things and groups among candidates.
 
     From the smallest up, each candidate that enough views propose is compared with the things that lie in it. Where
@@ -51,6 +56,7 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
         candidates: see `find_candidates`.
         size: float32 [G], see `Overlaps`.
         settings: the least weight of a thing.
+        apart: whether the first of two candidates' numbers cannot be a part of the second, though it lies in it.
     """
     sure = [
         number
@@ -77,12 +83,12 @@ def find_hierarchy(candidates: Sequence[Candidate], size: F32, settings: Discove
             if len(children) > 1:
                 groups[sure[one]] = tuple(sure[child] for child in reversed(children))
             continue
-        for child in children:
-            if error[child] >= error[one]:
-                things.remove(child)
-                whole[child] = one
-        whole.update((piece, one) for piece in np.flatnonzero(~agreed & lies_in[:, one]).tolist() if piece not in whole)
-        things.append(one)
+        lesser = [child for child in children if error[child] >= error[one]]
+        rare = [piece for piece in np.flatnonzero(~agreed & lies_in[:, one]).tolist() if piece not in whole]
+        for part in [*lesser, *rare]:
+            if not apart(sure[part], sure[one]):
+                whole[part] = one
+        things = [*(thing for thing in things if thing not in whole), one]
     part_of = {}
     for part in whole:
         thing = part

@@ -21,6 +21,7 @@ from fastsplat.service.instances.surfaces import (
     Plane,
     find_surfaces,
     join_surfaces,
+    lies_off,
 )
 from fastsplat.service.scene.types import Gaussians
 
@@ -54,7 +55,8 @@ def select_things(
 ) -> Selection:
     """The things among candidates, each Gaussian with one of them at most.
 
-    In this order: things by the hierarchy; the smaller owns; surfaces have what lies in their planes; strays are left
+    In this order: things by the hierarchy, in which what lies off the plane of a surface is no part of it, as the floor
+    that the masks of a table have, too; the smaller owns; surfaces have what lies in their planes; strays are left
     out.
 
     Args:
@@ -63,12 +65,17 @@ def select_things(
         size: float32 [G], see `Overlaps`.
         settings: the bounds.
     """
-    hierarchy = find_hierarchy(candidates, size, settings)
+    planes = find_surfaces(candidates, gaussians, size)
+
+    def apart(part: int, whole: int) -> bool:
+        return whole in planes and lies_off(planes[whole], candidates[part].rows, gaussians, size)
+
+    hierarchy = find_hierarchy(candidates, size, settings, apart)
     things = [candidates[row] for row in hierarchy.things]
     places = {row: place for place, row in enumerate(hierarchy.things)}
     parts = [(candidates[part], places[whole]) for part, whole in hierarchy.part_of.items()]
     owners, shares = assign_owners(things, len(gaussians))
-    surfaces = find_surfaces(things, gaussians, size)
+    surfaces = {places[row]: plane for row, plane in planes.items() if row in places}
     owners = join_surfaces(owners, things, surfaces, gaussians, size)
     owners = without_strays(owners, gaussians, size, STRAY_SHARE)
     shares = np.where(owners == NOBODY, np.float32(0), np.maximum(shares, np.float32(_GROWN_SHARE)))

@@ -126,6 +126,13 @@ def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F
     return bool(weights[inside].sum() > _CORE * reached[-1]) and abs(median) <= _OFFSET * plane.tolerance
 
 
+def lies_off(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
+    """Whether most of what Gaussians `rows` show is farther from the plane than its tolerance."""
+    weights = size[rows].astype(np.float64)
+    far = plane.distance(gaussians.means[rows]) > plane.tolerance
+    return bool(weights[far].sum() > _CORE * weights.sum())
+
+
 def join_surfaces(
     owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:

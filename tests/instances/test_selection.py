@@ -215,6 +215,20 @@ def test_pieces_of_a_surface_join_it_and_what_lies_on_it_does_not(included: bool
     assert ((selection.owners == NOBODY) == (selection.shares == 0)).all()
 
 
+@pytest.mark.parametrize(("height", "is_thing"), [(-0.7, True), (0.3, True), (0.0, False)])
+def test_what_lies_off_the_plane_of_a_surface_is_no_part_of_it(height: float, is_thing: bool) -> None:
+    """The masks of a table have the floor, too, and cut it out less well than the table; so they would a lit patch of
+    the table, which stays a part of it."""
+    table = grid(2, 2, 0.04)
+    table[:, 2] = np.random.default_rng(2).normal(0, 0.004, len(table))
+    points = np.concatenate([table, grid(1, 1, 0.04, height=height, center=(1.5, 0))])
+    other = np.arange(len(table), len(points))
+    candidates = [candidate(range(len(points)), support=0.9), candidate(other, support=0.6)]
+    selection = select_things(candidates, gaussians_at(points), np.ones(len(points), np.float32), SETTINGS)
+    assert len(selection.things) == (2 if is_thing else 1) and len(selection.parts) == (not is_thing)
+    assert (selection.owners[: len(table)] == 0).all() and (selection.owners[other] == int(is_thing)).all()
+
+
 def test_a_plate_on_a_table_does_not_spread_over_the_table() -> None:
     """Nobody owns a ring of the table around a plate, which lies nearly in the table's plane: the table has it."""
     table = grid(2, 2, 0.04)
