@@ -181,7 +181,8 @@ LOOK_AGAIN = Call(
     status=202)
 TRAIN_MORE = Call(
     "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
-    "Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.",
+    "Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then\n"
+    "join them: an operation that makes a version.",
     status=202)
 WITHDRAW_PHOTOS = Call(
     "WithdrawPhotos", "scenes", WithdrawPhotosRequest, Operation, ADMIN, f"POST {_SCENE}:withdrawPhotos",

@@ -169,7 +169,7 @@ class LookAgainRequest(LookAgainIn, OfScene):
 
 @dataclass(frozen=True)
 class TrainMoreRequest(TrainMoreIn, OfScene):
-    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
 
 
 @dataclass(frozen=True)

@@ -1555,6 +1555,9 @@ class TrainMoreResult(_message.Message):
     GAUSSIANS_FIELD_NUMBER: _builtins.int
     PSNR_BEFORE_FIELD_NUMBER: _builtins.int
     PSNR_FIELD_NUMBER: _builtins.int
+    JOINED_FIELD_NUMBER: _builtins.int
+    LEFT_OUT_FIELD_NUMBER: _builtins.int
+    UNCHANGED_FIELD_NUMBER: _builtins.int
     version: _builtins.str
     """the version that it made"""
     trained_from: _builtins.str
@@ -1575,6 +1578,16 @@ class TrainMoreResult(_message.Message):
     """dB, of photos that training does not see; absent where all are trained on"""
     psnr: _builtins.float
     """dB, of the same photos in the new version"""
+    unchanged: _builtins.int
+    """how many Gaussians of before are the same to the bit; absent where no photo has joined"""
+    @_builtins.property
+    def joined(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """names of the cameras whose photos have joined the scene's"""
+
+    @_builtins.property
+    def left_out(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """why other photos of the same observations have not"""
+
     def __init__(
         self,
         *,
@@ -1587,19 +1600,26 @@ class TrainMoreResult(_message.Message):
         gaussians: _builtins.int = ...,
         psnr_before: _builtins.float | None = ...,
         psnr: _builtins.float | None = ...,
+        joined: _abc.Iterable[_builtins.str] | None = ...,
+        left_out: _abc.Iterable[_builtins.str] | None = ...,
+        unchanged: _builtins.int | None = ...,
     ) -> None: ...
-    _HasFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "psnr", b"psnr", "psnr_before", b"psnr_before"]  # noqa: Y015
+    _HasFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "_unchanged", b"_unchanged", "psnr", b"psnr", "psnr_before", b"psnr_before", "unchanged", b"unchanged"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "current", b"current", "gaussians", b"gaussians", "gaussians_before", b"gaussians_before", "psnr", b"psnr", "psnr_before", b"psnr_before", "seconds", b"seconds", "steps", b"steps", "trained_from", b"trained_from", "version", b"version"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_psnr", b"_psnr", "_psnr_before", b"_psnr_before", "_unchanged", b"_unchanged", "current", b"current", "gaussians", b"gaussians", "gaussians_before", b"gaussians_before", "joined", b"joined", "left_out", b"left_out", "psnr", b"psnr", "psnr_before", b"psnr_before", "seconds", b"seconds", "steps", b"steps", "trained_from", b"trained_from", "unchanged", b"unchanged", "version", b"version"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__psnr: _TypeAlias = _typing.Literal["psnr"]  # noqa: Y015
     _WhichOneofArgType__psnr: _TypeAlias = _typing.Literal["_psnr", b"_psnr"]  # noqa: Y015
     _WhichOneofReturnType__psnr_before: _TypeAlias = _typing.Literal["psnr_before"]  # noqa: Y015
     _WhichOneofArgType__psnr_before: _TypeAlias = _typing.Literal["_psnr_before", b"_psnr_before"]  # noqa: Y015
+    _WhichOneofReturnType__unchanged: _TypeAlias = _typing.Literal["unchanged"]  # noqa: Y015
+    _WhichOneofArgType__unchanged: _TypeAlias = _typing.Literal["_unchanged", b"_unchanged"]  # noqa: Y015
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr) -> _WhichOneofReturnType__psnr | None: ...
     @_typing.overload
     def WhichOneof(self, oneof_group: _WhichOneofArgType__psnr_before) -> _WhichOneofReturnType__psnr_before | None: ...
+    @_typing.overload
+    def WhichOneof(self, oneof_group: _WhichOneofArgType__unchanged) -> _WhichOneofReturnType__unchanged | None: ...
 
 Global___TrainMoreResult: _TypeAlias = TrainMoreResult  # noqa: Y015
 
@@ -4618,7 +4638,7 @@ Global___LookAgainRequest: _TypeAlias = LookAgainRequest  # noqa: Y015
 
 @_typing.final
 class TrainMoreRequest(_message.Message):
-    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
 
     DESCRIPTOR: _descriptor.Descriptor
 
@@ -4627,6 +4647,7 @@ class TrainMoreRequest(_message.Message):
     STEPS_FIELD_NUMBER: _builtins.int
     PRESET_FIELD_NUMBER: _builtins.int
     REQUEST_ID_FIELD_NUMBER: _builtins.int
+    OBSERVATIONS_FIELD_NUMBER: _builtins.int
     scene_id: _builtins.str
     """which scene"""
     seconds: _builtins.float
@@ -4639,6 +4660,13 @@ class TrainMoreRequest(_message.Message):
     """
     request_id: _builtins.str
     """same id, same order: the first operation is returned again (AIP-155)"""
+    @_builtins.property
+    def observations(self) -> _containers.RepeatedScalarFieldContainer[_builtins.str]:
+        """ids of observations of the scene whose photos join its own: what they show is trained, Gaussians are made where the
+        scene had nothing, and all else stays as it is, to the bit; with neither seconds nor steps as many steps as their
+        number needs; empty: all is trained, on the photos it has
+        """
+
     def __init__(
         self,
         *,
@@ -4647,10 +4675,11 @@ class TrainMoreRequest(_message.Message):
         steps: _builtins.int | None = ...,
         preset: _builtins.str | None = ...,
         request_id: _builtins.str = ...,
+        observations: _abc.Iterable[_builtins.str] | None = ...,
     ) -> None: ...
     _HasFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
     def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
-    _ClearFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "preset", b"preset", "request_id", b"request_id", "scene_id", b"scene_id", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["_preset", b"_preset", "_seconds", b"_seconds", "_steps", b"_steps", "observations", b"observations", "preset", b"preset", "request_id", b"request_id", "scene_id", b"scene_id", "seconds", b"seconds", "steps", b"steps"]  # noqa: Y015
     def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
     _WhichOneofReturnType__preset: _TypeAlias = _typing.Literal["preset"]  # noqa: Y015
     _WhichOneofArgType__preset: _TypeAlias = _typing.Literal["_preset", b"_preset"]  # noqa: Y015

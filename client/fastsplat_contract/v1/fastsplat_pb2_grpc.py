@@ -530,7 +530,8 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def TrainMore(self, request, context):
-        """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.
+        """Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then
+        join them: an operation that makes a version.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

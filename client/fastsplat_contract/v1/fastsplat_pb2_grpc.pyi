@@ -114,7 +114,9 @@ class SceneServiceStub:
     LookAgain: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]
     """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
     TrainMore: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]
-    """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+    """Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then
+    join them: an operation that makes a version.
+    """
     WithdrawPhotos: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.WithdrawPhotosRequest, _fastsplat_pb2.Operation]
     """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
     pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
@@ -284,7 +286,9 @@ class SceneServiceAsyncStub(SceneServiceStub):
     LookAgain: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.LookAgainRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Search a scene for more names with the server's open-set detector: an operation that makes a version."""
     TrainMore: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.TrainMoreRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
-    """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+    """Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then
+    join them: an operation that makes a version.
+    """
     WithdrawPhotos: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.WithdrawPhotosRequest, _fastsplat_pb2.Operation]  # type: ignore[assignment]
     """Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a
     pixel of them any more, and all versions of before are deleted; until then the scene is as it was.
@@ -587,7 +591,9 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         request: _fastsplat_pb2.TrainMoreRequest,
         context: _ServicerContext,
     ) -> _typing.Union[_fastsplat_pb2.Operation, _abc.Awaitable[_fastsplat_pb2.Operation]]:
-        """Train a scene further, from where it is, with the photos kept with it: an operation that makes a version."""
+        """Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then
+        join them: an operation that makes a version.
+        """
 
     @_abc_1.abstractmethod
     def WithdrawPhotos(
