@@ -4479,6 +4479,36 @@ class AlignSceneRequest(_message.Message):
 Global___AlignSceneRequest: _TypeAlias = AlignSceneRequest  # noqa: Y015
 
 @_typing.final
+class AlignToSceneRequest(_message.Message):
+    """A new version of a scene in the frame of another scene of the same place."""
+
+    DESCRIPTOR: _descriptor.Descriptor
+
+    SCENE_ID_FIELD_NUMBER: _builtins.int
+    OTHER_FIELD_NUMBER: _builtins.int
+    REQUEST_ID_FIELD_NUMBER: _builtins.int
+    scene_id: _builtins.str
+    """which scene"""
+    other: _builtins.str
+    """id of the other scene, whose units are meters; the frame that both are in then has its alignment's name, or this id"""
+    request_id: _builtins.str
+    """same id: the version that it made is returned again (AIP-155)"""
+    def __init__(
+        self,
+        *,
+        scene_id: _builtins.str = ...,
+        other: _builtins.str = ...,
+        request_id: _builtins.str = ...,
+    ) -> None: ...
+    _HasFieldArgType: _TypeAlias = _Never  # noqa: Y015
+    def HasField(self, field_name: _HasFieldArgType) -> _builtins.bool: ...
+    _ClearFieldArgType: _TypeAlias = _typing.Literal["other", b"other", "request_id", b"request_id", "scene_id", b"scene_id"]  # noqa: Y015
+    def ClearField(self, field_name: _ClearFieldArgType) -> None: ...
+    def WhichOneof(self, oneof_group: _Never) -> None: ...
+
+Global___AlignToSceneRequest: _TypeAlias = AlignToSceneRequest  # noqa: Y015
+
+@_typing.final
 class UndoEditRequest(_message.Message):
     """Back to the version before the current one."""
 

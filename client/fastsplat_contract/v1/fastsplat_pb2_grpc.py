@@ -120,6 +120,11 @@ class SceneServiceStub:
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
                 response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
                 _registered_method=True)
+        self.AlignToScene = channel.unary_unary(
+                '/fastsplat.v1.SceneService/AlignToScene',
+                request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignToSceneRequest.SerializeToString,
+                response_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+                _registered_method=True)
         self.UndoEdit = channel.unary_unary(
                 '/fastsplat.v1.SceneService/UndoEdit',
                 request_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.UndoEditRequest.SerializeToString,
@@ -489,6 +494,13 @@ class SceneServiceServicer:
     def AlignScene(self, request, context):
         """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
         EditScene with the action align.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def AlignToScene(self, request, context):
+        """Put a scene into the frame of another scene of the same place, by its own photos, as a new version.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -933,6 +945,11 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'AlignScene': grpc.unary_unary_rpc_method_handler(
                     servicer.AlignScene,
                     request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.FromString,
+                    response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
+            ),
+            'AlignToScene': grpc.unary_unary_rpc_method_handler(
+                    servicer.AlignToScene,
+                    request_deserializer=fastsplat_dot_v1_dot_fastsplat__pb2.AlignToSceneRequest.FromString,
                     response_serializer=fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.SerializeToString,
             ),
             'UndoEdit': grpc.unary_unary_rpc_method_handler(
@@ -1639,6 +1656,33 @@ class SceneService:
             target,
             '/fastsplat.v1.SceneService/AlignScene',
             fastsplat_dot_v1_dot_fastsplat__pb2.AlignSceneRequest.SerializeToString,
+            fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def AlignToScene(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fastsplat.v1.SceneService/AlignToScene',
+            fastsplat_dot_v1_dot_fastsplat__pb2.AlignToSceneRequest.SerializeToString,
             fastsplat_dot_v1_dot_fastsplat__pb2.SceneVersion.FromString,
             options,
             channel_credentials,

@@ -103,6 +103,8 @@ class SceneServiceStub:
         """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
         EditScene with the action align.
         """
+    AlignToScene: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignToSceneRequest, _fastsplat_pb2.SceneVersion]
+    """Put a scene into the frame of another scene of the same place, by its own photos, as a new version."""
     UndoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]
     """Go back to the version before the current one."""
     RedoEdit: _grpc.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]
@@ -275,6 +277,8 @@ class SceneServiceAsyncStub(SceneServiceStub):
         """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
         EditScene with the action align.
         """
+    AlignToScene: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.AlignToSceneRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
+    """Put a scene into the frame of another scene of the same place, by its own photos, as a new version."""
     UndoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.UndoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
     """Go back to the version before the current one."""
     RedoEdit: _aio.UnaryUnaryMultiCallable[_fastsplat_pb2.RedoEditRequest, _fastsplat_pb2.SceneVersion]  # type: ignore[assignment]
@@ -544,6 +548,14 @@ class SceneServiceServicer(metaclass=_abc_1.ABCMeta):
         """Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version. Deprecated: use
         EditScene with the action align.
         """
+
+    @_abc_1.abstractmethod
+    def AlignToScene(
+        self,
+        request: _fastsplat_pb2.AlignToSceneRequest,
+        context: _ServicerContext,
+    ) -> _typing.Union[_fastsplat_pb2.SceneVersion, _abc.Awaitable[_fastsplat_pb2.SceneVersion]]:
+        """Put a scene into the frame of another scene of the same place, by its own photos, as a new version."""
 
     @_abc_1.abstractmethod
     def UndoEdit(
