@@ -155,6 +155,11 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=change_examples.ALIGNED,
         ),
         Handler(
+            calls.ALIGN_TO_SCENE,
+            lambda service, asked: service.shared_frame.align(asked.scene_id, asked, caller_id()),
+            bodies=change_examples.ALIGNED_TO,
+        ),
+        Handler(
             calls.UNDO_EDIT,
             lambda service, asked: service.versions.undo(asked.scene_id, asked.version),
             bodies=scene_examples.UNDONE,

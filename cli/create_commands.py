@@ -97,10 +97,17 @@ def train_more(
     seconds: Annotated[float | None, typer.Option(help="Of optimization.")] = None,
     steps: Annotated[int | None, typer.Option(help="Of optimization, instead of seconds.")] = None,
     preset: Preset = None,
+    with_observation: Annotated[
+        list[str],
+        typer.Option(metavar="ID", help="Photos that join the scene: those of `observe`, by its id. Repeat for more."),
+    ] = [],
     watch: Watch = False,
 ) -> None:
-    """Train a scene further, from where it is, with the photos that are kept with it."""
-    operation = session.client.train_more(session.scene(scene), seconds=seconds, steps=steps, preset=preset)
+    """Train a scene further, from where it is, with the photos that are kept with it; or let photos join it, and train
+    what these show alone."""
+    scene_id = session.scene(scene)
+    ids = [session.observation(scene_id, each) for each in with_observation]
+    operation = session.client.train_more(scene_id, seconds=seconds, steps=steps, preset=preset, observations=ids)
     session.tell_job(operation, _trained, watch=watch)
 
 
@@ -143,7 +150,12 @@ def _trained(operation: Operation) -> str:
         "" if made.psnr is None or made.psnr_before is None else f", PSNR {made.psnr_before:.2f} to {made.psnr:.2f} dB"
     )
     stands = "is current" if made.current else "is there, and another one is current"
+    joined = ""
+    if made.joined:
+        joined = f"{len(made.joined)} photos have joined, {made.unchanged:,} Gaussians are as they were\n"
+    joined += "".join(f"left out: {each}\n" for each in made.left_out)
     return (
-        f"{made.steps} steps in {made.seconds:.0f} s, {made.gaussians_before:,} to {made.gaussians:,} Gaussians{psnr}\n"
+        f"{joined}{made.steps} steps in {made.seconds:.0f} s, "
+        f"{made.gaussians_before:,} to {made.gaussians:,} Gaussians{psnr}\n"
         f"version {made.version} {stands}"
     )

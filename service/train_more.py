@@ -1,4 +1,5 @@
-"""A finished scene trained further: with the photos that are kept with it, from where it is, as a new version.
+"""A finished scene trained further: with the photos that are kept with it, or that join them, from where it is, as a
+new version.
 
 Things, their ids, names and parts, labels and their evidence stay with the Gaussians that come from those which had
 them. What people did meanwhile that changes no Gaussian is in the new version, too.
@@ -6,11 +7,13 @@ them. What people did meanwhile that changes no Gaussian is in the new version, 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fastsplat.service.capture.formats.kept_capture import kept_capture
 from fastsplat.service.capture.photos.scene_photos import photo_folder
@@ -24,9 +27,14 @@ from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.continuation import Continued, continuation_settings, continue_training
+from fastsplat.service.splatting.joining import join_photos
 from fastsplat.service.splatting.previews import UNWATCHED, TrainingWatch
 from fastsplat_contract.errors import NotReadyError, TrainingDivergedError
 
+_STEPS_FOR_A_PHOTO = 100
+"""Of one that joins, half of them with the photos of before."""
+_JOINING_MAY_COST_DB = 0.1
+"""Photos that training does not see need not show anything of what has joined."""
 _SAME = 1e-4
 """Share of a scene's extent by which rounding may move a Gaussian."""
 
@@ -59,6 +67,7 @@ def train_further(
     progress: Progress,
     checkpoint_dir: Path | None = None,
     *,
+    joined: Collection[str] = (),
     seconds: float | None = None,
     steps: int | None = None,
     preset: PresetName | None = None,
@@ -72,12 +81,16 @@ def train_further(
         settings: of all rooms.
         progress: hears of the stage "training"; may raise `CancelledError`.
         checkpoint_dir, watch: as for `train`.
+        joined: names of views of the capture that the scene has not seen, and that are to join it: then only what they
+            show is trained, see `join_photos`; with none all is, on all views.
         seconds, steps, preset: how long, and how large; see `TrainMoreIn`.
 
     Raises:
         TrainingDivergedError: it ended worse than it began, by photos that it did not see.
         FastSplatError: as `train`.
     """
+    if joined and seconds is None and steps is None:
+        steps = _STEPS_FOR_A_PHOTO * len(joined)
     training = continuation_settings(
         apply_preset(settings, preset).training,
         scene.gaussians,
@@ -85,10 +98,13 @@ def train_further(
         steps=steps,
         hold_out=bool(capture.test_names),
     )
-    continued = continue_training(scene.gaussians, capture, training, progress, checkpoint_dir, watch=watch)
+    if joined:
+        continued = join_photos(scene.gaussians, capture, joined, training, progress, checkpoint_dir, watch=watch)
+    else:
+        continued = continue_training(scene.gaussians, capture, training, progress, checkpoint_dir, watch=watch)
     name = "psnr_cc" if continued.trained.photometric else "psnr"  # a corrected scene has the photos' mean exposure
     before, after = (continued.trained.quality.get(figure) for figure in (f"{name}_before", name))
-    if before is not None and after is not None and after < before:
+    if before is not None and after is not None and after < before - (_JOINING_MAY_COST_DB if joined else 0.0):
         raise TrainingDivergedError(
             f"photos that training does not see are reproduced with {after:.2f} dB in place of {before:.2f} dB, so the "
             "scene stays as it is",
@@ -114,6 +130,8 @@ def merged_scene(current: Scene, base: Scene, continued: Continued) -> Scene | N
         return None
     rows = continued.origins
     placed = placed_gaussians(continued.trained.gaussians, change)
+    if continued.changed is not None:
+        placed = _changed_alone(current.gaussians, placed, continued.changed)
     return replace(
         current,
         gaussians=replace(placed, codes=np.ascontiguousarray(current.gaussians.codes[rows])),
@@ -121,6 +139,18 @@ def merged_scene(current: Scene, base: Scene, continued: Continued) -> Scene | N
         things=things_of_rows(current.things, rows),
         quality=_quality(current.quality, base, continued),
     )
+
+
+def _changed_alone(before: Gaussians, after: Gaussians, changed: NDArray[np.bool_]) -> Gaussians:
+    """Gaussians of which those that are not `changed` are, to the bit, those of the same rows before."""
+    arrays = {}
+    for name, array in vars(after).items():
+        if name != "codes":
+            same = np.flatnonzero(~changed)
+            array = array.copy()
+            array[same] = getattr(before, name)[same]
+        arrays[name] = array
+    return Gaussians(**arrays)
 
 
 def _shows_the_same(first: Gaussians, second: Gaussians) -> bool:

@@ -37,6 +37,7 @@ from fastsplat.service.capture.uploads.posed_input import PosedDataset, no_point
 from fastsplat.service.capture.world.posed_geometry import PosedTask, SfmAnswer, posed_geometry
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.types import TAKEN_AT, Scene
 from fastsplat.service.withdrawal_checks import check_retrainable, photos_left
 from fastsplat_contract.errors import ReconstructionError
@@ -57,8 +58,8 @@ def capture_without(
     """The capture of a scene's photos without some.
 
     Args:
-        scene: the trained version.
-        folder: of that version.
+        scene: see `with_joined_cameras`.
+        folder: of the current version.
         out: an empty folder, which gets the photos as `service.capture.photos.scene_photos` keeps them with a version.
         withdrawn: names of photos.
         settings: of structure from motion.
@@ -98,6 +99,18 @@ def capture_without(
     shutil.rmtree(work)
     progress(ProgressEvent(_STAGE, 1.0, f"{len(views)} photos, {len(points)} points"))
     return capture
+
+
+def with_joined_cameras(trained: Scene, current: Scene) -> Scene:
+    """The trained version with the cameras of photos that have joined since, and what is known of all photos.
+
+    Args:
+        trained: the trained version.
+        current: the current one.
+    """
+    into = frame_of(current).inverse()
+    joined = map(into.camera, current.cameras[len(trained.cameras) :])
+    return replace(trained, cameras=(*trained.cameras, *joined), quality=current.quality)
 
 
 def _moved(view: View, out: Path, number: int) -> View:

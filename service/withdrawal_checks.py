@@ -51,7 +51,7 @@ def check_retrainable(quality: Mapping[str, Any], folder: Path) -> None:
 
     Args:
         quality: of the scene.
-        folder: of its trained version.
+        folder: of its current version.
 
     Raises:
         NotReadyError: no photos are kept with it, or no label maps where its labels came with the capture; or it is a

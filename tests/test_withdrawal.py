@@ -16,11 +16,13 @@ from fastsplat.service.capture.photos.scene_photos import photo_folder, write_ph
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
 from fastsplat.service.capture.types import Capture, GivenLabels
 from fastsplat.service.common.progress import silent
+from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.scaling import Scaling
 from fastsplat.service.scene.types import TAKEN_AT, Scene
-from fastsplat.service.withdrawal import capture_without
+from fastsplat.service.withdrawal import capture_without, with_joined_cameras
 from fastsplat.service.withdrawal_checks import check_retrainable
 from fastsplat_contract.errors import InvalidInputError, NotReadyError
 from tests.scenes import labelled_scene
@@ -120,6 +122,24 @@ def test_masks_and_times_go_with_their_photos(make_world: MakeWorld, tmp_path: P
     path = left.views[1].valid_path
     assert path is not None and np.array_equal(np.asarray(Image.open(path)), mask)
     assert left.given_labels is None and not left.test_names
+
+
+def test_a_photo_that_has_joined_is_withdrawn_as_any_other(make_world: MakeWorld, tmp_path: Path) -> None:
+    capture, labelling = make_world(6)
+    capture = _with_maps(capture, labelling, tmp_path / "maps")
+    trained = _kept(replace(capture, views=capture.views[:4], given_labels=None), tmp_path / "trained")
+    twice = Similarity(2.0, np.eye(3), np.zeros(3))
+    scaling = Scaling(2.0, 2.0, 2.0, ())
+    whole = _kept(capture, tmp_path / "current", images=6, held_out_views=["000.png"])
+    current = replace(whole, scaling=scaling, cameras=tuple(map(twice.camera, whole.cameras)))
+    scene = with_joined_cameras(trained, current)
+    for posed, view in zip(scene.cameras, capture.views, strict=True):
+        np.testing.assert_allclose(posed.world_from_camera, view.posed.world_from_camera, atol=1e-12)
+    assert scene.cameras[:4] == trained.cameras
+    (tmp_path / "out").mkdir()
+    left = capture_without(scene, tmp_path / "current", tmp_path / "out", ("004.png",), CaptureSettings(), silent)
+    assert [view.posed.name for view in left.views] == [f"{number:03d}.png" for number in (0, 1, 2, 3, 5)]
+    assert left.report.images == 5 and left.test_names == ("000.png",)
 
 
 def test_what_cannot_be_made_anew_is_refused(make_world: MakeWorld, tmp_path: Path) -> None:

@@ -13,13 +13,23 @@ import numpy as np
 
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
+from fastsplat.service.joined_photos import (
+    JoiningPhotos,
+    joined_views,
+    joining_photos,
+    keep_joined,
+    with_joined,
+)
 from fastsplat.service.scene.alignment import alignment_to_json
+from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.continuation import Continued
 from fastsplat.service.splatting.previews import TrainingWatch
+from fastsplat.service.store.codec import camera_to_json
+from fastsplat.service.store.records import JOINED_CAMERAS
 from fastsplat.service.train_more import capture_of, merged_scene, train_further
 from fastsplat.workers.look_again_stages import content_of
 from fastsplat.workers.progress_files import ProgressFiles, finish_requested
@@ -29,7 +39,7 @@ from fastsplat.workers.trained_files import load_trained, save_trained
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.train_more_messages import TrainMoreIn, TrainMoreResult
 
-_ORIGINS = "origins.npy"
+_ROWS = "rows.npz"
 
 
 def _train(job: Job, folder: Path, progress: Progress) -> None:
@@ -40,6 +50,8 @@ def _train(job: Job, folder: Path, progress: Progress) -> None:
     scratch = job.folder / "masks"
     scratch.mkdir(exist_ok=True)
     capture = capture_of(scene, job.base[0], scratch)
+    joining = joining_photos(scene, job.base[0], order.observations)
+    capture = replace(capture, views=(*capture.views, *joined_views(joining, scratch)))
     files = ProgressFiles(job, "training", progress)
     continued = train_further(
         scene,
@@ -47,13 +59,15 @@ def _train(job: Job, folder: Path, progress: Progress) -> None:
         job.settings,
         files.progress,
         checkpoint_folder(job),
+        joined=[posed.name for posed in joining.cameras],
         seconds=order.seconds,
         steps=order.steps,
         preset=order.preset,
         watch=TrainingWatch(files.preview, finish_requested(job)),
     )
     save_trained(continued.trained, folder)
-    np.save(folder / _ORIGINS, continued.origins)
+    changed = np.ones(len(continued.origins), np.bool_) if continued.changed is None else continued.changed
+    np.savez(folder / _ROWS, origins=continued.origins, changed=changed)
 
 
 def _merge(job: Job, folder: Path, progress: Progress) -> None:
@@ -65,8 +79,9 @@ def _merge(job: Job, folder: Path, progress: Progress) -> None:
     assert job.base is not None
     result = job.result("training")
     trained = load_trained(result)
-    with intact(result / _ORIGINS):
-        continued = Continued(trained, np.load(result / _ORIGINS, allow_pickle=False))
+    observations = tuple(job.order.get("observations", ()))
+    with intact(result / _ROWS), np.load(result / _ROWS, allow_pickle=False) as rows:
+        continued = Continued(trained, rows["origins"], rows["changed"] if observations else None)
     base = read_scene(job.base[0] / "artefact")
     source, parent = job.upload, job.version
     scene = merged_scene(read_scene(source / "artefact"), base, continued)
@@ -75,12 +90,17 @@ def _merge(job: Job, folder: Path, progress: Progress) -> None:
         source, parent = job.base
         scene = merged_scene(base, base, continued)
         assert scene is not None
+    before = len(scene.cameras)
+    joining = joining_photos(base, job.base[0], observations)
+    scene = _joined(scene, base, joining)
     progress(ProgressEvent("merging", 0.2, "writing the scene"))
     write_scene(scene, folder / "artefact")
     progress(ProgressEvent("merging", 0.7, "writing the PLY file"))
     write_ply(scene.gaussians, folder / "scene.ply")
     share_photos(source, folder)
-    made = _result(base, continued, job.base[1])
+    if joining.paths:
+        keep_joined(joining, folder, before)
+    made = _result(base, continued, joining, job.base[1])
     summary = {
         "parent": parent,
         "beside": beside,
@@ -96,7 +116,19 @@ def _merge(job: Job, folder: Path, progress: Progress) -> None:
 STAGES: Mapping[str, Stage] = {"training": _train, "merging": _merge}
 
 
-def _result(base: Scene, continued: Continued, trained_from: str) -> TrainMoreResult:
+def _joined(scene: Scene, base: Scene, joining: JoiningPhotos) -> Scene:
+    """The scene with the cameras of photos that were placed in `base`, also as the service lists them."""
+    if not joining.cameras:
+        return scene
+    into = frame_of(scene).after(frame_of(base).inverse())
+    scene = with_joined(scene, tuple(map(into.camera, joining.cameras)), joining)
+    trained = frame_of(base).inverse()
+    rows = [camera_to_json(trained.camera(posed)) for posed in joining.cameras]
+    rows = [*scene.quality.get(JOINED_CAMERAS, ()), *rows]
+    return replace(scene, quality={**scene.quality, JOINED_CAMERAS: rows})
+
+
+def _result(base: Scene, continued: Continued, joining: JoiningPhotos, trained_from: str) -> TrainMoreResult:
     figures = continued.trained.quality
     return TrainMoreResult(
         version="",
@@ -108,6 +140,9 @@ def _result(base: Scene, continued: Continued, trained_from: str) -> TrainMoreRe
         gaussians=len(continued.trained.gaussians),
         psnr_before=figures.get("psnr_before"),
         psnr=figures.get("psnr"),
+        joined=tuple(posed.name for posed in joining.cameras),
+        left_out=joining.left_out,
+        unchanged=None if continued.changed is None else int((~continued.changed).sum()),
     )
 
 

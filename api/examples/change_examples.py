@@ -20,7 +20,7 @@ from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import AlignIn, Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.scenes import AlignIn, AlignToIn, Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -157,6 +157,9 @@ ALIGNED: Bodies = {
         "by a rigid motion",
         AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
     ),
+}
+ALIGNED_TO: Bodies = {
+    "last month": ("where another capture of the place is", AlignToIn("the-other-scenes-id", "a-name-for-this-order")),
 }
 TRAINED: Bodies = {
     "steps": (

@@ -287,6 +287,7 @@ class ThingCalls(TableCalls):
         seconds: float | None = None,
         steps: int | None = None,
         preset: PresetName | None = None,
+        observations: Sequence[str] = (),
         request_id: str = "",
     ) -> Operation:
         """Train a scene further, from its current version; the job is queued, durably, on return.
@@ -300,9 +301,13 @@ class ThingCalls(TableCalls):
             seconds: of optimization.
             steps: of optimization, instead of seconds; with neither the preset's time.
             preset: size of the pictures and number of Gaussians; by default the server's.
+            observations: ids, of `observe`, whose photos join the scene's own: what they show is trained, and nothing
+                else; with neither seconds nor steps as long as their number needs.
             request_id: the same id returns the same operation; by default a new one.
         """
-        request = requests.TrainMoreRequest(scene_id, seconds, steps, preset, request_id or uuid.uuid4().hex)
+        request = requests.TrainMoreRequest(
+            scene_id, seconds, steps, preset, tuple(observations), request_id or uuid.uuid4().hex
+        )
         return self.call(calls.TRAIN_MORE, request)
 
     def withdraw_photos(self, scene_id: str, photos: str | Sequence[str], *, request_id: str = "") -> Operation:
@@ -324,6 +329,12 @@ class ThingCalls(TableCalls):
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
+
+    def align_to(self, scene_id: str, other: str, *, request_id: str = "") -> SceneVersion:
+        """Put a scene into the frame of another scene of the same place, whose units are meters, by its own photos, as
+        a new version; `Scene.alignment` says how well the surfaces of both fit."""
+        asked = requests.AlignToSceneRequest(scene_id, other, request_id or uuid.uuid4().hex)
+        return self.call(calls.ALIGN_TO_SCENE, asked)
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

@@ -37,6 +37,7 @@ from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
+    AlignToSceneRequest,
     AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
@@ -161,6 +162,9 @@ ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
     deprecated="EditScene with the action align")
+ALIGN_TO_SCENE = Call(
+    "AlignToScene", "scenes", AlignToSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:alignTo",
+    "Put a scene into the frame of another scene of the same place, by its own photos, as a new version.")
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",
@@ -181,7 +185,8 @@ LOOK_AGAIN = Call(
     status=202)
 TRAIN_MORE = Call(
     "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
-    "Train a scene further, from where it is, with the photos kept with it: an operation that makes a version.",
+    "Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then\n"
+    "join them: an operation that makes a version.",
     status=202)
 WITHDRAW_PHOTOS = Call(
     "WithdrawPhotos", "scenes", WithdrawPhotosRequest, Operation, ADMIN, f"POST {_SCENE}:withdrawPhotos",

@@ -15,7 +15,7 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
-from fastsplat_contract.scenes import AlignIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
+from fastsplat_contract.scenes import AlignIn, AlignToIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
@@ -143,6 +143,11 @@ class AlignSceneRequest(AlignIn, OfScene):
 
 
 @dataclass(frozen=True)
+class AlignToSceneRequest(AlignToIn, OfScene):
+    """A new version of a scene in the frame of another scene of the same place."""
+
+
+@dataclass(frozen=True)
 class UndoEditRequest(UndoIn, OfScene):
     """Back to the version before the current one."""
 
@@ -169,7 +174,7 @@ class LookAgainRequest(LookAgainIn, OfScene):
 
 @dataclass(frozen=True)
 class TrainMoreRequest(TrainMoreIn, OfScene):
-    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,14 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fastsplat_contract.wire import Int64, Request, Response
+from fastsplat_contract.wire import Int64, Many, Request, Response
 
 PresetName = Literal["draft", "balanced", "best"]
 
 
 @dataclass(frozen=True)
 class TrainMoreIn(Request):
-    """How much longer a scene is trained: for seconds, for steps, or for neither, as long as the preset says."""
+    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
 
     proto: ClassVar[str] = "TrainMoreRequest"
 
@@ -27,6 +27,14 @@ class TrainMoreIn(Request):
             "the time: draft, balanced or best; absent: the server's default"
         ),
     ] = None
+    observations: Annotated[
+        Many[str],
+        Field(
+            description="ids of observations of the scene whose photos join its own: what they show is trained, "
+            "Gaussians are made where the scene had nothing, and all else stays as it is, to the bit; with neither "
+            "seconds nor steps as many steps as their number needs; empty: all is trained, on the photos it has"
+        ),
+    ] = ()
     request_id: Annotated[
         str, Field(description="same id, same order: the first operation is returned again (AIP-155)")
     ] = ""
@@ -53,3 +61,9 @@ class TrainMoreResult(Response):
         float | None, Field(description="dB, of photos that training does not see; absent where all are trained on")
     ]
     psnr: Annotated[float | None, Field(description="dB, of the same photos in the new version")]
+    joined: Annotated[Many[str], Field(description="names of the cameras whose photos have joined the scene's")] = ()
+    left_out: Annotated[Many[str], Field(description="why other photos of the same observations have not")] = ()
+    unchanged: Annotated[
+        Int64 | None,
+        Field(description="how many Gaussians of before are the same to the bit; absent where no photo has joined"),
+    ] = None

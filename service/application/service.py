@@ -36,6 +36,7 @@ from fastsplat.service.application.base.validate import (
 from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
+from fastsplat.service.application.editing.shared_frame import SharedFrame
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
@@ -100,7 +101,6 @@ class SceneService:
         scenes = OpenScenes(mine, settings, self._memory)
         self.known_names = KnownNames(mine, settings)
         self.exports = Exports(mine, scenes, self._memory)
-        """Finished scenes as files for other programs."""
         self.localizing = Localizing(mine, settings, scenes, self._memory)
         self.admin = Admin(store, settings, scenes.count)
         """What those who run the service ask of it."""
@@ -114,12 +114,12 @@ class SceneService:
         """Questions, pictures and files of finished scenes."""
         self.detections = Detections(settings, scenes, self.known_names)
         self.versions = Versions(store, settings, scenes, memory, self._prompted)
-        """Edits of finished scenes."""
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
         self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
+        self.shared_frame = SharedFrame(store, settings, scenes, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""

@@ -45,10 +45,13 @@ class Continued:
     Attributes:
         trained: its Gaussians, whose codes mean nothing, and figures of the run; those of before end in `_before`.
         origins: int64 [G]: the row of the scene before that each comes from.
+        changed: bool [G]: which were trained, where only some were: the others are those of before, to the bit, and all
+            rows of before come first; None where all were.
     """
 
     trained: TrainedSplats
     origins: NDArray[np.int64]
+    changed: NDArray[np.bool_] | None = None
 
 
 def continuation_settings(
@@ -110,6 +113,7 @@ def continue_training(
     checkpoint_dir: Path | None = None,
     *,
     watch: TrainingWatch = UNWATCHED,
+    only: NDArray[np.bool_] | None = None,
 ) -> Continued:
     """The scene after more training, see `train`; nothing is trained but color and geometry.
 
@@ -117,7 +121,7 @@ def continue_training(
         gaussians: of the scene, G of them, in the capture's frame.
         capture: the photos that are kept with the scene.
         settings: see `continuation_settings`.
-        progress, checkpoint_dir, watch: as for `train`.
+        progress, checkpoint_dir, watch, only: as for `train`.
 
     Raises:
         LimitExceededError: more than 2²⁴ Gaussians.
@@ -138,5 +142,5 @@ def continue_training(
         codes=np.arange(count, dtype=np.float32)[:, None],
     )
     unlabeled = Labelling(Dictionary(()), ())
-    trained = train(capture, unlabeled, settings, progress, checkpoint_dir, watch=watch, begin=begin)
-    return Continued(trained, np.rint(trained.gaussians.codes[:, 0]).astype(np.int64))
+    trained = train(capture, unlabeled, settings, progress, checkpoint_dir, watch=watch, begin=begin, only=only)
+    return Continued(trained, np.rint(trained.gaussians.codes[:, 0]).astype(np.int64), only)

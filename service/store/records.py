@@ -30,6 +30,10 @@ RELEASED = "released"
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
+JOINED_CAMERAS = "joined_cameras"
+"""In the quality of a version: rows of the cameras of photos that have joined the scene since it was trained, as
+`SceneRecord.cameras`."""
+
 
 @dataclass(frozen=True)
 class SceneRecord:
@@ -53,6 +57,11 @@ class SceneRecord:
     alignment: Mapping[str, Any] | None = None
     things: int | None = None
 
+    @property
+    def every_camera(self) -> Sequence[Mapping[str, Any]]:
+        """The cameras, then those of photos that have joined the scene in its current version."""
+        return (*self.cameras, *self.quality.get(JOINED_CAMERAS, ()))
+
     def __post_init__(self) -> None:
         require(
             f"scene {self.id}",
@@ -65,7 +74,7 @@ class SceneRecord:
             scale=self.scale in _SCALES,
             dictionary=are_objects(self.dictionary, "label_id", "label"),
             cameras=are_objects(self.cameras, "name"),
-            quality=is_object(self.quality),
+            quality=is_object(self.quality) and are_objects(self.quality.get(JOINED_CAMERAS, ()), "name"),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
             things=self.things is None or isinstance(self.things, int),

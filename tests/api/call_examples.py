@@ -19,7 +19,7 @@ from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import PictureRequest, Tint
 from fastsplat_contract.requests import DownloadCamerasRequest
-from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
+from fastsplat_contract.scenes import AlignToIn, Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.train_more_messages import TrainMoreIn
@@ -224,6 +224,7 @@ EXAMPLES = (
             (("x",) * 1001, "texts", "LIMIT_EXCEEDED"),
         )
     ),
+    _bad("AlignToScene", AlignToIn("e0"), "other.scene", "NOT_FOUND"),
     _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
     _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
     _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,19 @@ import safetensors
 from PIL import Image
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
+from fastsplat.service.capture.photos.scene_photos import (
+    observed_photo_path,
+    photo_folder,
+    photo_path,
+    write_observed_photos,
+    write_photos,
+)
 from fastsplat.service.capture.settings import PhotoSettings
+from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.progress import silent
+from fastsplat.service.joined_photos import joined_name
+from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.perception.types import Labelling, TextEncoder
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene
@@ -25,7 +36,14 @@ from fastsplat.service.scene.types import Scene, Thing, Things
 from fastsplat.service.splatting.checkpoint import read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.train import train
 from fastsplat.service.store.file_digests import write_digests
+from fastsplat.service.train_more import capture_of
+from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.localize_messages import PhotoDifference
+from fastsplat_contract.observation_messages import Observation, ObservedPhoto
+from fastsplat_contract.thing_prompts import PixelBox
 from fastsplat_contract.train_more_messages import TrainMoreIn
+from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 from tests.scenes import labelled_scene, store_scene
 from tests.splatting.train.conftest import MakeWorld
 from tests.splatting.train.conftest import make_world as make_world
@@ -35,6 +53,7 @@ from tests.workers.real_worker import service as service
 from tests.workers.real_worker import start_worker as start_worker
 
 _LABELS = ("floor", "ball", "block")
+_OBSERVED, _SEEN_AT = "e7", datetime(2026, 3, 2, 18, tzinfo=UTC)
 _CHECKPOINTS = "*/checkpoint.*/training.safetensors"
 _MARK_S = 1_000.0
 """Seconds that no run of this test takes, written into a checkpoint."""
@@ -44,24 +63,52 @@ _MARK_S = 1_000.0
 def scene_id(service: SceneService, make_world: MakeWorld) -> str:
     """A scene of 100 steps with a thing for each third of its Gaussians, and its eight photos."""
     capture, labelling = make_world(8)
+    return _stored(service, capture, labelling)
+
+
+def _stored(
+    service: SceneService,
+    capture: Capture,
+    labelling: Labelling,
+    observed: Sequence[View] = (),
+    changed: int = -1,
+    encoder: TextEncoder | None = None,
+) -> str:
+    """A scene of a capture, with an observation of some more views, of which one by its number shows a change."""
     trained = train(capture, labelling, TRAINING.model_copy(update={"iterations": 100}), silent)
     count = len(trained.gaussians)
     table = tuple(Thing(i, name, "detected", 0.9) for i, name in enumerate(_LABELS, start=1))
     things = Things(table, evidence_of(np.arange(count), 1 + np.arange(count) % 3, np.full(count, UNIT), count))
     scene = replace(
-        labelled_scene(np.zeros((count, 3)), np.ones(count, int), _LABELS),
+        labelled_scene(np.zeros((count, 3)), np.ones(count, int), _LABELS, encoder=encoder),
         gaussians=trained.gaussians,
         head=trained.head,
         cameras=tuple(view.posed for view in capture.views),
         scale="ARBITRARY",
         quality=scene_quality(trained, labelling, capture, Provenance()),
         things=things,
+        observations=(_observation(observed, changed),) if observed else (),
     )
     made = store_scene(service._store, scene)
     folder = service._store.blobs.version(made, "1")
     write_photos(capture, folder, PhotoSettings())
+    write_observed_photos([_pixels(view) for view in observed], folder, _OBSERVED, PhotoSettings())
     write_digests(folder)
     return made
+
+
+def _observation(views: Sequence[View], changed: int) -> Observation:
+    difference = PhotoDifference("missing", PixelBox(0.0, 0.0, 9.0, 9.0), 0.9)
+    photos = [
+        ObservedPhoto(f"{_OBSERVED}/{number}", view.posed, (difference,) if number == changed else ())
+        for number, view in enumerate(views)
+    ]
+    return Observation("", _OBSERVED, _SEEN_AT, "given", tuple(photos), (), (), (), False, "")
+
+
+def _pixels(view: View) -> np.ndarray:
+    with Image.open(view.image_path) as image:
+        return np.asarray(image.convert("RGB"))
 
 
 def _read(service: SceneService, scene_id: str, version: str) -> Scene:
@@ -120,3 +167,67 @@ def test_a_killed_worker_costs_no_step_and_the_scene_becomes_better(
     assert after.quality == scene.quality
     assert {version.version for version in service.versions.all(scene_id)} == {before.version, made.version}
     wait_for(lambda: not list(jobs.iterdir()))  # a job is over before its folder is gone
+
+
+def test_photos_join_a_scene_after_a_killed_worker_are_undone_and_all_else_stays(
+    service: SceneService,
+    make_world: MakeWorld,
+    start_worker: Callable[[], subprocess.Popen[bytes]],
+    tmp_path: Path,
+    models_dir: Path,
+) -> None:
+    capture, labelling = make_world(10)
+    encoder = open_text_encoder("minilm_l6_int8", models_dir)
+    views, maps = capture.views, labelling.label_maps
+    of_scene = replace(capture, views=views[:7])
+    scene_id = _stored(service, of_scene, replace(labelling, label_maps=maps[:7]), views[7:], 1, encoder)
+    before, old = service.get_scene(scene_id), _read(service, scene_id, "1")
+    for observations, field, error in (
+        (("e9",), "observations[0]", NotFoundError),
+        ((_OBSERVED, _OBSERVED), "observations[1]", InvalidInputError),
+    ):
+        with pytest.raises(error) as caught:
+            service.training.order(scene_id, TrainMoreIn(steps=60, observations=observations))
+        assert caught.value.field == field
+
+    operation = service.training.order(scene_id, TrainMoreIn(steps=STEPS, observations=(_OBSERVED,)))
+    worker = start_worker()
+    jobs = tmp_path / "data" / "jobs"
+    eventually(lambda: list(jobs.glob(_CHECKPOINTS)))
+    worker.kill()
+    worker.wait(timeout=60)
+    assert to_plain(service.get_scene(scene_id)) == to_plain(before), "half a training is no version"
+    start_worker()
+    done = over(service, operation)
+    assert done.state == "SUCCEEDED", done.error
+    made = done.train_more
+    assert made is not None and made.current and made.steps == STEPS
+    names = [joined_name(_OBSERVED, number) for number in (0, 2)]
+    assert list(made.joined) == names
+    assert made.left_out == (f"{_OBSERVED}/1: it shows a change (missing)",)
+
+    new = _read(service, scene_id, made.version)
+    count = len(old.gaussians)
+    assert made.unchanged is not None and made.gaussians >= count
+    same = [np.array_equal(new.gaussians.means[row], old.gaussians.means[row]) for row in range(count)]
+    assert sum(same) >= made.unchanged
+    assert new.things is not None and old.things is not None and new.things.table == old.things.table
+    assert np.array_equal(thing_rows(new.things)[:count], thing_rows(old.things))
+    assert new.quality["registered"] == 9 and new.quality["taken_at"] == dict.fromkeys(names, _SEEN_AT.timestamp())
+    shown = service.get_scene(scene_id)
+    assert [posed.name for posed in shown.cameras] == [*(view.posed.name for view in views[:7]), *names]
+    np.testing.assert_allclose(shown.cameras[-1].world_from_camera, views[9].posed.world_from_camera, atol=1e-9)
+    assert "joined_cameras" not in shown.quality
+    folder = service._store.blobs.version(scene_id, made.version)
+    assert photo_path(folder, 8).read_bytes() == observed_photo_path(folder, _OBSERVED, 2).read_bytes()
+    assert names[1] in [photo.view for photo in service.photos.all(scene_id).photos]
+    with pytest.raises(InvalidInputError, match="twice"):
+        service.training.order(scene_id, TrainMoreIn(steps=60, observations=(_OBSERVED,)))
+
+    # What has joined is trained on from now on as any other photo, and can be withdrawn.
+    (tmp_path / "masks").mkdir()
+    again = capture_of(new, folder, tmp_path / "masks")
+    assert [view.posed.name for view in again.views[7:]] == names and again.test_names
+    service.withdrawal._check(scene_id, WithdrawPhotosIn((names[0],)))
+    service.versions.undo(scene_id)
+    assert to_plain(service.get_scene(scene_id)) == to_plain(before)

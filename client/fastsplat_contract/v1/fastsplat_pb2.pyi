@@ -810,7 +810,7 @@ class FoundName(_message.Message):
     def __init__(self, thing_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
 class TrainMoreResult(_message.Message):
-    __slots__ = ("version", "trained_from", "current", "steps", "seconds", "gaussians_before", "gaussians", "psnr_before", "psnr")
+    __slots__ = ("version", "trained_from", "current", "steps", "seconds", "gaussians_before", "gaussians", "psnr_before", "psnr", "joined", "left_out", "unchanged")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     TRAINED_FROM_FIELD_NUMBER: _ClassVar[int]
     CURRENT_FIELD_NUMBER: _ClassVar[int]
@@ -820,6 +820,9 @@ class TrainMoreResult(_message.Message):
     GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
     PSNR_BEFORE_FIELD_NUMBER: _ClassVar[int]
     PSNR_FIELD_NUMBER: _ClassVar[int]
+    JOINED_FIELD_NUMBER: _ClassVar[int]
+    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
+    UNCHANGED_FIELD_NUMBER: _ClassVar[int]
     version: str
     trained_from: str
     current: bool
@@ -829,7 +832,10 @@ class TrainMoreResult(_message.Message):
     gaussians: int
     psnr_before: float
     psnr: float
-    def __init__(self, version: _Optional[str] = ..., trained_from: _Optional[str] = ..., current: _Optional[bool] = ..., steps: _Optional[int] = ..., seconds: _Optional[float] = ..., gaussians_before: _Optional[int] = ..., gaussians: _Optional[int] = ..., psnr_before: _Optional[float] = ..., psnr: _Optional[float] = ...) -> None: ...
+    joined: _containers.RepeatedScalarFieldContainer[str]
+    left_out: _containers.RepeatedScalarFieldContainer[str]
+    unchanged: int
+    def __init__(self, version: _Optional[str] = ..., trained_from: _Optional[str] = ..., current: _Optional[bool] = ..., steps: _Optional[int] = ..., seconds: _Optional[float] = ..., gaussians_before: _Optional[int] = ..., gaussians: _Optional[int] = ..., psnr_before: _Optional[float] = ..., psnr: _Optional[float] = ..., joined: _Optional[_Iterable[str]] = ..., left_out: _Optional[_Iterable[str]] = ..., unchanged: _Optional[int] = ...) -> None: ...
 
 class NamerResult(_message.Message):
     __slots__ = ("suggested", "shown", "refused", "problem", "version")
@@ -1775,6 +1781,16 @@ class AlignSceneRequest(_message.Message):
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
+class AlignToSceneRequest(_message.Message):
+    __slots__ = ("scene_id", "other", "request_id")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    OTHER_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    other: str
+    request_id: str
+    def __init__(self, scene_id: _Optional[str] = ..., other: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
+
 class UndoEditRequest(_message.Message):
     __slots__ = ("scene_id", "version")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -1824,18 +1840,20 @@ class LookAgainRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class TrainMoreRequest(_message.Message):
-    __slots__ = ("scene_id", "seconds", "steps", "preset", "request_id")
+    __slots__ = ("scene_id", "seconds", "steps", "preset", "request_id", "observations")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     SECONDS_FIELD_NUMBER: _ClassVar[int]
     STEPS_FIELD_NUMBER: _ClassVar[int]
     PRESET_FIELD_NUMBER: _ClassVar[int]
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
+    OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     seconds: float
     steps: int
     preset: str
     request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., seconds: _Optional[float] = ..., steps: _Optional[int] = ..., preset: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
+    observations: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, scene_id: _Optional[str] = ..., seconds: _Optional[float] = ..., steps: _Optional[int] = ..., preset: _Optional[str] = ..., request_id: _Optional[str] = ..., observations: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class WithdrawPhotosRequest(_message.Message):
     __slots__ = ("scene_id", "photos", "request_id")

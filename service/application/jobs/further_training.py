@@ -6,11 +6,12 @@ from collections.abc import Sequence
 
 from fastsplat.service.application.admin.quotas import Quotas
 from fastsplat.service.application.answering.open_scenes import OpenScenes
-from fastsplat.service.application.base.validate import check_request_id, check_seconds
+from fastsplat.service.application.base.validate import check_request_id, check_seconds, check_texts
 from fastsplat.service.application.editing.version_rows import version_of
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
 from fastsplat.service.capture.photos.scene_photos import photo_folder
+from fastsplat.service.joined_photos import joining_photos
 from fastsplat.service.planning.presets import preset_name
 from fastsplat.service.scene.changes import CHANGING, changed_views
 from fastsplat.service.settings import Settings
@@ -36,11 +37,11 @@ class FurtherTraining:
         """Queue a job that trains a finished scene further, from its current version. Durable once this returns.
 
         Raises:
-            NotFoundError: there is no such scene.
-            NotReadyError: it is not ready, no photos are kept with it, or its current version shows what the photos do
-                not, as something was moved; the error names the version that can be trained.
-            InvalidInputError: seconds and steps both, more steps than the settings allow, seconds that are none, or no
-                such preset.
+            NotReadyError: it is not ready, no photos are kept with it or with an observation, or its current version
+                shows what the photos do not, as something was moved; the error names the version that can be trained.
+            NotFoundError: there is no such scene, or no such observation in its current version.
+            InvalidInputError: as `joining_photos`; seconds and steps both, more steps than the settings allow, seconds
+                that are none, or no such preset.
             LimitExceededError: more seconds than the settings allow.
             ConflictError: as `place_order`.
             QuotaError: as many of the project's jobs wait or run as may.
@@ -54,6 +55,12 @@ class FurtherTraining:
             if not any(photo_folder(self._scenes.folder(scene_id, version)).glob("*.jpg")):
                 raise _no_photos()
             _check_unchanged(scene, version, versions)
+            if request.observations:
+                check_texts(request.observations, "observations")
+                folder = self._scenes.folder(scene_id, version)
+                self._scenes.reading(
+                    scene_id, version, lambda index, _: joining_photos(index.scene, folder, request.observations)
+                )
 
         return self._jobs.operation(place_order(job, self._store, self._quotas, check))
 
@@ -122,5 +129,5 @@ def _job_of(scene_id: str, version: str, request: TrainMoreIn, project: str, set
         check_seconds(request.seconds, "seconds")
     if request.preset is not None:
         preset_name(request.preset)
-    order = to_plain(TrainMoreIn(request.seconds, request.steps, request.preset))
+    order = to_plain(TrainMoreIn(request.seconds, request.steps, request.preset, request.observations))
     return order_job("train_more", scene_id, request.request_id, order, project, version=version)

@@ -51,9 +51,9 @@ class PhotoWithdrawal:
 
     def _check(self, scene_id: str, request: WithdrawPhotosIn) -> None:
         scene = self._store.scenes.scene(scene_id)
-        folder = self._scenes.folder(scene_id, self._store.versions.of(scene)[0].version)
+        folder = self._scenes.folder(scene_id, scene.version)
         check_retrainable(scene.quality, folder)
-        kept = [row["name"] for number, row in enumerate(scene.cameras) if photo_path(folder, number).is_file()]
+        kept = [row["name"] for number, row in enumerate(scene.every_camera) if photo_path(folder, number).is_file()]
         photos_left(kept, request.photos)
 
 

@@ -113,7 +113,7 @@ def kept_capture(
         try:
             with Image.open(path) as image:
                 size = image.size
-                mask = None if rest.is_file() else _empty_border(np.asarray(image.convert("RGB")))
+                mask = None if rest.is_file() else empty_border(np.asarray(image.convert("RGB")))
         except OSError as error:
             raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
         valid: Path | None = valid_path(photos, number)
@@ -206,8 +206,8 @@ def labels_path(photos: Path, number: int) -> Path:
     return photos / f"{number:05d}.labels.png"
 
 
-def _empty_border(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """bool [H, W]: False where a photo is black from its edge on, and a little beyond."""
+def empty_border(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """bool [H, W] of a photo [H, W, 3]: False where it is black from its edge on, and a little beyond."""
     black = (rgb.max(axis=2) <= _BLACK).astype(np.uint8)
     _, areas = cv2.connectedComponents(black, connectivity=4)
     edge = np.unique(np.concatenate([areas[0], areas[-1], areas[:, 0], areas[:, -1]]))
