@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fastsplat_contract.align_messages import AlignIn, AlignToIn
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
@@ -20,7 +21,7 @@ from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import AlignIn, AlignToIn, Edit, EditIn, RedoIn, RestoreIn
+from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
 from fastsplat_contract.train_more_messages import TrainMoreIn

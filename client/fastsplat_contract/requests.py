@@ -10,12 +10,13 @@ from typing import Annotated
 
 from pydantic import Field
 
+from fastsplat_contract.align_messages import AlignIn, AlignToIn
 from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
-from fastsplat_contract.scenes import AlignIn, AlignToIn, EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
+from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn

@@ -334,32 +334,6 @@ class EditIn(Request):
 
 
 @dataclass(frozen=True)
-class AlignIn(Request):
-    """A new version of a scene in the frame of a map."""
-
-    proto: ClassVar[str] = "AlignSceneRequest"
-
-    alignment: Alignment
-    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
-
-
-@dataclass(frozen=True)
-class AlignToIn(Request):
-    """A new version of a scene in the frame of another scene of the same place."""
-
-    proto: ClassVar[str] = "AlignToSceneRequest"
-
-    other: Annotated[
-        str,
-        Field(
-            description="id of the other scene, whose units are meters; the frame that both are in then has its "
-            "alignment's name, or this id"
-        ),
-    ] = ""
-    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
-
-
-@dataclass(frozen=True)
 class UndoIn(Request):
     """Back to the version before the current one."""
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fastsplat_contract.align_messages import AlignToIn
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.edit_previews import PreviewEditIn
 from fastsplat_contract.exports import ExportRequest
@@ -19,7 +20,7 @@ from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import PictureRequest, Tint
 from fastsplat_contract.requests import DownloadCamerasRequest
-from fastsplat_contract.scenes import AlignToIn, Color, Edit, EditIn, SceneUpdate
+from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
 from fastsplat_contract.train_more_messages import TrainMoreIn

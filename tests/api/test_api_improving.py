@@ -8,11 +8,12 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
+from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import AlignIn, Scene, SceneVersion
+from fastsplat_contract.scenes import Scene, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal

@@ -13,11 +13,12 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import label_key
 from fastsplat_client import Client
 from fastsplat_contract import calls
+from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import AlignIn, Edit, SceneObject, SceneVersion
+from fastsplat_contract.scenes import Edit, SceneObject, SceneVersion
 from fastsplat_contract.thing_messages import SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces

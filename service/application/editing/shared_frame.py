@@ -16,12 +16,13 @@ from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
+from fastsplat_contract.align_messages import AlignToIn
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.localize_messages import LocalizeRequest
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import vector3
-from fastsplat_contract.scenes import AlignToIn, Edit, SceneVersion
+from fastsplat_contract.scenes import Edit, SceneVersion
 
 if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.scene_index import SceneIndex
