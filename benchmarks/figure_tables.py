@@ -129,6 +129,12 @@ def _reads(document: Document) -> Iterator[Row]:
     yield "CPU seconds for 26 photos, at most", f"{cpu:.0f}"
 
 
+def _naming(document: Document) -> Iterator[Row]:
+    for models, told in (("one", document), ("two", document["two"])):
+        counts = [f"{told[each]} of {told['things']}" for each in ("reached", "stated", "named")]
+        yield models, *counts, f"{told['refused']}", f"{told['seconds_of_longest']:.0f} s"
+
+
 def _raster(document: Document) -> Iterator[Row]:
     for row in document["rows"]:
         if row["backend"] == "cpu" and row["threads"] == 2 and row.get("backward_ms") and row["gaussians"] != 20000:
@@ -344,6 +350,11 @@ TABLES: Mapping[str, Table] = {
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
     "names": Table(("names",), ("probability", "mean", "right"), _names),
     "questions": Table(("questions",), ("", "right"), _questions),
+    "naming": Table(
+        ("naming",),
+        ("models", "true name suggested", "stated before", "named in the end", "names refused", "longest room"),
+        _naming,
+    ),
     "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
