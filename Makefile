@@ -1,7 +1,8 @@
 # Everything a newcomer needs: `make look`, `make demo` and `make test`. `make help` lists the rest.
 SHELL := /bin/bash
-# The first of these that runs; pyenv's shims are there also for versions that are not.
-PYTHONS := $(shell for p in python3.11 python3.12 python3.13 python3.14; do $$p -c '' 2> /dev/null && echo $$p; done)
+# The first of these that runs; pyenv's shims are there also for versions that are not. make takes nothing from a shell
+# that ends with 127, as that of a missing last one would.
+PYTHONS := $(shell for p in python3.11 python3.12 python3.13 python3.14; do $$p -c '' 2> /dev/null && echo $$p; done; true)
 PYTHON ?= $(firstword $(PYTHONS) python3)
 VENV := .venv
 BIN := $(VENV)/bin
