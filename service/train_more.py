@@ -143,14 +143,11 @@ def merged_scene(current: Scene, base: Scene, continued: Continued) -> Scene | N
 
 def _changed_alone(before: Gaussians, after: Gaussians, changed: NDArray[np.bool_]) -> Gaussians:
     """Gaussians of which those that are not `changed` are, to the bit, those of the same rows before."""
-    arrays = {}
-    for name, array in vars(after).items():
-        if name != "codes":
-            same = np.flatnonzero(~changed)
-            array = array.copy()
-            array[same] = getattr(before, name)[same]
-        arrays[name] = array
-    return Gaussians(**arrays)
+    same = np.flatnonzero(~changed)
+    arrays = {name: array.copy() for name, array in vars(after).items() if name != "codes"}
+    for name, array in arrays.items():
+        array[same] = getattr(before, name)[same]
+    return replace(after, **arrays)
 
 
 def _shows_the_same(first: Gaussians, second: Gaussians) -> bool:

@@ -174,8 +174,16 @@ def _ascii_rows(header: PlyHeader, file: BinaryIO, element: Element) -> Iterator
         table = np.empty(rows, element.layout)
         with np.errstate(over="ignore", invalid="ignore"):  # what a float cannot hold becomes infinite, and is handled
             for column, own in enumerate(names):
-                table[own] = numbers[:, column]
+                table[own] = _held(numbers[:, column], element.layout[own])
         yield slice(start, start + rows), table
+
+
+def _held(numbers: NDArray[np.float64], kind: np.dtype[np.generic]) -> NDArray[np.float64]:
+    """Numbers as a column of that type holds them: integers that are too large for it would be others."""
+    if kind.kind == "f":
+        return numbers
+    bounds = np.iinfo(kind.str)
+    return np.clip(np.nan_to_num(numbers), bounds.min, bounds.max)
 
 
 def _line(header: PlyHeader, file: BinaryIO) -> bytes:

@@ -12,8 +12,8 @@ from fastsplat.service.scene.things import things_of_rows
 from fastsplat.service.scene.types import Gaussians, Scene
 
 
-def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussians:
-    """The Gaussians `rows`, int [K], in that order; a row may be named twice."""
+def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer] | NDArray[np.bool_]) -> Gaussians:
+    """The Gaussians `rows`: int [K], in that order, where a row may be named twice; or bool [G]."""
     return Gaussians(
         means=gaussians.means[rows],
         quats=gaussians.quats[rows],
@@ -21,6 +21,23 @@ def gaussians_of_rows(gaussians: Gaussians, rows: NDArray[np.integer]) -> Gaussi
         logit_opacities=gaussians.logit_opacities[rows],
         sh=gaussians.sh[rows],
         codes=gaussians.codes[rows],
+    )
+
+
+def appended_gaussians(gaussians: Gaussians, part: Gaussians) -> Gaussians:
+    """Gaussians and, behind them, others with as many harmonics as the first have, and codes of zeros."""
+    count, harmonics = len(part), gaussians.sh.shape[1]
+    sh = np.zeros((count, harmonics, 3), np.float32)
+    shared = min(harmonics, part.sh.shape[1])
+    sh[:, :shared] = part.sh[:, :shared]
+    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # the first's W does not know the others' codes
+    return Gaussians(
+        means=np.concatenate([gaussians.means, part.means]),
+        quats=np.concatenate([gaussians.quats, part.quats]),
+        log_scales=np.concatenate([gaussians.log_scales, part.log_scales]),
+        logit_opacities=np.concatenate([gaussians.logit_opacities, part.logit_opacities]),
+        sh=np.concatenate([gaussians.sh, sh]),
+        codes=np.concatenate([gaussians.codes, codes]),
     )
 
 

@@ -22,6 +22,7 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.perception.types import Labelling
+from fastsplat.service.scene.scene_rows import appended_gaussians, gaussians_of_rows
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.continuation import Continued, continue_training
 from fastsplat.service.splatting.gaussians import splats_of
@@ -78,7 +79,7 @@ def join_photos(
     # As many for a photo as the scene has for one of its own.
     most = len(gaussians) * len(new) // max(1, len(capture.views) - len(new))
     born, origins = born_gaussians(gaussians, views, changed, most, settings)
-    begin = _concatenated(gaussians, born)
+    begin = appended_gaussians(gaussians, born)
     weight = max(1, round((len(capture.views) - len(new)) / len(new)))
     repeated = replace(capture, views=(*capture.views, *(capture.views[number] for number in new * (weight - 1))))
     only = np.concatenate([changed, np.ones(len(born), np.bool_)])
@@ -104,16 +105,16 @@ def born_gaussians(
         most: how many are made at most.
         settings: of the run.
     """
-    made = _rows(gaussians, np.zeros(0, np.int64))
+    made = gaussians_of_rows(gaussians, np.zeros(0, np.int64))
     if not shown.any():
         return made, np.zeros(0, np.int64)
     for view in views:
-        places, depths, colors = _holes(_concatenated(gaussians, made), view, settings)
+        places, depths, colors = _holes(appended_gaussians(gaussians, made), view, settings)
         if len(places) > most - len(made):
             step = np.linspace(0, len(places) - 1, max(0, most - len(made))).round().astype(np.int64)
             places, depths, colors = places[step], depths[step], colors[step]
         focal = view.frames[-1].camera.fx
-        made = _concatenated(made, _new(places, depths * _SPACING / (2 * focal), colors, gaussians))
+        made = appended_gaussians(made, _new(places, depths * _SPACING / (2 * focal), colors, gaussians))
     rows = np.flatnonzero(shown)
     if not len(made):
         return made, np.zeros(0, np.int64)
@@ -137,7 +138,7 @@ def _holes(
     nothing = ~there if frame.valid is None else ~there & frame.valid.cpu().numpy()
     if not there.any():
         nothing[:] = False
-    row, column = (each[...] for each in np.nonzero(nothing))
+    row, column = np.nonzero(nothing)
     grid = (row % _SPACING == _SPACING // 2) & (column % _SPACING == _SPACING // 2)
     row, column = row[grid], column[grid]
     _, labels = cv2.distanceTransformWithLabels(
@@ -166,11 +167,3 @@ def _new(
         sh=sh,
         codes=np.zeros((count, like.codes.shape[1]), np.float32),
     )
-
-
-def _rows(gaussians: Gaussians, rows: NDArray[np.int64]) -> Gaussians:
-    return Gaussians(**{name: array[rows] for name, array in vars(gaussians).items()})
-
-
-def _concatenated(first: Gaussians, second: Gaussians) -> Gaussians:
-    return Gaussians(**{name: np.concatenate([array, getattr(second, name)]) for name, array in vars(first).items()})

@@ -146,7 +146,7 @@ class Trainer:
         for name in GAUSSIAN_PARAMETERS:
             gradient = self.state.parameters[name].grad
             if gradient is not None:
-                gradient[self._rest] = 0
+                gradient.masked_fill_(self._rest.reshape(-1, *[1] * (gradient.ndim - 1)), 0)
 
     def _view_of(self, iteration: int) -> int:
         """The number of a view: every one once an epoch, in an order of the epoch's own."""

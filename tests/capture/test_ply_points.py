@@ -58,3 +58,8 @@ def test_invalid_ply_files_are_refused(
     (tmp_path / "points3d.ply").write_bytes(content)
     with refused(kind, "points3d.ply"):
         read_points(tmp_path / "points3d.ply", "points3d.ply", settings)
+
+
+def test_colors_that_are_none_are_the_nearest_that_are(tmp_path: Path, settings) -> None:
+    (tmp_path / "p.ply").write_bytes(_ply("ascii", 1, b"0 0 0 300 -5 255\n"))
+    assert read_points(tmp_path / "p.ply", "p.ply", settings)[1].tolist() == [[255, 0, 255]]

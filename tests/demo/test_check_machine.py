@@ -60,3 +60,14 @@ def test_make_checks_before_it_downloads() -> None:
     rules = re.findall(r"^(\$\(VENV\)/\.\w+):.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert [name for name, _ in rules] == ["$(VENV)/.product", "$(VENV)/.installed"]
     assert all(recipe.startswith("\t@demo/check_machine.sh") for _, recipe in rules)
+
+
+def test_make_knows_the_pythons_that_run_where_a_later_one_is_missing(machine: Path) -> None:
+    for name in ("python3.11", "python3.12"):
+        _program(machine, name, "exit 0")
+    _program(machine, "python3.14", "exit 127")  # as a shim of pyenv does for a version that is not there
+    told = subprocess.run(
+        [shutil.which("make") or "make", "--print-data-base", "--dry-run", "help"],
+        env={"PATH": str(machine)}, cwd=ROOT, capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert "\nPYTHONS := python3.11 python3.12\n" in told.stdout

@@ -3,24 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from fastsplat.service.store.claims import FencedError
-from fastsplat.service.store.store import Store, open_store
+from fastsplat.service.store.store import Store
 from tests.store.test_repositories import SUMMARY, job
-
-
-@pytest.fixture
-def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
-    """An empty one."""
-    opened = open_store(tmp_path / "data", database_url)
-    yield opened
-    opened.close()
 
 
 def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) -> None:

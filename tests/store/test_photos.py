@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from fastsplat.service.settings import CallSettings
 from fastsplat.service.store.claims import FencedError
-from fastsplat.service.store.store import Store, open_store
+from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.results import PHOTOS
 from tests.scenes import queued_job
 
 _PHOTOS = [{"name": "a.jpg", "placed": True}, {"name": "<b>.jpg", "placed": False}]
-
-
-@pytest.fixture
-def store(tmp_path: Path, database_url: str) -> Iterator[Store]:
-    opened = open_store(tmp_path / "data", database_url)
-    yield opened
-    opened.close()
 
 
 def _claimed(store: Store) -> ClaimedJob:

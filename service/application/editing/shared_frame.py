@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,7 +19,7 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.align_messages import AlignToIn
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, NotReadyError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.localize_messages import LocalizeRequest
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import vector3
@@ -75,11 +76,15 @@ class SharedFrame:
         """
         check_request_id(request.request_id)
         check_texts(request.other, "other")
+        digest = hashlib.sha256(f"align to {request.other}".encode()).hexdigest()
         if not request.other:
             raise InvalidInputError("no other scene", field="other", hint="Name a scene of the same place.")
         if request.other == scene_id:
             raise InvalidInputError("a scene is in its own frame", field="other", hint="Name another scene.")
         version = self._scenes.finished(scene_id)
+        earlier = self._store.versions.made_by(scene_id, request.request_id, digest)
+        if earlier is not None:
+            return self._versions.in_force(earlier)
         try:
             target = self._scenes.finished(request.other)
         except (NotFoundError, NotReadyError) as error:
@@ -93,9 +98,6 @@ class SharedFrame:
             )
         alignment = there.scene.alignment
         frame = request.other if alignment is None or not alignment.frame else alignment.frame
-        earlier = self._earlier(scene_id, request.request_id, frame)
-        if earlier is not None:
-            return earlier
         own = self._scenes.reading(scene_id, version, lambda index, _: index)
         cameras = self._photos(scene_id, version, own)
         asked = LocalizeRequest(
@@ -116,22 +118,7 @@ class SharedFrame:
         _check_agreement(pairs, own.scene.scale != "METRIC", len(cameras))
         points = tuple(PointPair(vector3(a), vector3(b)) for each in pairs for a, b in each)
         edit = Edit("align", alignment=Alignment(frame, pairs=points))
-        return self._versions.edit(scene_id, (edit,), request.request_id, "", author)
-
-    def _earlier(self, scene_id: str, request_id: str, frame: str) -> SceneVersion | None:
-        """What the same request has made before; its pairs were of the version of then."""
-        records = self._store.versions.of(self._store.scenes.scene(scene_id)) if request_id else ()
-        for record in records:
-            if record.request_id == request_id:
-                frames = [(edit.get("alignment") or {}).get("frame") for edit in record.edits]
-                if frames != [frame]:
-                    raise ConflictError(
-                        f"request id {request_id!r} was used before, for something else",
-                        field="request_id",
-                        hint="Choose a new request id.",
-                    )
-                return self._versions.in_force(record)
-        return None
+        return self._versions.edit(scene_id, (edit,), request.request_id, "", author, digest)
 
     def _photos(self, scene_id: str, version: str, index: SceneIndex) -> Cameras:
         """Some of a version's cameras, of the size of their photos, and these."""

@@ -31,6 +31,7 @@ from fastsplat.service.application.exporting.surface_cache import SurfaceCache
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
+from fastsplat.service.scene.scene_rows import gaussians_of_rows
 from fastsplat.service.scene.sog_writing import sog_bytes
 from fastsplat.service.scene.spz_writing import spz_bytes
 from fastsplat.service.scene.types import Gaussians
@@ -302,5 +303,4 @@ def _of_things(index: SceneIndex, things: Sequence[int]) -> Gaussians:
     gaussians = index.scene.gaussians
     if not things:
         return gaussians
-    rows = index.things.rows(things)
-    return replace(gaussians, **{name: array[rows] for name, array in vars(gaussians).items()})
+    return gaussians_of_rows(gaussians, index.things.rows(things))

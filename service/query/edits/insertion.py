@@ -11,9 +11,9 @@ from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.edits.gaussian_edits import motion_of, moved_gaussians
 from fastsplat.service.query.edits.thing_edits import check_no_parts, edited_things, with_label
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
-from fastsplat.service.scene.scene_rows import gaussians_of_rows
+from fastsplat.service.scene.scene_rows import appended_gaussians, gaussians_of_rows
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_of, with_rows_of_no_part
-from fastsplat.service.scene.types import Evidence, Gaussians, Scene
+from fastsplat.service.scene.types import Evidence, Scene
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.scenes import Edit
 
@@ -76,7 +76,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     assert scene.things is not None
     return replace(
         scene,
-        gaussians=_appended(scene.gaussians, part),
+        gaussians=appended_gaussians(scene.gaussians, part),
         evidence=None if scene.evidence is None else _longer(scene.evidence, len(rows)),
         things=replace(
             scene.things,
@@ -87,22 +87,6 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
             if scene.things.parts is None
             else with_rows_of_no_part(scene.things.parts, len(scene.gaussians) + len(rows)),
         ),
-    )
-
-
-def _appended(gaussians: Gaussians, part: Gaussians) -> Gaussians:
-    count, harmonics = len(part), gaussians.sh.shape[1]
-    sh = np.zeros((count, harmonics, 3), np.float32)
-    shared = min(harmonics, part.sh.shape[1])
-    sh[:, :shared] = part.sh[:, :shared]
-    codes = np.zeros((count, gaussians.codes.shape[1]), np.float32)  # this scene's W does not know the other's codes
-    return Gaussians(
-        means=np.concatenate([gaussians.means, part.means]),
-        quats=np.concatenate([gaussians.quats, part.quats]),
-        log_scales=np.concatenate([gaussians.log_scales, part.log_scales]),
-        logit_opacities=np.concatenate([gaussians.logit_opacities, part.logit_opacities]),
-        sh=np.concatenate([gaussians.sh, sh]),
-        codes=np.concatenate([gaussians.codes, codes]),
     )
 
 
