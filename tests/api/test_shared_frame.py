@@ -12,6 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
+from fastsplat.service.application.editing.shared_frame import _check_agreement
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.similarity import Similarity
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -88,17 +89,31 @@ def test_what_has_no_common_frame_is_refused_and_stays(
     service: SceneService, client: Client, add_room: AddRoom
 ) -> None:
     room, other, unscaled = add_room(), add_room(seed=1), add_room(scale="ARBITRARY")
-    cases: list[tuple[str, type[FastSplatError]]] = [
-        (other, InvalidInputError),
-        (room, InvalidInputError),
-        (unscaled, NotReadyError),
-        ("nothing", NotFoundError),
+    cases: list[tuple[str, type[FastSplatError], str]] = [
+        (other, InvalidInputError, "find their place in the other"),
+        (room, InvalidInputError, "own frame"),
+        (unscaled, NotReadyError, "no meters"),
+        ("nothing", NotFoundError, "no scene"),
     ]
-    for target, error in cases:
-        with pytest.raises(error) as caught:
+    for target, error, match in cases:
+        with pytest.raises(error, match=match) as caught:
             client.align_to(room, target)
         assert caught.value.field.startswith("other"), target
     assert client.scene(room).alignment is None
     assert len(client.versions(room)) == 1
     for scene_id in (room, other, unscaled):
         service.delete_scene(scene_id)
+
+
+def test_photos_agree_only_if_three_do_and_half_of_them() -> None:
+    rng = np.random.default_rng(0)
+
+    def photo(places: int, off: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        points = rng.uniform(-1, 1, (places, 3))
+        return list(zip(points, _ELSEWHERE.points(points) + rng.uniform(-off, off, (places, 3)), strict=True))
+
+    _check_agreement([photo(12, 1e-4) for _ in range(3)], False, 3)
+    for right, wrong in ((2, 0), (2, 2), (3, 4)):
+        pairs = [*(photo(12, 1e-4) for _ in range(right)), *(photo(2, 1.0) for _ in range(wrong))]
+        with pytest.raises(InvalidInputError, match=f"{right} of {right + wrong} photos"):
+            _check_agreement(pairs, False, right + wrong)

@@ -31,6 +31,17 @@ def test_projects_take_turns_whatever_the_priorities_of_another(store: Store) ->
     assert [claim.operation.project for claim in claims] == ["b", "a", "b", "a"]
 
 
+def test_the_next_is_of_the_project_with_fewest_under_way_and_before_it_what_was_begun(store: Store) -> None:
+    for number in range(6):
+        store.scenes.create(replace(job(number), project="a" if number < 3 else "b"))
+    begun = [store.jobs.claim(f"op{number}", "worker") for number in (0, 1, 3)]
+    assert store.jobs.claim_next("worker").operation.id == "op4"  # though the latest of the other is longer ago
+    store.jobs.release(begun[0])
+    store.jobs.claim("op2", "worker")
+    store.scenes.create(replace(job(6), project="c"))
+    assert store.jobs.claim_next("worker").operation.id == "op0"  # though nothing of the last project is under way
+
+
 def test_a_job_is_its_workers_until_that_gives_it_back_or_is_dead(store: Store) -> None:
     for number in (1, 2):
         store.scenes.create(job(number))

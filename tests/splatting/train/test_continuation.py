@@ -68,11 +68,11 @@ def finished(make_world: MakeWorld, tmp_path: Path) -> tuple[Scene, Path]:
     return scene, folder
 
 
-def _further(scene: Scene, folder: Path, tmp_path: Path, steps: int) -> Continued:
+def _further(scene: Scene, folder: Path, tmp_path: Path, steps: int, joined: tuple[str, ...] = ()) -> Continued:
     (tmp_path / "masks").mkdir(exist_ok=True)
     capture = capture_of(scene, folder, tmp_path / "masks")
     settings = Settings(data_dir=tmp_path, training=_SETTINGS)
-    return train_further(scene, capture, settings, silent, steps=steps)
+    return train_further(scene, capture, settings, silent, steps=steps, joined=joined)
 
 
 def test_a_scene_trained_further_is_better_and_has_its_things(finished: tuple[Scene, Path], tmp_path: Path) -> None:
@@ -107,6 +107,17 @@ def test_what_shows_something_else_is_not_merged(finished: tuple[Scene, Path]) -
     assert merged_scene(replace(scene, gaussians=recolored), scene, same) is None
 
 
+def test_what_was_not_trained_is_the_current_versions_to_the_bit(finished: tuple[Scene, Path]) -> None:
+    scene, _ = finished
+    means = scene.gaussians.means
+    rounded = np.nextafter(means, np.float32(np.inf))  # as an edit meanwhile, of scale or frame, leaves them
+    changed = np.arange(len(means)) % 2 == 0
+    current = replace(scene, gaussians=replace(scene.gaussians, means=rounded))
+    merged = merged_scene(current, scene, Continued(_train_result(scene), np.arange(len(means)), changed))
+    assert merged is not None
+    np.testing.assert_array_equal(merged.gaussians.means, np.where(changed[:, None], means, rounded))
+
+
 def _train_result(scene: Scene) -> TrainedSplats:
     return TrainedSplats(scene.gaussians, scene.head, {"iterations": 0.0, "train_seconds": 0.0}, ())
 
@@ -130,16 +141,20 @@ def test_it_is_judged_after_the_correction_of_colors_where_photos_were_corrected
     scene, folder = finished
     own, other = ("psnr_cc", "psnr") if photometric else ("psnr", "psnr_cc")
 
-    def ended(change: float) -> Continued:
+    def ended(change: float, joined: tuple[str, ...] = ()) -> Continued:
         quality = {own: 25.0 + change, f"{own}_before": 25.0, other: 25.0 - change, f"{other}_before": 25.0}
         trained = replace(_train_result(scene), quality=quality, photometric=photometric)
         result = Continued(trained, np.arange(len(scene.gaussians)))
-        monkeypatch.setattr(train_more, "continue_training", lambda *_, **__: result)
-        return _further(scene, folder, tmp_path, 60)
+        for name in ("continue_training", "join_photos"):
+            monkeypatch.setattr(train_more, name, lambda *_, **__: result)
+        return _further(scene, folder, tmp_path, 60, joined)
 
     assert ended(1.0).trained.quality[own] == 26.0
-    with pytest.raises(TrainingDivergedError, match="stays as it is"):
-        ended(-1.0)
+    for change, joined in ((-0.05, ()), (-0.2, ("b.png",))):
+        with pytest.raises(TrainingDivergedError, match="stays as it is"):
+            ended(change, joined)
+    # Photos that join may show what those that judge do not.
+    assert ended(-0.05, ("b.png",)).trained.quality[own] == 24.95
 
 
 def test_no_setting_takes_from_a_scene_what_it_has(finished: tuple[Scene, Path]) -> None:
