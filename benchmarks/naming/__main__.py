@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +129,7 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
     refused = 0
     for number in range(namers):
         seen = with_errors({thing: truth[thing] for thing in shown}, [seed, number])
-        with replayed(sheets, lambda sheet, seen=seen: named(sheet, seen, _SAYS)) as server:  # type: ignore[misc]
+        with replayed(sheets, partial(named, names=seen, probability=_SAYS)) as server:
             said = said_by(NamerSettings(url=server.url, model=f"model {number}"), sheets)
         refused += said.refused
         if said.names:

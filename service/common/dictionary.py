@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from fastsplat_contract.errors import InvalidInputError
 
 if TYPE_CHECKING:  # loads with the first word that may be a plural, see `_inflection`
-    from inflect import engine as Inflection
+    import inflect
 
 UNDETECTED = 0
 """Label id of a pixel that no detection covers; dictionary entries count from 1."""
@@ -163,7 +163,7 @@ def _singular_once(word: str) -> str:
 
 
 @cache
-def _inflection() -> Inflection:
+def _inflection() -> inflect.engine:
     # inflect asks typeguard to rewrite each of its methods while it is imported, which takes more than a second of CPU
     # in every process that reads a scene. What the checks are for, `_singular_once` has seen to: words, never empty.
     import typeguard

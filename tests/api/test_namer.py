@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +28,7 @@ def test_true_names_reach_suggestions_and_none_is_stated(room: Nameless) -> None
         sheets = list(client.thing_sheets(room.scene_id))
         for model, seed in (("one", 1), ("other", 2)):
             seen = seen_with_errors(room.truth, seed)
-            with replayed(sheets, lambda sheet, seen=seen: named(sheet, seen, 0.8)) as server:  # type: ignore[misc]
+            with replayed(sheets, partial(named, names=seen, probability=0.8)) as server:
                 said = suggest_by(client, room.scene_id, Namer(server.url, model))
             assert said.requests == len(sheets) and {each.thing for each in said.names} == room.truth.keys()
         listed = {each.id: each for each in client.things(room.scene_id)}

@@ -128,7 +128,8 @@ def test_a_poster_names_nothing_and_a_namer_that_fails_is_told(room: Room) -> No
         told = client.ask_namer(room.nameless.scene_id)
         assert (told.suggested, told.version) == (0, before) and told.refused == told.shown > 0
         for status in (401, 500):
-            room.namer.says = lambda _, status=status: (status, {}, b"")  # type: ignore[misc]
+            failing = (status, {}, b"")
+            room.namer.says = lambda _, answer=failing: answer
             with pytest.raises(NamerError) as raised:
                 client.ask_namer(room.nameless.scene_id)
             assert room.host in str(raised.value)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -15,13 +17,18 @@ def _drawn(side: int) -> ThingMap:
 @pytest.mark.parametrize("sides", [[256] * 600, [1024] * 40, [4096, 4096], [5000], [256, 4096, 256, 3000, 256, 1]])
 def test_kept_maps_are_bounded_by_their_bytes(sides: list[int]) -> None:
     maps = KeptMaps()
-    drawn = []
+    drawn: list[int] = []
+
+    def draw(side: int) -> np.ndarray:
+        drawn.append(side)
+        return _drawn(side)
+
     for number, side in enumerate(sides):
-        assert maps.get(number, lambda side=side: drawn.append(side) or _drawn(side)).shape == (side, side)  # type: ignore[misc, func-returns-value]
+        assert maps.get(number, partial(draw, side)).shape == (side, side)
         assert 0 <= maps.nbytes <= KEPT_MAP_BYTES
     assert drawn == sides
     last = len(sides) - 1
-    maps.get(last, lambda: drawn.append(0) or _drawn(sides[last]))  # type: ignore[func-returns-value]
+    maps.get(last, partial(draw, sides[last]))
     assert len(drawn) - len(sides) == (2 * sides[last] ** 2 > KEPT_MAP_BYTES)
 
 
