@@ -25,7 +25,7 @@ def _mask(place: Place, posed: PosedCamera, name: str) -> NDArray[np.bool_]:
     return answer.masks[0].array()
 
 
-@pytest.mark.parametrize(("view", "selected_name"), zip(_VIEWS, _NAMES, strict=True))
+@pytest.mark.parametrize(("view", "selected_name"), list(zip(_VIEWS, _NAMES, strict=True)))
 def test_the_pixels_that_glow_are_the_servers_mask(
     place: Place, webgl_browser: Browser, view: str, selected_name: str
 ) -> None:
