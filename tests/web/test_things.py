@@ -21,6 +21,8 @@ from tests.web.places import MARKUP, Place
 from tests.web.table import add_table, table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
+_BESIDE = 150
+"""Pixels from there to what lies on its right."""
 
 
 def _middle(canvas: Locator) -> dict[str, float]:
@@ -141,6 +143,29 @@ def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> Non
         expect(canvas).to_have_attribute("data-hovered", "2")
         visit.page.mouse.move(5, 5)
         expect(canvas).to_have_attribute("data-hovered", "0")
+
+
+def test_a_click_with_shift_adds_what_a_thing_lacks_and_both_are_made_one(
+    place: Place, webgl_browser: Browser, own: str
+) -> None:
+    with visiting(webgl_browser, place.url, f"#/scenes/{own}?view={_VIEW}") as visit:
+        canvas, page = visit.scene_shown(), visit.page
+        middle = _middle(canvas)
+        beside = middle | {"x": middle["x"] + _BESIDE}
+        canvas.click(position=middle)
+        expect(page.locator(".thing-card").get_by_role("heading", name="ball")).to_be_visible()
+        for selected in ("2 things selected", "1 thing selected", "2 things selected"):
+            canvas.click(position=beside, modifiers=["Shift"])
+            expect(page.get_by_role("region", name=selected)).to_be_visible()
+        page.get_by_role("button", name="Merge into one").click()
+        expect(page.get_by_text("Merged.")).to_be_visible()
+        for position in (middle, beside):
+            canvas.hover(position=position)
+            expect(canvas).to_have_attribute("data-hovered", "2")
+            page.mouse.move(5, 5)
+            expect(canvas).to_have_attribute("data-hovered", "0")
+    names = [thing.name for thing in place.service.answers.list_things(own).things]
+    assert len(names) == 2 and "ball" in names
 
 
 def test_two_things_are_merged_and_one_discarded(place: Place, browser: Browser, own: str) -> None:
