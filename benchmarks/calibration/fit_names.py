@@ -10,14 +10,15 @@ scores over the photos that show most of it. One thing counts once. A name is ri
 
 The model is logistic in ln(e / (1 - e)) of the evidence e, with an offset for each name, by ridge: names that are often
 wrong, as "cup" for all that is round, need more evidence, and a name that was seen seldom is as good as the mean. What
+one set has of one name is right or wrong together, as the books of a shelf: n such things weigh √n. What
 benchmarks/results/names.json counts are predictions by models that had seen no set of the kind ("desk-1" and "desk-11"
-are of one kind). Of sets left out, size, number of views and the share of the scores foretell nothing that the evidence
-does not: the log likelihood of 153 things changes by +2.1 (± 1.9), -6.2 and -2.9.
+are of one kind).
 """
 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -46,8 +47,8 @@ _LEAST_PX = 64
 """Pixels of a thing from which a photo shows it."""
 _MOST_SHOWN = 0.5
 """Of a thing's usual pixels, from which a photo shows most of it."""
-_RIDGE = 1.0
-"""Of the names' offsets, whose mean is 0; of 0.3, 0.5, 1, 2 and 4 the one by which kinds left out are most probable."""
+_RIDGE = 0.5
+"""Of the names' offsets, whose mean is 0; of 0.5, 1, 2 and 4 the one by which kinds left out are most probable."""
 _EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Of predicted probabilities that are counted together."""
 _SAME = frozenset(
@@ -214,14 +215,17 @@ def left_out(named: Sequence[Named]) -> list[dict[str, float]]:
 
 
 def _fit(named: Sequence[Named], names: Sequence[str]) -> list[float]:
-    """Factor and offset, then the offset of each name, by maximum likelihood with a ridge."""
+    """Factor and offset, then the offset of each name, by maximum likelihood with a ridge; things of one set and name
+    weigh less the more they are."""
     logit = evidence_logit(np.array([thing.evidence for thing in named]))
+    alike = Counter((thing.group, label_key(thing.name)) for thing in named)
+    weight = np.array([alike[thing.group, label_key(thing.name)] ** -0.5 for thing in named])
     place = np.array([names.index(label_key(thing.name)) for thing in named])
     sign = np.where([thing.right for thing in named], 1.0, -1.0)
 
     def loss(factors: F64) -> float:
         predicted = factors[0] * logit + factors[1] + factors[2:][place]
-        return float(np.logaddexp(0.0, -sign * predicted).sum() + _RIDGE / 2 * (factors[2:] ** 2).sum())
+        return float((weight * np.logaddexp(0.0, -sign * predicted)).sum() + _RIDGE / 2 * (factors[2:] ** 2).sum())
 
     optimum = minimize(loss, np.zeros(2 + len(names)), method="L-BFGS-B")
     return [float(each) for each in optimum.x]

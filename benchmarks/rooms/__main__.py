@@ -16,7 +16,8 @@ detections of the training views). `--sheets` draws contact sheets beside the re
   clicks_1.3_miou: with a second click on the worst 30 %;
   surfaces_iou: of floors, walls and table tops; outside_box, outside_at_others, covered, alone_miou: see
   `figures.py`;
-  names_right of names_stated, names_known of names_knowable: names of the detector's 80 words;
+  names_given_right of names_given, names_stated_right of those that are no guess, names_known of names_knowable: names
+  of the detector's 80 words;
   psnr, psnr_cc: of the test views, and after the best affine map of their colors.
 """
 
@@ -59,7 +60,11 @@ _CHOSEN_ON = {
     "validation": "these rooms are there to choose rules of things by: their figures promise nothing",
     "test": "nothing was chosen on these rooms; rules of things: on the six rooms of the validation split",
 }
-_NAMED = {"names_right_share": ("names_right", "names_stated"), "names_known_share": ("names_known", "names_knowable")}
+_NAMED = {
+    "names_given_right_share": ("names_given_right", "names_given"),
+    "names_stated_right_share": ("names_stated_right", "names_stated"),
+    "names_known_share": ("names_known", "names_knowable"),
+}
 
 
 def _main() -> None:
@@ -149,15 +154,16 @@ def _write(path: Path, name: str, row: Mapping[str, Any]) -> None:
 
 
 def mean_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """The mean of each figure over the rooms that have it, and the shares of names over all rooms."""
+    """The mean of each figure over the rooms that have it, and the shares of names over all rooms that have them."""
     names = dict.fromkeys(name for row in rows for name, value in row.items() if isinstance(value, int | float))
     means = {}
     for name in names:
         values = [row[name] for row in rows if isinstance(row.get(name), int | float) and row[name] == row[name]]
         means[name] = round(float(np.mean(values)), 4) if values else float("nan")
     for share, (part, whole) in _NAMED.items():
-        total = sum(row[whole] for row in rows)
-        means[share] = round(sum(row[part] for row in rows) / total, 4) if total else float("nan")
+        counted = [row for row in rows if whole in row]
+        total = sum(row[whole] for row in counted)
+        means[share] = round(sum(row[part] for row in counted) / total, 4) if total else float("nan")
     return means
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from benchmarks.calibration.fit_names import is_right
 from benchmarks.rooms.shapes import F64
 from benchmarks.rooms.truth import Truth
 from fastsplat.service.evaluation.datasets.types import Dataset
@@ -240,20 +241,22 @@ def _silhouette_iou(gaussians: Gaussians, scene: Measured, number: int) -> float
 
 
 def _named(scene: Measured) -> dict[str, float | int]:
-    """Of the names that are stated of discovered things, the share that is right; of the true things whose name the
-    detector knows, the share that is so named."""
+    """Of the names that discovered things were given, and of those of them that are stated as no guess, how many are
+    right; of the true things whose name the detector knows, how many are so named."""
     assert scene.scene.things is not None
     table, labels = scene.scene.things.table, scene.truth.labels
     matches = scene.matches()
     truly = {place: labels[number - 1] for number, place in matches.items()}
-    named = {place: thing.name for place, thing in enumerate(table)}
-    stated = [place for place in np.flatnonzero(scene.counts.judged).tolist() if named[place]]
+    given = [place for place in np.flatnonzero(scene.counts.judged).tolist() if table[place].name]
+    right = [place for place in given if place in truly and is_right(truly[place], table[place].name)]
     present = (np.flatnonzero(scene.counts.present) + 1).tolist()
     knowable = [number for number in present if labels[number - 1] in COCO_80]
-    known = sum(number in matches and named[matches[number]] == labels[number - 1] for number in knowable)
+    known = sum(number in matches and table[matches[number]].name == labels[number - 1] for number in knowable)
     return {
-        "names_stated": len(stated),
-        "names_right": sum(named[place] == truly.get(place) for place in stated),
+        "names_given": len(given),
+        "names_given_right": len(right),
+        "names_stated": sum(not table[place].guessed for place in given),
+        "names_stated_right": sum(not table[place].guessed for place in right),
         "names_knowable": len(knowable),
         "names_known": known,
     }

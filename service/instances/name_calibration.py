@@ -21,6 +21,10 @@ FILE = Path(__file__).with_name("name_calibration.json")
 
 _CERTAIN = 0.98
 """Evidence beyond counts as this, on both sides."""
+_CLEAR = 0.6
+"""Less evidence makes no name more probable than `_UNCLEAR_AT_MOST`, however often the name was right elsewhere: what
+looks like such a thing in one kind of place, as a framed photo like a book, does not stand in another."""
+_UNCLEAR_AT_MOST = 0.9
 
 
 class NameCategory(BaseModel):
@@ -40,7 +44,8 @@ class NameCategory(BaseModel):
 
 
 class NameModel(BaseModel):
-    """p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset))), e the evidence.
+    """p = 1 / (1 + exp(−(factor · ln(e / (1 − e)) + offset + the category's offset))), e the evidence; where e is below
+    0.6, at most 0.9.
 
     Attributes:
         detector: that called the things so.
@@ -60,7 +65,8 @@ class NameModel(BaseModel):
     def probability(self, evidence: F64, names: Sequence[str]) -> F64:
         """float64 [T, N], 0..1, of evidence [T, N] for N names."""
         offsets = [each.offset if (each := self.categories.get(label_key(name))) else 0.0 for name in names]
-        return logistic(self.factor * evidence_logit(evidence) + self.offset + np.array(offsets, np.float64))
+        probability = logistic(self.factor * evidence_logit(evidence) + self.offset + np.array(offsets, np.float64))
+        return np.where(evidence < _CLEAR, np.minimum(probability, _UNCLEAR_AT_MOST), probability)
 
 
 def evidence_logit(evidence: F64) -> F64:

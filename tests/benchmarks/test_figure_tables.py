@@ -50,13 +50,18 @@ def test_a_page_follows_its_result_file(tmp_path: Path) -> None:
 def test_a_table_of_what_is_measured_once_waits_for_its_file(tmp_path: Path) -> None:
     assert render(TABLES["rooms"], tmp_path) == f"{NOT_YET}\n"
     shares = ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou", "outside_box")
-    counts = {"names_right": 3, "names_stated": 4, "names_known": 3, "names_knowable": 6}
+    counts = {"names_given_right": 3, "names_given": 4, "names_known": 3, "names_knowable": 6}
     rows = {name: {**dict.fromkeys(shares, share), **counts} for name, share in (("desk-2", 0.5), ("shop-1", 1.0))}
+    rows["shop-1"] |= {"names_stated_right": 1, "names_stated": 1}
     about = {"date": "2026-11-24", "commit": "0123abc"}
     (tmp_path / "rooms.json").write_text(json.dumps({"rows": rows, "mean": mean_of(list(rows.values())), **about}))
     *_, desk, shop, mean, _, said = render(TABLES["rooms"], tmp_path).splitlines()
-    assert desk.startswith("| desk-2 | 0.50 |") and "| 3 of 4 | 3 of 6 |" in shop
-    assert mean.startswith("| mean | 0.75 |") and "| 75% | 50% |" in mean and "0123abc" in said
+    assert (
+        desk.startswith("| desk-2 | 0.50 |")
+        and "| 3 of 4 | 1 of 1 | 3 of 6 |" in shop
+        and "| 3 of 4 | – | 3 of 6 |" in desk
+    )
+    assert mean.startswith("| mean | 0.75 |") and "| 75% | 100% | 50% |" in mean and "0123abc" in said
 
 
 def test_a_region_that_names_no_table_is_refused() -> None:

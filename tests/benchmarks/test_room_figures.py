@@ -79,7 +79,11 @@ def _measured(
     )
     named = names or {}
     ids = range(1, max(4, int(shown.max())) + 1)
-    table = tuple(Thing(number, named.get(number, ""), "detected" if number in named else None) for number in ids)
+    sure = {"cup": 0.96, "knife": 0.9}  # one is stated, one a guess
+    table = tuple(
+        Thing(number, name, "detected" if name else None, sure.get(name, 0.0))
+        for number, name in ((each, named.get(each, "")) for each in ids)
+    )
     owners = truth.owners.copy()
     owners[np.flatnonzero(owners == 3)[:taken]] = 2
     membership = evidence_of(np.arange(count), owners, np.full(count, UNIT, np.int64), count)
@@ -153,13 +157,22 @@ def test_a_part_is_known_by_a_part_or_a_thing_that_is_as_large() -> None:
 def test_names_are_right_or_not_and_known_or_not() -> None:
     figures = figures_of(_measured(names={2: "cup", 3: "knife"}))
     counted = {name: value for name, value in figures.items() if name.startswith("names")}
-    assert counted == {"names_stated": 2, "names_right": 1, "names_knowable": 2, "names_known": 1}
+    assert counted == {
+        "names_given": 2,
+        "names_given_right": 1,
+        "names_stated": 1,
+        "names_stated_right": 1,
+        "names_knowable": 2,
+        "names_known": 1,
+    }
 
 
 def test_a_mean_is_over_the_rooms_that_have_the_figure() -> None:
     rows: list[dict[str, Any]] = [
-        {"floor_iou": 0.5, "names_right": 1, "names_stated": 2, "names_known": 0, "names_knowable": 3},
-        {"floor_iou": float("nan"), "names_right": 2, "names_stated": 2, "names_known": 3, "names_knowable": 3},
+        {"floor_iou": 0.5, "names_given_right": 1, "names_given": 2, "names_known": 0, "names_knowable": 3}
+        | {"names_stated_right": 0, "names_stated": 1},
+        {"floor_iou": float("nan"), "names_given_right": 2, "names_given": 2, "names_known": 3, "names_knowable": 3},
     ]
     means = mean_of(rows)
-    assert means["floor_iou"] == 0.5 and means["names_right_share"] == 0.75 and means["names_known_share"] == 0.5
+    assert means["floor_iou"] == 0.5 and means["names_given_right_share"] == 0.75
+    assert means["names_stated_right_share"] == 0 and means["names_known_share"] == 0.5

@@ -7,7 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fastsplat.service.instances.name_calibration import name_evidence, name_model, name_probability
+from fastsplat.service.instances.name_calibration import (
+    NameCategory,
+    NameModel,
+    name_evidence,
+    name_model,
+    name_probability,
+)
 from fastsplat.service.instances.naming import NAMED_FROM
 from fastsplat.service.scene.types import STATED_FROM
 
@@ -44,6 +50,15 @@ def test_a_second_name_makes_the_first_less_likely_and_a_higher_score_more(
     beside = name_probability(np.array([[0.0, score, other]]), [name, "another"])[0, 1]
     assert beside <= alone + 1e-12
     assert name_probability(np.array([[0.0, score / 2]]), [name])[0, 1] <= alone + 1e-12
+
+
+def test_a_name_that_was_right_elsewhere_is_no_more_than_a_guess_without_evidence_of_its_own() -> None:
+    likely = NameCategory(offset=9.0, things=90, right=90)
+    model = NameModel(detector="any", sets=("desk",), factor=1.0, offset=0.0, categories={"book": likely})
+    little, much = model.probability(np.array([[0.59], [0.61]]), ["book"])[:, 0]
+    assert NAMED_FROM <= little < STATED_FROM <= much
+    doubtful = model.probability(np.array([[0.1], [0.59]]), ["cup"])[:, 0]
+    np.testing.assert_allclose(doubtful, [0.1, 0.59])
 
 
 def test_the_evidence_of_one_name_alone_is_its_mean_score() -> None:
