@@ -2636,20 +2636,22 @@ class GetThingSheetRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ThingSheet(_message.Message):
-    __slots__ = ("picture", "things", "unseen", "meters", "next_page_token", "version")
+    __slots__ = ("picture", "things", "unseen", "meters", "next_page_token", "version", "written")
     PICTURE_FIELD_NUMBER: _ClassVar[int]
     THINGS_FIELD_NUMBER: _ClassVar[int]
     UNSEEN_FIELD_NUMBER: _ClassVar[int]
     METERS_FIELD_NUMBER: _ClassVar[int]
     NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
+    WRITTEN_FIELD_NUMBER: _ClassVar[int]
     picture: bytes
     things: _containers.RepeatedCompositeFieldContainer[SheetThing]
     unseen: _containers.RepeatedScalarFieldContainer[int]
     meters: bool
     next_page_token: str
     version: str
-    def __init__(self, picture: _Optional[bytes] = ..., things: _Optional[_Iterable[_Union[SheetThing, _Mapping]]] = ..., unseen: _Optional[_Iterable[int]] = ..., meters: _Optional[bool] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
+    written: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, picture: _Optional[bytes] = ..., things: _Optional[_Iterable[_Union[SheetThing, _Mapping]]] = ..., unseen: _Optional[_Iterable[int]] = ..., meters: _Optional[bool] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ..., written: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class SheetThing(_message.Message):
     __slots__ = ("number", "thing", "view", "photo", "size", "surface", "neighbors", "suggestions")
