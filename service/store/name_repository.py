@@ -5,7 +5,7 @@ without another word."""
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
@@ -27,8 +27,8 @@ Said = tuple[str, float, bool]
 
 @dataclass(frozen=True)
 class NewName:
-    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing` and `tags_of` for
-    the others."""
+    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing`, `tags_of` and
+    `described` in `names_by_looks` for the others."""
 
     thing_id: int
     name: str
@@ -70,15 +70,30 @@ class KnownNameRecord:
     tags: Sequence[tuple[str, float]] = ()
 
 
-def names_between(before: Things | None, after: Things | None, limit: int) -> VersionNames:
+def names_between(
+    before: Things | None, after: Things | None, appearances: Mapping[int, bytes], limit: int
+) -> VersionNames:
     """The names that people gave in a version, of things that have an appearance or bear a tag, and those that it took
-    over."""
+    over.
+
+    Args:
+        before, after: the things of the version before, and of this one.
+        appearances: what its things are known by in other scenes, see `described`.
+        limit: see `VersionNames`.
+    """
     known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
     by_person = [thing for thing in after.table if thing.source == "person"] if after else []
     named = [thing for thing in by_person if thing.appearance or tags_of(thing.reads)]
     unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
     given = [
-        NewName(thing.id, thing.name, thing.appearance, thing.picture, thing.said, tuple(tags_of(thing.reads).items()))
+        NewName(
+            thing.id,
+            thing.name,
+            appearances.get(thing.id, b""),
+            thing.picture,
+            thing.said,
+            tuple(tags_of(thing.reads).items()),
+        )
         for thing in named
         if known.get(thing.id) != thing.name
     ]
