@@ -352,10 +352,7 @@ TABLES: Mapping[str, Table] = {
     "questions": Table(("questions",), ("", "right"), _questions),
     "naming": Table(
         ("naming",),
-        (
-            *("models", "true name suggested", "stated before", "named in the end", "poster's name suggested"),
-            *("names refused", "longest room"),
-        ),
+        ("models", "true name suggested", "stated before", "named in the end", "poster's", "refused", "longest room"),
         _naming,
     ),
     "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),

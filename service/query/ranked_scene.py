@@ -24,7 +24,6 @@ from fastsplat.service.query.phrases.thing_words import ThingWords
 from fastsplat.service.query.phrases.types import ParsedQuestion
 from fastsplat.service.query.phrases.written_words import WrittenWords
 from fastsplat.service.query.things.absence import UnseenSpace
-from fastsplat.service.query.things.look_alikes import Sizes
 from fastsplat.service.query.things.names_by_looks import KnownThing, NameFromScene, names_by_looks
 from fastsplat.service.query.things.names_by_tags import names_by_tags
 from fastsplat.service.query.things.thing_history import SceneHistory
@@ -34,6 +33,7 @@ from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
 
 if TYPE_CHECKING:
+    from fastsplat.service.query.things.look_alikes import Sizes
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)

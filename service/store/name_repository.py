@@ -10,12 +10,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, func, insert, literal, or_, select
 
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.schema import known_names, scenes
-from fastsplat_contract.errors import NotFoundError
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.schema import known_names, name_packs, scenes
+from fastsplat_contract.errors import LimitExceededError, NotFoundError
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Things
@@ -68,6 +69,19 @@ class KnownNameRecord:
     picture: bytes = field(default=b"", repr=False)
     said: Sequence[Said] = ()
     tags: Sequence[tuple[str, float]] = ()
+
+
+@dataclass(frozen=True)
+class PackRecord:
+    """Names that were learnt elsewhere, see `NamePack`: name and base64 of the appearance of each; `added_at` in
+    seconds since 1970, UTC."""
+
+    id: str
+    license: str
+    model: str
+    digest: str
+    names: Sequence[tuple[str, str]] = field(repr=False)
+    added_at: float
 
 
 def names_between(
@@ -160,25 +174,62 @@ class KnownNameRepository:
             rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
             return [_record(row) for row in rows.mappings()]
 
+    def packs(self) -> Sequence[PackRecord]:
+        """The packs that were added, newest first."""
+        columns = [column for column in name_packs.c if column.name not in ("count", "project")]
+        query = select(*columns).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
+        with self._reading() as connection:
+            return [PackRecord(**row) for row in connection.execute(query).mappings()]
+
+    def pack_ids(self) -> Sequence[str]:
+        """Their ids, in the order of `packs`; what a pack has never changes."""
+        query = select(name_packs.c.id).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
+        with self._reading() as connection:
+            return list(connection.scalars(query))
+
+    def add_pack(self, pack: PackRecord, most: int) -> None:
+        """Keep a pack.
+
+        Raises:
+            LimitExceededError: the project's packs would have more than `most` names.
+        """
+        with self._writing() as connection:
+            held = connection.scalar(select(func.sum(name_packs.c.count)).where(self._packed())) or 0
+            if held + len(pack.names) > most:
+                raise LimitExceededError(
+                    f"{held + len(pack.names)} names in packs",
+                    field="pack.names",
+                    limit=str(most),
+                    hint="Forget a pack, or raise FASTSPLAT_CALLS__MAX_KNOWN_NAMES.",
+                )
+            row = {**vars(pack), "count": len(pack.names), "project": self._project or DEFAULT_PROJECT}
+            connection.execute(insert(name_packs).values(**row))
+
     def forget(self, name_id: str) -> None:
-        """Remove a name, from the versions that are not current, too; its scene keeps it.
+        """Remove a name, from the versions that are not current, too, its scene keeps it; or a pack.
 
         Raises:
             NotFoundError: there is none of that id.
         """
         with self._writing() as connection:
-            if not connection.execute(delete(known_names).where(_ROWS.id == name_id, self._mine())).rowcount:
+            packs = delete(name_packs).where(name_packs.c.id == name_id, self._packed())
+            names = delete(known_names).where(_ROWS.id == name_id, self._mine())
+            if not (connection.execute(names).rowcount or connection.execute(packs).rowcount):
                 raise NotFoundError(
                     f"no known name {name_id[:80]!r}", field="name_id", hint="List the known names to see which are."
                 )
 
     def forget_all(self) -> None:
-        """Remove every name of the project; its scenes keep theirs."""
+        """Remove every name and pack of the project; its scenes keep theirs."""
         with self._writing() as connection:
             connection.execute(delete(known_names).where(self._mine()))
+            connection.execute(delete(name_packs).where(self._packed()))
 
     def _within(self) -> ColumnElement[bool]:
         return literal(True) if self._project is None else scenes.c.project == self._project
+
+    def _packed(self) -> ColumnElement[bool]:
+        return literal(True) if self._project is None else name_packs.c.project == self._project
 
     def _mine(self) -> ColumnElement[bool]:
         return _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
