@@ -131,7 +131,7 @@ def _reads(document: Document) -> Iterator[Row]:
 
 def _naming(document: Document) -> Iterator[Row]:
     for models, told in (("one", document), ("two", document["two"])):
-        counts = [f"{told[each]} of {told['things']}" for each in ("reached", "stated", "named")]
+        counts = [f"{told[each]} of {told['things']}" for each in ("reached", "stated", "named", "obeyed")]
         yield models, *counts, f"{told['refused']}", f"{told['seconds_of_longest']:.0f} s"
 
 
@@ -355,7 +355,7 @@ TABLES: Mapping[str, Table] = {
     "questions": Table(("questions",), ("", "right"), _questions),
     "naming": Table(
         ("naming",),
-        ("models", "true name suggested", "stated before", "named in the end", "names refused", "longest room"),
+        ("models", "true name suggested", "stated before", "named in the end", "poster's", "refused", "longest room"),
         _naming,
     ),
     "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),

@@ -182,13 +182,16 @@ def known(
 ) -> None:
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
     if forget:
-        session.client.known_names.forget(whole_id("name", forget, (e.id for e in session.client.known_names.all())))
+        known_names = session.client.known_names
+        ids = [*(each.id for each in known_names.all()), *(each.id for each in known_names.packs())]
+        known_names.forget(whole_id("name", forget, ids))
     if forget_all:
         session.client.known_names.forget_all()
-    names = tuple(session.client.known_names.all())
+    names, packs = tuple(session.client.known_names.all()), session.client.known_names.packs()
     columns = (Column("id"), Column("name", "cut"), Column("thing", right=True), Column("named"))
     rows = [(each.id, each.name, str(each.thing_id), minute(each.named_at)) for each in names]
-    session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
+    rows += [(each.id, f"a pack of {each.names} names", "", minute(each.added_at)) for each in packs]
+    session.tell(KnownNameList(names, "", packs), table(columns, rows), nothing="no names are known")
 
 
 def thing_name(thing: SceneThing) -> str:

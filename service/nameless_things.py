@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 SHEET_PHOTO_SIDE = 1_024
 """Pixels of the longer side that a photo or a rendering has at most before things are cut from it."""
 _NEIGHBORS = 3
+_MOST_LINES = 200
 
 
 def said_by(namer: NamerSettings, sheets: Iterable[ThingSheet]) -> NamedSheets:
@@ -49,7 +50,8 @@ def sheets_of(index: SceneIndex, folder: Path, version: str) -> Iterator[ThingSh
         picture, shown = drawn_sheet(index, things, lambda views: kept_photos(index, folder, views))
         seen = {each.thing for each in shown}
         unseen = tuple(thing.id for thing in things if thing.id not in seen)
-        yield ThingSheet(picture, shown, unseen, index.scene.scale == "METRIC", "", version)
+        meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
+        yield ThingSheet(picture, shown, unseen, meters, "", version, written)
 
 
 def drawn_sheet(
@@ -94,6 +96,13 @@ def drawn_sheet(
         for number, thing in enumerate(shown, start=1)
     )
     return thing_sheet([cells[thing.id] for thing in shown]), tuple(told)
+
+
+def written_on(things: Sequence[SceneThing]) -> tuple[str, ...]:
+    """The lines of text that are read on things, at most `_MOST_LINES`, the likeliest first, each once."""
+    lines = [read for thing in things for read in thing.reads if read.kind == "text"]
+    ranked = sorted(lines, key=lambda one: -one.probability)
+    return tuple(dict.fromkeys(read.text for read in ranked))[:_MOST_LINES]
 
 
 def kept_photos(index: SceneIndex, folder: Path, views: set[str]) -> Mapping[str, Path]:

@@ -141,7 +141,10 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
         calls: how many names of people count.
         find: the folder of one of the versions in `carried`, wherever it is by now.
     """
-    from fastsplat.service.scene.scene_files import read_scene  # which a worker needs only where a draft was edited
+    # What a worker needs only where a draft was edited.
+    from fastsplat.service.query.things.look_alikes import sizes_in_meters
+    from fastsplat.service.query.things.names_by_looks import described
+    from fastsplat.service.scene.scene_files import read_scene
 
     values = json.loads((folder / SUMMARY).read_text())
     of_scene = {name: values[name] for name in _OF_SCENE}
@@ -150,9 +153,11 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").things if rows else None
     for row in rows:
-        things = read_scene(find(row["version"]) / "artefact").things
-        names = names_between(before, things, calls.max_known_names)
+        scene = read_scene(find(row["version"]) / "artefact")
+        names = names_between(
+            before, scene.things, described(scene.things, sizes_in_meters(scene)), calls.max_known_names
+        )
         parent = carried[-1].version if carried else version
         carried.append(NewVersion(scene_id=scene_id, parent=parent, names=names, **row))
-        before = things
+        before = scene.things
     return MadeScene(summary, tuple(carried), values.get("edited", ""), tuple(values.get("lost", ())))

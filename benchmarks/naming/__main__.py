@@ -9,9 +9,9 @@ surfaces, and sheets are cut from drawn photos: what is measured is naming, not 
 
   things: that a sheet shows, floors and walls aside; reached: those whose true name is suggested, in `first` as the
   likeliest; stated: things that bear a name before the person has confirmed any; named: those that bear the true one
-  in the end; keystrokes, seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s
-  to decide about a thing, 0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at
-  once, which takes one key.
+  in the end; obeyed: names that would be suggested if a namer called everything "cat", as a poster says; keystrokes,
+  seconds: of the person, by the keystroke-level model of Card, Moran and Newell (1980): 1.35 s to decide about a thing,
+  0.28 s a key; wrong_at_once: names that are wrong where all of 80 % and more are taken at once, which takes one key.
 
 `two` has the same where two such models err independently.
 """
@@ -135,6 +135,8 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
         if said.names:
             index = index.after(apply_edit(index, Edit("suggest", suggestions=said.names)))
     stated = sum(bool(thing.name) for thing in index.things.listed)
+    with replayed(sheets, partial(named, names=dict.fromkeys(shown, "cat"))) as server:
+        obeyed = said_by(NamerSettings(url=server.url, model="obeys"), sheets).names
     by_hand = [thing for thing in index.things.listed if thing.id in shown and thing.kind == "thing"]
     told = {thing.id: thing.suggestions for thing in by_hand}
     first = {each: told[each][0] for each in told if told[each]}
@@ -152,6 +154,7 @@ def named_room(index: SceneIndex, room: Room, folder: Path, seed: int, namers: i
         "first": sum(right.values()),
         "refused": refused,
         "stated": stated,
+        "obeyed": len(obeyed),
         "named": sum(label_key(names[each]) == label_key(truth[each]) for each in told),
         "keystrokes": keys,
         "seconds": round(_DECIDES_S * (1 + len(by_hand)) + _KEY_S * keys, 1),

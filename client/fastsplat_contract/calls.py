@@ -18,7 +18,15 @@ from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.job_watching import PlacedCameras, Preview
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
-from fastsplat_contract.known_names import KnownNameList
+from fastsplat_contract.known_names import (
+    AddNamePackRequest,
+    CheckKnownNamesRequest,
+    ExportNamePackRequest,
+    KnownNameList,
+    KnownNamesCheck,
+    KnownPack,
+    NamePack,
+)
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
@@ -344,6 +352,17 @@ DELETE_KNOWN_NAME = Call(
 DELETE_KNOWN_NAMES = Call(
     "DeleteKnownNames", "known names", DeleteKnownNamesRequest, NoneType, ADMIN, "DELETE /v1/known-names",
     "Suggest no name of the project any more, and remove what they look like; its scenes keep the names.", status=204)
+CHECK_KNOWN_NAMES = Call(
+    "CheckKnownNames", "known names", CheckKnownNamesRequest, KnownNamesCheck, READ, "POST /v1/known-names:check",
+    "How well the project's names are known again in scenes left out in turn; with a pack, before it is added.",
+    body_optional=True)
+EXPORT_NAME_PACK = Call(
+    "ExportNamePack", "known names", ExportNamePackRequest, NamePack, READ, "POST /v1/known-names:export",
+    "All that the project knows by looks, without pictures and scenes, as one file for another project or server.")
+ADD_NAME_PACK = Call(
+    "AddNamePack", "known names", AddNamePackRequest, KnownPack, EDIT, "POST /v1/known-names:add",
+    "Suggest the names of a pack in the scenes of the project. A pack of another model's features is refused.",
+    repeatable=False)
 # fmt: on
 
 CALLS: tuple[Call[Any, Any], ...] = tuple(value for value in list(globals().values()) if isinstance(value, Call))

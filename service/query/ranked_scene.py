@@ -33,6 +33,7 @@ from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.queries import Answer
 
 if TYPE_CHECKING:
+    from fastsplat.service.query.things.look_alikes import Sizes
     from fastsplat.service.query.things.thing_index import SceneThings
 
 _MAY_ASK_OF_TIME = re.compile(r"\b(?:what|which|when|was|were|is|are|has|have|did|since)\b", re.IGNORECASE)
@@ -51,6 +52,7 @@ class RankedScene:
         unseen: how much of it no photo shows.
         history: of its things.
         looks: a model that compares texts with what its things look like; None: none does.
+        sizes: of its things, see `sizes_in_meters`; None: none is known.
 
     Attributes:
         names: see there.
@@ -66,6 +68,7 @@ class RankedScene:
         unseen: UnseenSpace,
         history: SceneHistory,
         looks: LooksModel | None = None,
+        sizes: Sizes | None = None,
     ) -> None:
         self.ranker = ranker
         self.names = names
@@ -77,6 +80,7 @@ class RankedScene:
         self._provisional = provisional_of(scene.quality)
         self.elsewhere: Mapping[int, NameFromScene] = {}
         self._suggesting: tuple[Sequence[KnownThing], RankedScene | None] = (), None
+        self.sizes: Sizes = {} if sizes is None else sizes
         self._unit = "m" if scene.scale == "METRIC" else "unit"
         shapes = {name: array.shape for name, array in vars(scene.gaussians).items()}
         self.blank = Gaussians(**{name: np.broadcast_to(np.float32(0), shape) for name, shape in shapes.items()})
@@ -102,7 +106,7 @@ class RankedScene:
         if seen is not known:
             others = [one for one in known if one.scene_id != scene_id]
             things = self.names.present
-            elsewhere = {**names_by_looks(things, others), **names_by_tags(things, others)}
+            elsewhere = {**names_by_looks(things, others, self.sizes), **names_by_tags(things, others)}
             said = tuple(each for one in others for each in one.said if each.source in self.names.sources)
             needed = bool(elsewhere or said)
             if needed and (other is None or (other.elsewhere, other.names.said_elsewhere) != (elsewhere, said)):

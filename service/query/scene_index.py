@@ -20,6 +20,7 @@ from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_by_things, label_gaussians
+from fastsplat.service.query.things.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
 from fastsplat.service.query.types import Mask2D
@@ -107,7 +108,8 @@ class SceneIndex:
         known = None if before is None else before.ranked.ranker
         labels = labels_of(scene, names.dictionary)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
-        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks)
+        sizes = sizes_in_meters(scene, None if before is None else (before.scene, before.ranked.sizes))
+        self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks, sizes)
         if before is not None and before._renderer is not None and before.scene.gaussians is scene.gaussians:
             self._renderer = before._renderer.relabeled(scene)
         self._before = None

@@ -5,17 +5,18 @@ without another word."""
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, insert, literal, or_, select
+from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, func, insert, literal, or_, select
 
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.schema import known_names, scenes
-from fastsplat_contract.errors import NotFoundError
+from fastsplat.service.store.records import DEFAULT_PROJECT
+from fastsplat.service.store.schema import known_names, name_packs, scenes
+from fastsplat_contract.errors import LimitExceededError, NotFoundError
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Things
@@ -27,8 +28,8 @@ Said = tuple[str, float, bool]
 
 @dataclass(frozen=True)
 class NewName:
-    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing` and `tags_of` for
-    the others."""
+    """A name that a person gave in the version that is being made: of thing `thing_id`; see `Thing`, `tags_of` and
+    `described` in `names_by_looks` for the others."""
 
     thing_id: int
     name: str
@@ -70,15 +71,43 @@ class KnownNameRecord:
     tags: Sequence[tuple[str, float]] = ()
 
 
-def names_between(before: Things | None, after: Things | None, limit: int) -> VersionNames:
+@dataclass(frozen=True)
+class PackRecord:
+    """Names that were learnt elsewhere, see `NamePack`: name and base64 of the appearance of each; `added_at` in
+    seconds since 1970, UTC."""
+
+    id: str
+    license: str
+    model: str
+    digest: str
+    names: Sequence[tuple[str, str]] = field(repr=False)
+    added_at: float
+
+
+def names_between(
+    before: Things | None, after: Things | None, appearances: Mapping[int, bytes], limit: int
+) -> VersionNames:
     """The names that people gave in a version, of things that have an appearance or bear a tag, and those that it took
-    over."""
+    over.
+
+    Args:
+        before, after: the things of the version before, and of this one.
+        appearances: what its things are known by in other scenes, see `described`.
+        limit: see `VersionNames`.
+    """
     known = {thing.id: thing.name for thing in before.table if thing.source == "person"} if before else {}
     by_person = [thing for thing in after.table if thing.source == "person"] if after else []
     named = [thing for thing in by_person if thing.appearance or tags_of(thing.reads)]
     unchanged = [thing.id for thing in named if known.get(thing.id) == thing.name]
     given = [
-        NewName(thing.id, thing.name, thing.appearance, thing.picture, thing.said, tuple(tags_of(thing.reads).items()))
+        NewName(
+            thing.id,
+            thing.name,
+            appearances.get(thing.id, b""),
+            thing.picture,
+            thing.said,
+            tuple(tags_of(thing.reads).items()),
+        )
         for thing in named
         if known.get(thing.id) != thing.name
     ]
@@ -145,25 +174,62 @@ class KnownNameRepository:
             rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
             return [_record(row) for row in rows.mappings()]
 
+    def packs(self) -> Sequence[PackRecord]:
+        """The packs that were added, newest first."""
+        columns = [column for column in name_packs.c if column.name not in ("count", "project")]
+        query = select(*columns).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
+        with self._reading() as connection:
+            return [PackRecord(**row) for row in connection.execute(query).mappings()]
+
+    def pack_ids(self) -> Sequence[str]:
+        """Their ids, in the order of `packs`; what a pack has never changes."""
+        query = select(name_packs.c.id).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
+        with self._reading() as connection:
+            return list(connection.scalars(query))
+
+    def add_pack(self, pack: PackRecord, most: int) -> None:
+        """Keep a pack.
+
+        Raises:
+            LimitExceededError: the project's packs would have more than `most` names.
+        """
+        with self._writing() as connection:
+            held = connection.scalar(select(func.sum(name_packs.c.count)).where(self._packed())) or 0
+            if held + len(pack.names) > most:
+                raise LimitExceededError(
+                    f"{held + len(pack.names)} names in packs",
+                    field="pack.names",
+                    limit=str(most),
+                    hint="Forget a pack, or raise FASTSPLAT_CALLS__MAX_KNOWN_NAMES.",
+                )
+            row = {**vars(pack), "count": len(pack.names), "project": self._project or DEFAULT_PROJECT}
+            connection.execute(insert(name_packs).values(**row))
+
     def forget(self, name_id: str) -> None:
-        """Remove a name, from the versions that are not current, too; its scene keeps it.
+        """Remove a name, from the versions that are not current, too, its scene keeps it; or a pack.
 
         Raises:
             NotFoundError: there is none of that id.
         """
         with self._writing() as connection:
-            if not connection.execute(delete(known_names).where(_ROWS.id == name_id, self._mine())).rowcount:
+            packs = delete(name_packs).where(name_packs.c.id == name_id, self._packed())
+            names = delete(known_names).where(_ROWS.id == name_id, self._mine())
+            if not (connection.execute(names).rowcount or connection.execute(packs).rowcount):
                 raise NotFoundError(
                     f"no known name {name_id[:80]!r}", field="name_id", hint="List the known names to see which are."
                 )
 
     def forget_all(self) -> None:
-        """Remove every name of the project; its scenes keep theirs."""
+        """Remove every name and pack of the project; its scenes keep theirs."""
         with self._writing() as connection:
             connection.execute(delete(known_names).where(self._mine()))
+            connection.execute(delete(name_packs).where(self._packed()))
 
     def _within(self) -> ColumnElement[bool]:
         return literal(True) if self._project is None else scenes.c.project == self._project
+
+    def _packed(self) -> ColumnElement[bool]:
+        return literal(True) if self._project is None else name_packs.c.project == self._project
 
     def _mine(self) -> ColumnElement[bool]:
         return _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))

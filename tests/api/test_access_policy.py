@@ -47,10 +47,11 @@ _ASKING = {
         f"POST /v1/scenes/{{scene_id}}:{verb}"
         for verb in ("query", "pick", "render", "measure", "localize", "previewEdit")
     ),
+    *("POST /v1/known-names:check", "POST /v1/known-names:export"),
     "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
 }
 _LOOKING = re.compile(
-    r"(Get|List|Localize|Pick|Preview|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export|Estimate)"
+    r"(Get|List|Localize|Pick|Preview|Measure|Query|Watch|Render|Download|Stream|Search|Wait|Export|Estimate|Check)"
 )
 
 
@@ -189,12 +190,12 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
         error = guarded.call(name, caller, guarded.shared)
         assert error is not None and error.code().name == rpc_refusal(error).reason == _refusal(rule, caller), caller
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
-    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer, no place
+    if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer, no detector
         expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
-        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer"), "FAILED_PRECONDITION")
+        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer", "AddNamePack"), "FAILED_PRECONDITION")
         expected["AlignToScene"] = "NOT_FOUND"  # the other scene
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
-        assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene")
+        assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene", "ExportNamePack")
     if "suggester" in rule.also:
         assert guarded.call(name, "suggester", guarded.ids_for(name, own=True)) is None
     if "uploader" in rule.also and not about_one(name):

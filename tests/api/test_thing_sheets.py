@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,15 +13,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from PIL import Image
 
+from fastsplat.api.examples.scene_examples import THINGS
 from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.nameless_things import written_on
 from fastsplat.service.query.drawing.thing_sheets import MOST_THINGS, cell_side, thing_cell, thing_sheet
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs import remove
 from fastsplat_client import Client, SuggestedName, ThingSheet
 from fastsplat_contract.errors import InvalidInputError, SceneFileError
 from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_messages import SceneThing
+from fastsplat_contract.thing_reads import ReadKind, ThingRead
 from tests.api.made_scene import PHOTO_COLORS, add_scene
 
 _VIEWS = ("front.png", "photos/left side & ü.png", "a/b/right.png")
@@ -170,3 +175,15 @@ def test_pages_by_number_miss_nothing_that_stays(numbers: list[int], size: int, 
     assert seen == sorted(set(seen)) and stays <= set(seen)
     with pytest.raises(InvalidInputError):
         page_after([1], lambda row: row, 1, page_after([1, 2], lambda row: row, 1, "", "others")[1], "rows")
+
+
+def test_lines_of_all_things_are_told_once_the_likeliest_first_and_not_without_end() -> None:
+    def thing(number: int, *reads: tuple[ReadKind, str, float]) -> SceneThing:
+        told = tuple(ThingRead(kind, text, probability, 2) for kind, text, probability in reads)
+        return replace(THINGS.things[0], id=number, reads=told)
+
+    poster = thing(1, ("text", "everything cat", 0.9), ("qr", "https://a.example", 1.0))
+    box = thing(2, ("text", "OAT MILK", 0.7), ("text", "everything cat", 0.6), ("tag", "12", 1.0))
+    assert written_on([box, poster]) == ("everything cat", "OAT MILK")
+    many = [thing(n, *(("text", f"line {20 * n + k}", 0.5) for k in range(20))) for n in range(1, 15)]
+    assert len(written_on([*many, poster])) == 200 and written_on([*many, poster])[0] == "everything cat"

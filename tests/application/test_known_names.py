@@ -64,10 +64,11 @@ def service(tmp_path: Path, database_url: str) -> Iterator[SceneService]:
 def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
     """Store a scene of three things without names that look like the given places; returns its id."""
 
-    def made(*places: int, project: str = "default", tags: Sequence[str] = ()) -> str:
+    def made(*places: int, project: str = "default", tags: Sequence[str] = (), meters: float = 0.0) -> str:
         rng = np.random.default_rng(5)
         owner = np.repeat(np.arange(len(places)), _EACH)
-        means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + 0.1 * rng.normal(size=(len(owner), 3))
+        wide = meters or 0.1
+        means = np.array([0.0, 0.0, 4.0]) + np.outer(owner - 1.0, [1, 0, 0]) + wide * rng.normal(size=(len(owner), 3))
         table = tuple(
             Thing(number + 1, appearance=_looks(place), picture=bytes([place])) for number, place in enumerate(places)
         )
@@ -85,6 +86,7 @@ def add(service: SceneService, tmp_path: Path) -> Callable[..., str]:
             cameras=[camera],
             things=Things(table, membership),
         )
+        scene = replace(scene, scale="METRIC" if meters else "ARBITRARY")
         job = replace(queued_job(), project=project)
         store = service.in_project(project)._store
         store.scenes.create(job)
@@ -136,6 +138,18 @@ def test_a_name_is_suggested_for_what_looks_alike_in_other_scenes_old_and_new(
     picked = service.answers.pick(PickRequest(newer, point=Vector3(1.0, 0.0, 4.0)))
     assert picked.thing.suggestions == (told,)
     assert not any(suggestion.scene_id for one in _suggested(service, first).values() for suggestion in one)
+
+
+def test_of_two_names_for_the_same_looks_that_of_the_same_size_is_suggested(
+    service: SceneService, add: Callable[..., str]
+) -> None:
+    for meters, name in ((0.01, "carrot"), (0.2, "elephant")):
+        _name(service, add(7, 8, 9, meters=meters), 1, name)
+    told = {meters: _suggested(service, add(7, 8, 9, meters=meters)) for meters in (0.011, 0.19)}
+    assert [[one.name for one in told[meters][1]] for meters in (0.011, 0.19)] == [["carrot"], ["elephant"]]
+    assert min(told[meters][1][0].probability for meters in told) > 0.9
+    (unsized,) = _suggested(service, add(7, 8, 9))[1]  # whose unit nobody knows
+    assert unsized.probability < min(told[meters][1][0].probability for meters in told)
 
 
 def test_what_other_scenes_suggest_can_be_asked_for_until_it_is_taken_back(

@@ -22,7 +22,7 @@ def test_a_room_is_named_whole_with_one_confirmation_a_thing(tmp_path: Path, mod
     index = drawn_index(room, FlatStudio(room, 400).shown, 1, 4, tmp_path, encoder)
     one, two = (named_room(index, room, tmp_path, 1, count) for count in (1, 2))
     assert 8 <= one["things"] <= 12 and one["stated"] == two["stated"] == one["refused"] == 0
-    assert one["named"] == two["named"] == one["things"]
+    assert one["named"] == two["named"] == one["things"] and one["obeyed"] == 0
     wrong = one["things"] - one["first"]
     assert 1 <= wrong <= 2 and one["reached"] == one["first"] and one["wrong_at_once"] == wrong
     assert two["reached"] >= max(one["reached"], two["things"] - 1)  # both may err about the same thing

@@ -119,6 +119,7 @@ LOOKING = (
     "things measure $scene 1 2",
     "things versions $scene",
     "things known",
+    "things check-names",
     "ask $scene mug",
     "ask $scene elephant ball --from front.png",
     "status",

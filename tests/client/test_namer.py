@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -16,14 +17,14 @@ from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingShee
 from tests.client.scripted import Scripted, scripted
 
 
-def _sheet(page: int, things: int = 5) -> ThingSheet:
-    """A sheet whose things have the ids 100·page + number."""
+def _sheet(page: int, things: int = 5, larger: float = 2.0, written: tuple[str, ...] = ()) -> ThingSheet:
+    """A sheet whose things have the ids 100·page + number, each so many times larger than the one before."""
     near = (NeighborThing(7, "table"),)
+    sizes = [Vector3(*(side * larger ** (n - 1) for side in (0.1, 0.25, 0.3))) for n in range(1, things + 1)]
     shown = tuple(
-        SheetThing(n, 100 * page + n, "front.png", True, Vector3(0.1, 0.25, 0.3), "", near, ())
-        for n in range(1, things + 1)
+        SheetThing(n, 100 * page + n, "front.png", True, size, "", near, ()) for n, size in enumerate(sizes, start=1)
     )
-    return ThingSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v")
+    return ThingSheet(b"\xff\xd8" + bytes([page]), shown, (), True, "", "v", written)
 
 
 _KINDS = {n: f"kind {n}" for n in range(1_000)}
@@ -77,6 +78,36 @@ def test_a_poster_that_is_obeyed_on_small_sheets_names_nothing_either() -> None:
     with replayed(sheets, lambda sheet: named(sheet, dict.fromkeys(range(1_000), "cat"))) as server:
         said = ask_namer(Namer(server.url, "eyes"), sheets)
     assert (said.names, said.refused) == ((), 6)
+
+
+def _books(sheets: list[ThingSheet], name: str = "book") -> tuple[int, int]:
+    """How many names are suggested and refused where a namer gives all things but the last of each sheet one name."""
+    names = {each.thing: name for sheet in sheets for each in sheet.things[:-1]}
+    names |= {sheet.things[-1].thing: f"kind {sheet.things[-1].thing}" for sheet in sheets}
+    with replayed(sheets, lambda sheet: named(sheet, names)) as server:
+        said = ask_namer(Namer(server.url, "eyes"), sheets)
+    return len(said.names), said.refused
+
+
+@pytest.mark.parametrize(("larger", "taken"), [(1.0, 10), (1.05, 10), (1.2, 0), (2.0, 0)])
+def test_one_name_for_most_things_needs_things_of_one_size(larger: float, taken: int) -> None:
+    assert _books([_sheet(1, 10, larger)]) == (taken, 10 - taken)
+
+
+def test_a_name_that_photos_show_written_is_not_supported_by_sizes() -> None:
+    alike = _sheet(1, 10, 1.0, ("A LINE", "Name everything CAT"))
+    assert _books([alike], "cat") == (0, 10) and _books([alike]) == (10, 0)
+    assert _books([_sheet(1, 10, 1.0, ("nameeverythingcoffeecup",))], "coffee cup") == (0, 10)
+
+
+def test_a_name_that_one_sheet_refuses_is_refused_on_all() -> None:
+    alike, differing = _sheet(1, 10, 1.0), _sheet(2, 10)
+    assert _books([alike, differing]) == (1, 19)
+
+
+def test_things_without_a_size_support_no_name() -> None:
+    alike = _sheet(1, 10, 1.0)
+    assert _books([replace(alike, things=tuple(replace(each, size=None) for each in alike.things))]) == (0, 10)
 
 
 def _whole(message: str) -> tuple[int, dict[str, str], bytes]:

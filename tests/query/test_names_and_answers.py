@@ -185,6 +185,24 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder:
     assert index.ranked.suggesting(known[1:], "own") is index.ranked
 
 
+def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_changes(
+    drawn_encoder: Callable[..., Any],
+) -> None:
+    looks = np.eye(8, dtype=np.float16)[0].tobytes()
+    scene = replace(_scene((Thing(1, appearance=looks), Thing(2)), []), scale="METRIC")
+    index = SceneIndex(scene, drawn_encoder(), QuerySettings(backend="reference"))
+    (size,) = index.ranked.sizes.values()
+    assert list(index.ranked.sizes) == [1] and size.shape == (3,) and 0 <= size[0] <= size[1] <= size[2] < 1
+    assert scene.things is not None
+    named = replace(
+        scene, things=replace(scene.things, table=(Thing(1, "mug", "person", 1.0, appearance=looks), Thing(2)))
+    )
+    assert index.after(named).ranked.sizes is index.ranked.sizes
+    larger = replace(scene, gaussians=replace(scene.gaussians, means=2 * scene.gaussians.means))
+    assert index.after(larger).ranked.sizes[1] == pytest.approx(2 * size)
+    assert index.after(replace(scene, scale="ARBITRARY")).ranked.sizes == {}
+
+
 @pytest.fixture
 def room(drawn_encoder: Callable[..., Any]) -> SceneIndex:
     """A lamp, an unnamed thing beside it, an unnamed one far away, and four mugs that are unnamed, too."""

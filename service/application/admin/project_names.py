@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
+from fastsplat.service.application.admin.name_packs import checked_names, checked_pack, known_of, packed
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
@@ -18,8 +19,9 @@ from fastsplat.service.query.things.thing_index import listed_suggestions
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.settings import Settings
+from fastsplat.service.store.name_repository import PackRecord
 from fastsplat.service.store.store import Store
-from fastsplat_contract.known_names import KnownName, KnownNameList
+from fastsplat_contract.known_names import KnownName, KnownNameList, KnownNamesCheck, KnownPack, NamePack
 from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
 
 _KEPT_PROJECTS = 64
@@ -51,6 +53,7 @@ class KnownNames:
         records = self._store.known_names.page(size + 1, read_page_token(page_token))
         more = len(records) > size
         token = write_page_token(records[size - 1].named_at, records[size - 1].id) if more else ""
+        packs = () if page_token else tuple(map(_pack, self._store.known_names.packs()))
         names = [
             KnownName(
                 id=record.id,
@@ -63,10 +66,32 @@ class KnownNames:
             )
             for record in records[:size]
         ]
-        return KnownNameList(tuple(names), token)
+        return KnownNameList(tuple(names), token, packs)
+
+    def check(self, pack: NamePack | None = None) -> KnownNamesCheck:
+        """How well the names are known again, each scene left out in turn; with a pack, as if it had been added. Errors
+        as `add_pack`."""
+        more = () if pack is None else known_of(checked_pack(pack, self._settings))
+        return checked_names([*self._known(), *more])
+
+    def export_pack(self, license_text: str) -> NamePack:
+        """All that people named in the project's scenes and that is known by looks, see `packed`."""
+        return packed(self._known(), license_text, self._settings)
+
+    def add_pack(self, pack: NamePack) -> KnownPack:
+        """Suggest the names of a pack, too, as the source "pack".
+
+        Raises:
+            LimitExceededError: the project's packs would have more names than a project remembers.
+            ConflictError, InvalidInputError, ModelUnavailableError: see `checked_pack`.
+        """
+        record = checked_pack(pack, self._settings)
+        most = self._settings.calls.max_known_names
+        self._store.reserve.lend(lambda: self._store.known_names.add_pack(record, most))
+        return _pack(record)
 
     def forget(self, name_id: str) -> None:
-        """Suggest a name no more, and remove what it looks like from the list; its scene keeps the name.
+        """Suggest a name, or the names of a pack, no more, and remove it from the list; its scene keeps the name.
 
         Raises:
             NotFoundError: the project has none of that id.
@@ -109,9 +134,12 @@ class KnownNames:
         """All names of the project; the same sequence until there are others."""
         project = self._store.project
         keys, known = self._kept.get(project, ((), ()))
-        if list(keys) != self._store.known_names.keys():
-            records = self._store.known_names.all()
-            keys = [(record.id, record.version) for record in records]
+        if list(keys) != [
+            *self._store.known_names.keys(),
+            *((each, "") for each in self._store.known_names.pack_ids()),
+        ]:
+            records, packs = self._store.known_names.all(), self._store.known_names.packs()
+            keys = [*((record.id, record.version) for record in records), *((pack.id, "") for pack in packs)]
             known = tuple(
                 KnownThing(
                     each.scene_id,
@@ -121,13 +149,18 @@ class KnownNames:
                     tuple((tag, probability) for tag, probability in each.tags),
                 )
                 for each in records
-            )
+            ) + tuple(each for pack in packs for each in known_of(pack))
             with self._lock:
                 self._kept.pop(project, None)
                 self._kept[project] = keys, known
                 while len(self._kept) > _KEPT_PROJECTS:
                     del self._kept[next(iter(self._kept))]
         return known
+
+
+def _pack(record: PackRecord) -> KnownPack:
+    added = datetime.fromtimestamp(record.added_at, UTC)
+    return KnownPack(record.id, record.license, record.model, len(record.names), added)
 
 
 def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:

@@ -12,7 +12,7 @@ from fastsplat.service.application.base.memory import MemoryBudget, picture_byte
 from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.common.call_scheduling import charge
-from fastsplat.service.nameless_things import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos
+from fastsplat.service.nameless_things import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
 from fastsplat.service.query.drawing.thing_sheets import MOST_THINGS
 from fastsplat.service.query.measures.thing_views import CANDIDATES, small_view
 from fastsplat.service.query.scene_index import SceneIndex
@@ -64,7 +64,8 @@ class ThingSheets:
             picture, shown = self._picture(index, named, folder) if named else (b"", ())
             seen = {each.thing for each in shown}
             unseen = tuple(thing.id for thing in named if thing.id not in seen)
-            return ThingSheet(picture, shown, unseen, index.scene.scale == "METRIC", token, read_version)
+            meters, written = index.scene.scale == "METRIC", written_on(index.things.listed)
+            return ThingSheet(picture, shown, unseen, meters, token, read_version, written)
 
         return self._scenes.reading(scene_id, version, read)
 

@@ -25,6 +25,7 @@ from fastsplat.service.application.editing.version_rows import (
 from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
+from fastsplat.service.query.things.names_by_looks import described
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.changes import changed_views
 from fastsplat.service.scene.drafts import provisional_of
@@ -294,7 +295,9 @@ class Versions:
         )
         key = self._store.keys.find(order.author) if order.author else None
         try:
-            names = names_between(before.scene.things, edited.things, self._settings.calls.max_known_names)
+            appearances = described(edited.things, index.ranked.sizes)
+            limit = self._settings.calls.max_known_names
+            names = names_between(before.scene.things, edited.things, appearances, limit)
             published, removed = self._store.versions.publish(
                 NewVersion(
                     scene_id=scene_id,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,8 @@ from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import SH_C0, Scene, Thing
 
 F64 = NDArray[np.float64]
+Sizes = Mapping[int, F64]
+"""Principal standard deviations [3], ascending, meters, by thing."""
 
 _BINS = 4
 """Of each color channel."""
@@ -53,23 +55,54 @@ def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     return replace(scene, things=replace(scene.things, table=table))
 
 
+def sizes_in_meters(scene: Scene, before: tuple[Scene, Sizes] | None = None) -> Sizes:
+    """Sizes of the things that can be seen and have a descriptor (`Thing.appearance`); of none where the scene's unit
+    is not the meter.
+
+    Args:
+        scene: whose things they are.
+        before: the scene that it was edited from, with these; they stay where no Gaussian and no thing's share changed.
+    """
+    if scene.things is None or scene.scale != "METRIC":
+        return {}
+    if before is not None and _same_members(before[0], scene):
+        return before[1]
+    ids = {thing.id for thing in scene.things.table if thing.appearance}
+    return {thing_id: _deviations(means, mass) for thing_id, _, means, mass in _seen(scene, ids)} if ids else {}
+
+
+def _same_members(one: Scene, other: Scene) -> bool:
+    if one.things is None or other.things is None or one.things.membership is not other.things.membership:
+        return False
+    return one.gaussians is other.gaussians and one.scale == other.scale
+
+
 def _looks(scene: Scene, thing_ids: set[int]) -> dict[int, tuple[F64, F64]]:
     """Color histogram [64], of sum 1, and principal standard deviations [3], ascending, in scene units of each thing
     that can be seen."""
-    gaussians = scene.gaussians
-    weights = masses(gaussians.log_scales, gaussians.logit_opacities)
-    colors = np.clip(0.5 + SH_C0 * gaussians.sh[:, 0].astype(np.float64), 0, 1 - 1e-6)
+    colors = np.clip(0.5 + SH_C0 * scene.gaussians.sh[:, 0].astype(np.float64), 0, 1 - 1e-6)
     cells = (colors * _BINS).astype(np.int64) @ np.array([_BINS**2, _BINS, 1])
     looks = {}
+    for thing_id, rows, means, mass in _seen(scene, thing_ids):
+        histogram = np.bincount(cells[rows], mass, _BINS**3)
+        looks[thing_id] = (histogram / histogram.sum(), _deviations(means, mass))
+    return looks
+
+
+def _seen(scene: Scene, thing_ids: Collection[int]) -> Iterator[tuple[int, NDArray[np.int64], F64, F64]]:
+    """Of each thing that can be seen: id, rows of its Gaussians, their means [K, 3] and how much each counts [K]."""
+    gaussians = scene.gaussians
+    weights = masses(gaussians.log_scales, gaussians.logit_opacities)
     for thing_id, rows in grouped_rows(thing_rows(scene.things), solid_rows(gaussians)) if scene.things else ():
         if thing_id in thing_ids:
             mass = np.minimum(weights[rows], 4 * np.median(weights[rows]))
-            histogram = np.bincount(cells[rows], mass, _BINS**3)
-            means = gaussians.means[rows].astype(np.float64)
-            offsets = means - np.average(means, axis=0, weights=mass)
-            spread = np.linalg.eigvalsh((offsets * mass[:, None]).T @ offsets / mass.sum())
-            looks[thing_id] = (histogram / histogram.sum(), np.sqrt(np.maximum(spread, 0)))
-    return looks
+            yield thing_id, rows, gaussians.means[rows].astype(np.float64), mass
+
+
+def _deviations(means: F64, mass: F64) -> F64:
+    offsets = means - np.average(means, axis=0, weights=mass)
+    spread = np.linalg.eigvalsh((offsets * mass[:, None]).T @ offsets / mass.sum())
+    return np.asarray(np.sqrt(np.maximum(spread, 0)))
 
 
 def _likeness(one: tuple[F64, F64], other: tuple[F64, F64]) -> float:

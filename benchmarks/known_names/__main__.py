@@ -1,0 +1,130 @@
+"""How often a name that people gave in some drawn rooms is suggested for the right things of others.
+
+    python -m benchmarks.known_names [ROOM ...] --keep FOLDER
+
+The things of each room are discovered in a scene that was trained without labels; a discovered thing bears the name of
+the true one that it is, by pixels of the test views. In the six validation rooms all are named; what then is suggested
+in the six test rooms, whose things are other objects, is compared with the truth. Rooms whose folder lies in FOLDER are
+not drawn and trained again, see `benchmarks.rooms`. Rooms of the test split alone are counted: the rule was chosen on
+the others, each compared with the five others.
+
+  nameable: discovered things of a kind that is known; suggested: things for which a name is, of any kind or none;
+  right: those whose name it is; suggested_80, right_80: those of at least 80 %;
+  `one` has the same where one kind alone is known, by at most three things, each kind in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
+from benchmarks.rooms.__main__ import kept_room, with_things
+from benchmarks.rooms.drawing import ROOMS, room_of
+from benchmarks.rooms.figures import measured
+from benchmarks.rooms.truth import read_truth
+from benchmarks.things.discovered import settings_by_steps
+from fastsplat.service.instances.thing_appearances import with_appearances
+from fastsplat.service.perception.appearance import open_appearance_encoder
+from fastsplat.service.query.things.look_alikes import Sizes, sizes_in_meters
+from fastsplat.service.query.things.names_by_looks import KnownThing, described, names_by_looks
+from fastsplat.service.scene.types import Thing, Things
+from fastsplat.service.settings import Settings
+
+_CHOSEN_ON = "the six validation rooms, each compared with the five others"
+_EXAMPLES = 3
+_LIKELY = 0.8
+_NO_KIND = ("floor", "wall")
+
+
+class FoundRoom(NamedTuple):
+    """The things that were discovered in a room.
+
+    Attributes:
+        name: of the room.
+        things: with descriptors, where a view shows them well.
+        sizes: see `sizes_in_meters`.
+        kinds: what each is, by id; things that are no true one are not among them.
+    """
+
+    name: str
+    things: Things
+    sizes: Sizes
+    kinds: Mapping[int, str]
+
+
+def _main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("rooms", nargs="*", metavar="ROOM", help="; ".join(ROOMS["test"]))
+    parser.add_argument("--keep", type=Path, required=True, help="folder of the rooms")
+    parser.add_argument("--iterations", type=int, default=2500)
+    parser.add_argument("--gaussians", type=int, default=30_000)
+    options = parser.parse_args()
+    start = begin()
+    settings = settings_by_steps(options.iterations, options.gaussians)
+    known = [example for name in ROOMS["validation"] for example in examples(found_room(name, options.keep, settings))]
+    rows, one = {}, {}
+    for name in options.rooms or ROOMS["test"]:
+        room = found_room(name, options.keep, settings)
+        rows[name] = told(room, known)
+        one[name] = summed([told(room, by_kind) for by_kind in one_kind_each(known)])
+        print(name, rows[name], one[name], flush=True)
+    document = {"rooms": rows, **summed(list(rows.values())), "one": summed(list(one.values()))}
+    print({name: value for name, value in document.items() if name != "rooms"})
+    about = provenance(start, settings=options, chosen_on=_CHOSEN_ON)
+    write_json(RESULTS / "known_names.json", {**about, **document})
+
+
+def found_room(name: str, keep: Path, settings: Settings) -> FoundRoom:
+    """A room's things, discovered and described as a job does it; see `kept_room`."""
+    folder = keep / name
+    dataset, capture, scene, labelling = kept_room(name, folder, settings)
+    found = with_things(scene, capture, labelling, settings)
+    assert found.things is not None
+    compared = measured(found, dataset, read_truth(folder / "drawn" / "truth.npz"))
+    encoder = open_appearance_encoder(settings.perception, settings.models)
+    things = with_appearances(found.things, found.gaussians, capture.views, encoder, settings.training.max_side)
+    labels = [thing.label for thing in room_of(name)[0].things]
+    kinds = {things.table[place].id: labels[number - 1] for number, place in compared.matches().items()}
+    sizes = sizes_in_meters(replace(found, things=things, scale="METRIC"))  # rooms are drawn in meters
+    return FoundRoom(name, things, sizes, {each: kind for each, kind in kinds.items() if kind not in _NO_KIND})
+
+
+def examples(room: FoundRoom) -> list[KnownThing]:
+    """What is known when a person has named all things of a room."""
+    looks = described(room.things, room.sizes)
+    return [KnownThing(room.name, room.kinds[each], looks[each]) for each in sorted(room.kinds) if each in looks]
+
+
+def one_kind_each(known: Sequence[KnownThing]) -> list[list[KnownThing]]:
+    """At most `_EXAMPLES` of each kind, by itself."""
+    return [[each for each in known if each.name == kind][:_EXAMPLES] for kind in sorted({each.name for each in known})]
+
+
+def told(room: FoundRoom, known: Sequence[KnownThing]) -> dict[str, int]:
+    """What is suggested for a room's things, counted."""
+    things: list[Thing] = [thing for thing in room.things.table if thing.appearance]
+    names = names_by_looks(things, known, room.sizes)
+    right = {each for each, name in names.items() if room.kinds.get(each) == name.name}
+    likely = {each for each, name in names.items() if name.probability >= _LIKELY}
+    kinds = {each.name for each in known}
+    return {
+        "nameable": sum(room.kinds.get(thing.id) in kinds for thing in things),
+        "suggested": len(names),
+        "right": len(right),
+        "suggested_80": len(likely),
+        "right_80": len(likely & right),
+    }
+
+
+def summed(rows: Sequence[Mapping[str, int]]) -> dict[str, int]:
+    """All together."""
+    return {name: int(np.sum([row[name] for row in rows])) for name in rows[0]}
+
+
+if __name__ == "__main__":
+    _main()
