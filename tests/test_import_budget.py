@@ -38,7 +38,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         (_COMMAND.format(words=["--help"], status=0), 100, set()),
         (
             _COMMAND.format(words=["keys", "list"], status=0),
-            410,
+            413,
             {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi", "httpx"},
         ),
         (
@@ -48,8 +48,8 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ),
         ("import fastsplat.workers.trainer", 10, set()),
         ("import fastsplat.workers.supervisor", 88, {"sqlalchemy"}),
-        ("import fastsplat.service.query.scene_index", 104, {"scipy", "cv2"}),
-        ("import fastsplat.api.server", 360, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
+        ("import fastsplat.service.query.scene_index", 105, {"scipy", "cv2"}),
+        ("import fastsplat.api.server", 363, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
     ],
     ids=[
         "package",

@@ -167,6 +167,7 @@ EXAMPLES = (
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
         for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
     ),
+    _bad("ListScenes", {"place": "0" * 32}, "scene", "NOT_FOUND"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
