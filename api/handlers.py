@@ -62,7 +62,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_SCENES,
-            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
+            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token, asked.place),
             example=scene_examples.SCENES,
         ),
         Handler(

@@ -27,9 +27,14 @@ _SHOWN_NAMES = 60
 
 
 @service_command(scenes_app, "list")
-def list_scenes(session: Session) -> None:
+def list_scenes(
+    session: Session,
+    place: Annotated[
+        str, typer.Option(help="A scene: only the captures of its place, the newest photos first.", metavar="SCENE")
+    ] = "",
+) -> None:
     """Show all scenes, newest first."""
-    scenes = tuple(session.client.scenes())
+    scenes = tuple(session.client.scenes(place=session.scene(place) if place else ""))
     columns = (
         Column("scene"),
         Column("name", "cut"),
@@ -37,7 +42,7 @@ def list_scenes(session: Session) -> None:
         Column("Gaussians", right=True),
         Column("things", right=True),
         Column("unit"),
-        Column("made"),
+        Column("photos of"),
     )
     rows = [
         (
@@ -47,7 +52,7 @@ def list_scenes(session: Session) -> None:
             f"{each.gaussians:,}",
             "-" if each.thing_count is None else str(each.thing_count),
             "m" if each.scale == "METRIC" else "-",
-            minute(each.created_at),
+            minute(each.captured_at or each.created_at),
         )
         for each in scenes
     ]

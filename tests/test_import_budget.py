@@ -38,7 +38,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         (_COMMAND.format(words=["--help"], status=0), 100, set()),
         (
             _COMMAND.format(words=["keys", "list"], status=0),
-            414,
+            417,
             {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi", "httpx"},
         ),
         (
@@ -48,7 +48,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ),
         ("import fastsplat.workers.trainer", 10, set()),
         ("import fastsplat.workers.supervisor", 88, {"sqlalchemy"}),
-        ("import fastsplat.service.query.scene_index", 106, {"scipy", "cv2"}),
+        ("import fastsplat.service.query.scene_index", 107, {"scipy", "cv2"}),
         ("import fastsplat.api.server", 363, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
     ],
     ids=[

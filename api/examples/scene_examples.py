@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
@@ -118,6 +118,7 @@ _SUMMARY = SceneSummary(
     version="1",
     label_count=2,
     thing_count=7,
+    captured_at=_POSTED - timedelta(hours=2),
 )
 _PHOTO = PhotoVerdict(
     name="IMG_0042.jpg",

@@ -209,9 +209,11 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """One scene with its dictionary, cameras and quality."""
         return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
-    def scenes(self) -> Iterator[SceneSummary]:
-        """All scenes, newest first, page by page, without dictionary, cameras and quality."""
-        return (scene for page in self._pages(calls.LIST_SCENES, requests.ListScenesRequest()) for scene in page.scenes)
+    def scenes(self, *, place: str = "") -> Iterator[SceneSummary]:
+        """All scenes, newest first, page by page, without dictionary, cameras and quality; with the id of a scene as
+        `place` only the captures of its place, the newest photos first."""
+        pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest(place=place))
+        return (scene for page in pages for scene in page.scenes)
 
     def open_sample(self) -> Scene:
         """The project's copy of the sample scene that the server brings; it is made where there is none."""
@@ -261,7 +263,8 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
             timeout_s: when to give up; the server then stops, too.
-            choices: other fields of `QueryRequest`, as version, coverage, max_matches, asker, asker_view.
+            choices: other fields of `QueryRequest`, as version, coverage, max_matches, asker, asker_view,
+                newest_capture.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)

@@ -78,8 +78,7 @@ class KindCheck(NamedTuple):
 
 @dataclass(frozen=True)
 class KnownNamesCheck(Response):
-    """What would be suggested for the things that people named, were their scene's own names not known: each scene in
-    turn is left out. Things without a name do not count."""
+    """What would be suggested for things that people named, each scene's own names left out in turn."""
 
     proto: ClassVar[str] = "CheckKnownNamesResponse"
 

@@ -86,6 +86,14 @@ class GetSceneRequest(Request, OfScene):
 class ListScenesRequest(Request, InPages):
     """Which page of scenes."""
 
+    place: Annotated[
+        str,
+        Field(
+            description="id of a finished scene: only the captures of its place, which are the finished scenes in its "
+            "frame, itself among them, the newest photos first; empty: all scenes"
+        ),
+    ] = ""
+
 
 @dataclass(frozen=True)
 class UpdateSceneRequest(SceneUpdate, OfScene):

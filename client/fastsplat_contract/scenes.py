@@ -73,6 +73,13 @@ class SceneSummary(Response):
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
     thing_count: Annotated[int | None, Field(description="surfaces left out; absent until getScene counts them")]
+    captured_at: Annotated[
+        datetime | None,
+        Field(
+            description="when the newest photo of its capture was taken; absent where the photos do not say it: "
+            "`created_at` then counts"
+        ),
+    ]
 
 
 ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "point_pairs"]

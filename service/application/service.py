@@ -168,8 +168,7 @@ class SceneService:
         check_space = partial(check_free_space, self._store.blobs.root, self._settings.uploads.min_free_bytes)
         check_space()
         upload_id = uuid.uuid4().hex
-        folder = self._store.blobs.upload(upload_id)
-        return UploadSession(upload_id, folder, self._settings.capture, check_space)
+        return UploadSession(upload_id, self._store.blobs.upload(upload_id), self._settings.capture, check_space)
 
     def create_scene(
         self, upload: UploadSession, name: str, request_id: str, options: SceneOptions, upload_key: str = ""
@@ -346,20 +345,21 @@ class SceneService:
         self._scenes.version(scene_id, "")
         return camera_file(scene_of(self._store.scenes.scene(scene_id)).cameras, file_format)
 
-    def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
+    def list_scenes(self, page_size: int = 0, page_token: str = "", place: str = "") -> SceneList:
         """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
 
         Args:
             page_size: at most this many; 0 for the server's default, larger values than its limit are cut to it.
             page_token: "" for the first page, then what the page before returned.
-
-        Returns:
-            The page, and the token of the next one ("" after the last).
+            place: only the captures of the place of this scene, see `Captures.page`, whose errors this raises, too.
 
         Raises:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
+        if place:
+            captures, token = self.answers.captures.page(place, size, page_token)
+            return SceneList(summaries_of(captures), token)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         return SceneList(summaries_of(records[:size]), _next(records, size))
 

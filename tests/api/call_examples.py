@@ -169,6 +169,7 @@ EXAMPLES = (
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
         for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
     ),
+    _bad("ListScenes", {"place": "0" * 32}, "scene", "NOT_FOUND"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     Example("CheckKnownNames", {}, "named"),
     _bad("ExportNamePack", {"license": "CC0-1.0"}, "names"),  # what is known there has no descriptor

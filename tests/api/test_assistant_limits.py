@@ -97,9 +97,9 @@ class _Many:
     def __init__(self, things: int) -> None:
         self.count = things
 
-    def scenes(self) -> Any:
+    def scenes(self, *, place: str = "") -> Any:
         at = datetime(2026, 1, 1, tzinfo=UTC)
-        summary = SceneSummary("s", "sample \u202eroom\n", "READY", "o", at, 1, "METRIC", "1", 1, None)
+        summary = SceneSummary("s", "sample \u202eroom\n", "READY", "o", at, 1, "METRIC", "1", 1, None, None)
         return (replace(summary, id=f"s{number}") for number in range(self.count))
 
 

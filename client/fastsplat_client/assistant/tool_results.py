@@ -22,13 +22,15 @@ Point = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class SceneInList:
-    """One scene of the project; `things` is null where nobody has counted them."""
+    """One scene of the project; `things` is null where nobody has counted them, `captured` is when its newest photo was
+    taken, else when it was posted."""
 
     id: str
     name: str
     state: str
     things: int | None
     unit: Unit
+    captured: str
 
 
 @dataclass(frozen=True)

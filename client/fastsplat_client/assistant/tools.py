@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import islice
+from typing import Any
 
 from fastsplat_client.assistant.tool_lengths import (
     bounds_of,
@@ -91,11 +92,19 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     )
 
 
-def list_scenes(client: Client) -> Scenes:
-    """The scenes of the project, newest first."""
-    every = list(client.scenes())
+def list_scenes(client: Client, place: str = "") -> Scenes:
+    """The scenes of the project, newest first; those of the place of one, the newest photos first."""
+    every = list(client.scenes(place=resolve_scene(client, place).id if place else ""))
     shown = [
-        SceneInList(each.id, each.name, each.state, each.thing_count, unit_of(each)) for each in every[:_MOST_SCENES]
+        SceneInList(
+            each.id,
+            each.name,
+            each.state,
+            each.thing_count,
+            unit_of(each),
+            (each.captured_at or each.created_at).isoformat(timespec="minutes"),
+        )
+        for each in every[:_MOST_SCENES]
     ]
     return Scenes(shown, len(every) - len(shown))
 
@@ -162,10 +171,13 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
     )
 
 
-def find(client: Client, text: str, scene: str) -> Found:
-    """What answers a text in plain words, or that nothing does."""
+def find(client: Client, text: str, scene: str, newest_capture: bool = False) -> Found:
+    """What answers a text in plain words, or that nothing does; in the scene, or of the captures of its place in the
+    newest that knows."""
     shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text)
+    answer = _ask(client, shown.id, text, newest_capture=newest_capture)
+    if answer.scene_id != shown.id:
+        shown = client.scene(answer.scene_id)
     labels = [match.label for match in answer.matches if match.relevant]
     return Found(
         scene=shown.id,
@@ -345,8 +357,8 @@ def scene_status(client: Client, scene: str) -> JobStatus:
     )
 
 
-def _ask(client: Client, scene_id: str, text: str, asker_view: str | None = None) -> Answer:
-    (answer,) = client.query(scene_id, text, outputs=["objects"], asker_view=asker_view)
+def _ask(client: Client, scene_id: str, text: str, **choices: Any) -> Answer:
+    (answer,) = client.query(scene_id, text, outputs=["objects"], **choices)
     return answer
 
 

@@ -922,7 +922,7 @@ class OpenSampleRequest(_message.Message):
     def __init__(self) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional", "thing_count")
+    __slots__ = ("id", "name", "state", "operation_id", "created_at", "gaussians", "scale", "dictionary", "cameras", "quality", "version", "label_count", "camera_count", "assessment", "scaling", "vertical", "alignment", "provisional", "thing_count", "captured_at")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     STATE_FIELD_NUMBER: _ClassVar[int]
@@ -942,6 +942,7 @@ class Scene(_message.Message):
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
     THING_COUNT_FIELD_NUMBER: _ClassVar[int]
+    CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
     state: SceneState
@@ -961,7 +962,8 @@ class Scene(_message.Message):
     alignment: SceneAlignment
     provisional: Provisional
     thing_count: int
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., thing_count: _Optional[int] = ...) -> None: ...
+    captured_at: _timestamp_pb2.Timestamp
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., state: _Optional[_Union[SceneState, str]] = ..., operation_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., gaussians: _Optional[int] = ..., scale: _Optional[_Union[Scale, str]] = ..., dictionary: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., quality: _Optional[_Union[_struct_pb2.Struct, _Mapping]] = ..., version: _Optional[str] = ..., label_count: _Optional[int] = ..., camera_count: _Optional[int] = ..., assessment: _Optional[_Union[Assessment, _Mapping]] = ..., scaling: _Optional[_Union[SceneScaling, _Mapping]] = ..., vertical: _Optional[_Union[SceneVertical, _Mapping]] = ..., alignment: _Optional[_Union[SceneAlignment, _Mapping]] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ..., thing_count: _Optional[int] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class DictionaryEntry(_message.Message):
     __slots__ = ("label_id", "label", "aliases", "pixels", "views", "gaussian_count")
@@ -1116,12 +1118,14 @@ class GetSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("page_size", "page_token")
+    __slots__ = ("page_size", "page_token", "place")
     PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
     PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
+    PLACE_FIELD_NUMBER: _ClassVar[int]
     page_size: int
     page_token: str
-    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
+    place: str
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ..., place: _Optional[str] = ...) -> None: ...
 
 class ListScenesResponse(_message.Message):
     __slots__ = ("scenes", "next_page_token")
@@ -1968,7 +1972,7 @@ class WatchOperationRequest(_message.Message):
     def __init__(self, operation_id: _Optional[str] = ...) -> None: ...
 
 class QueryRequest(_message.Message):
-    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view")
+    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view", "newest_capture")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXTS_FIELD_NUMBER: _ClassVar[int]
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
@@ -1983,6 +1987,7 @@ class QueryRequest(_message.Message):
     MASK3D_ENCODING_FIELD_NUMBER: _ClassVar[int]
     ASKER_FIELD_NUMBER: _ClassVar[int]
     ASKER_VIEW_FIELD_NUMBER: _ClassVar[int]
+    NEWEST_CAPTURE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     texts: _containers.RepeatedScalarFieldContainer[str]
     cameras: _containers.RepeatedCompositeFieldContainer[PosedCamera]
@@ -1997,7 +2002,8 @@ class QueryRequest(_message.Message):
     mask3d_encoding: Mask3dEncoding
     asker: Pose
     asker_view: str
-    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
+    newest_capture: bool
+    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ..., newest_capture: _Optional[bool] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("scene_id", "text", "verdict", "explanation", "matches", "probability", "label_set", "coverage", "decided_by", "threshold", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from fastsplat_contract.scenes import SceneObject
 
 _log = logging.getLogger(__name__)
 
-_MAX_SKIPPED = 1_000
+MAX_SKIPPED = 1_000
 _OF_GAUSSIANS = frozenset({"mask3d", "objects"})
 
 AskOne = Callable[[TextQuery, QueryRequest], tuple[Answer, ...]]
@@ -74,22 +74,36 @@ class AllScenes:
             LimitExceededError, CancelledError: as `Answers.query`.
         """
         _check_everywhere(request)
-        ready = self._store.scenes.ready_scene_ids()
+        each, skipped = self.asked(query, request, self._store.scenes.ready_scene_ids())
+        answers = tuple(answer for answers in each for answer in answers)
+        return QueryOut(answers, tuple(skipped[:MAX_SKIPPED]), len(skipped))
+
+    def asked(
+        self, query: TextQuery, request: QueryRequest, scene_ids: Sequence[str]
+    ) -> tuple[list[tuple[Answer, ...]], list[SkippedScene]]:
+        """The answers of each of some scenes, in their order, and those scenes that were not asked: damaged ones, and
+        those beyond the limit. Those that are deleted meanwhile are in neither.
+
+        Args:
+            query: what is asked.
+            request: the same, with the outputs; its scene does not matter.
+            scene_ids: which scenes.
+        """
         limit = self._calls.max_queried_scenes
-        answers: list[Answer] = []
+        answers: list[tuple[Answer, ...]] = []
         skipped: list[SkippedScene] = []
-        for scene_id in ready[:limit]:
+        for scene_id in scene_ids[:limit]:
             check_cancelled()
             try:
-                answers.extend(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
+                answers.append(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
             except (NotFoundError, NotReadyError):
                 continue  # deleted since it was listed
             except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
-                _log.warning("scene %s is left out of a question to all: %s", scene_id, error)
+                _log.warning("scene %s is left out of a question to several: %s", scene_id, error)
                 skipped.append(SkippedScene(scene_id, error.reason, error.message))
         over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
-        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in ready[limit:])
-        return QueryOut(tuple(answers), tuple(skipped[:_MAX_SKIPPED]), len(skipped))
+        skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in scene_ids[limit:])
+        return answers, skipped
 
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
@@ -97,6 +111,7 @@ class AllScenes:
         answers = self._known_names.suggesting(request.scene_id, ranked).answer(
             query,
             lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things),
+            None if request.asker is None else request.asker.matrix(),
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):

@@ -15,6 +15,7 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.capture.uploads.photo_exclusion import ON_REQUEST
 from fastsplat.service.scene.alignment import alignment_from_json, frame_similarity
 from fastsplat.service.scene.assessment import assess
+from fastsplat.service.scene.capture_times import newest_photo_at
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.scaling import capture_scale_source, capture_scaling, scaling_from_json
 from fastsplat.service.scene.upright import vertical_of
@@ -99,6 +100,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         version=record.version,
         label_count=len(record.dictionary),
         thing_count=record.things,
+        captured_at=newest_photo_at(record.quality),
     )
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 
+from fastsplat.service.scene.capture_times import newest_photo_at
 from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.observations import in_frame
-from fastsplat.service.scene.types import TAKEN_AT, Scene
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.localize_messages import SceneChange
 from fastsplat_contract.observation_messages import Observation
 
@@ -82,9 +83,7 @@ def scene_history(scene: Scene) -> SceneHistory:
     frame = frame_of(scene)
     placed = [replace(in_frame(each, frame), meters=scene.scale == "METRIC") for each in scene.observations]
     observations = tuple(sorted(placed, key=lambda each: each.seen_at))
-    taken = scene.quality.get(TAKEN_AT)
-    times = [float(each) for each in taken.values()] if isinstance(taken, Mapping) else []
-    made_at = datetime.fromtimestamp(max(times), UTC) if times else None
+    made_at = newest_photo_at(scene.quality)
     found: dict[int, list[Sighting]] = {}
     for each in observations:
         changed = {change.thing_id: change for change in each.changes if change.thing_id}

@@ -1,0 +1,68 @@
+"""What a capture saw of a place: that it is empty, that something is there, or nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fastsplat.service.query.things.place_sight import place_sight
+from fastsplat.service.scene.types import Scene
+from fastsplat_contract.poses import look_at
+from tests.localization.textured_room import CAMERA, textured_room
+
+_LABELS = ("left wall", "back wall", "floor", "cube")
+
+
+def _cube() -> np.ndarray:
+    """float64 [K, 3], the Gaussians of the cube."""
+    shape = textured_room(block=True, labels=_LABELS).gaussians.means.astype(np.float64)
+    return shape[len(textured_room().gaussians.means) :]
+
+
+def _looking_up(scene: Scene) -> Scene:
+    """With the same cameras, none of which has the floor in its picture."""
+    turned = (
+        replace(
+            each,
+            camera=CAMERA,
+            world_from_camera=look_at(
+                each.world_from_camera[:3, 3], each.world_from_camera[:3, 3] * [0.2, 0.2, 1.0] + [0.0, 0.0, 3.0]
+            ),
+        )
+        for each in scene.cameras
+    )
+    return replace(scene, cameras=tuple(turned))
+
+
+@pytest.mark.parametrize(
+    ("scene", "seen"),
+    [
+        (textured_room(), "empty"),
+        (textured_room(block=True), "filled"),
+        (_looking_up(textured_room()), "unseen"),
+        (replace(textured_room(), cameras=()), "unseen"),
+    ],
+    ids=["nothing is there", "the cube is there", "no picture has it", "no cameras"],
+)
+def test_a_place_is_empty_filled_or_unseen(scene: Scene, seen: str) -> None:
+    assert place_sight(scene, _cube()) == seen
+
+
+def test_what_is_hidden_is_unseen() -> None:
+    """The inside of a cube, of a capture that has one there."""
+    cube = _cube()
+    inside = cube.mean(axis=0) + 0.3 * (cube - cube.mean(axis=0))
+    assert place_sight(textured_room(block=True), inside) == "unseen"
+    assert place_sight(textured_room(), inside) == "empty"
+
+
+def test_before_nothing_a_place_is_unseen() -> None:
+    """Where nothing was reconstructed behind it, nothing says that one looked through."""
+    room = textured_room()
+    far = np.linalg.norm(room.gaussians.means, axis=1) > 100.0
+    bare = replace(
+        room, gaussians=replace(room.gaussians, **{name: values[far] for name, values in vars(room.gaussians).items()})
+    )
+    assert place_sight(bare, _cube()) == "unseen"
