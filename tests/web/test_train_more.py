@@ -19,7 +19,9 @@ def test_a_scene_is_trained_further(place: Place, browser: Browser, own: str) ->
         expect(status).to_contain_text("Waiting for a worker.")
         visit.check_accessible()
         assert visit.fits()
-        (job,) = [each for each in service.list_operations().operations if each.kind == "train_more"]
+        (job,) = [
+            each for each in service.list_operations().operations if each.kind == "train_more" and each.scene_id == own
+        ]
         order = service._store.scenes.operation(job.id).order
         assert order["preset"] == "draft"
         visit.page.get_by_role("button", name="Cancel", exact=True).click()

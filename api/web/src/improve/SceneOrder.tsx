@@ -27,8 +27,8 @@ interface Props extends FollowProps {
   call: string;
   /** Its body, without the request id. */
   body: (form: FormData) => object;
-  /** The fields of the form. */
-  children: ComponentChildren;
+  /** The fields of the form; there may be none. */
+  children?: ComponentChildren;
 }
 
 /** A form that orders a job for a finished scene; the job is followed to its end. */
