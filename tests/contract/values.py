@@ -70,7 +70,7 @@ def _one_of_each(values: dict[str, Any], fields: Mapping[str, Any]) -> dict[str,
 def _member(member: Member, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrategy[Any]:
     values = _value(member.kind, field, bounds)
     if member.many:
-        least, most = bounds.get("minItems", 0), bounds.get("maxItems", 3)
+        least, most = bounds.get("minItems", 0), min(bounds.get("maxItems", 3), 3)
         values = st.lists(values, min_size=least, max_size=most).map(frozenset if member.name == "outputs" else tuple)
     if not member.optional:
         return values
@@ -97,7 +97,11 @@ def _value(kind: Any, field: Any, bounds: Mapping[str, Any]) -> st.SearchStrateg
             allow_infinity=False,
         )
     if kind is str:
-        return st.just("world") if field is not None and field.name == "frame_id" else _TEXT
+        if field is not None and field.name == "frame_id":
+            return st.just("world")
+        if "pattern" in bounds:
+            return st.from_regex(bounds["pattern"].replace("$", r"\Z"))
+        return _TEXT.filter(lambda text: len(text) >= bounds.get("minLength", 0))
     if kind is bytes:
         return st.binary(max_size=20)
     if kind is datetime:
