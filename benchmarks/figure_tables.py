@@ -193,12 +193,10 @@ def _rooms(document: Document) -> Iterator[Row]:
     for name, row in (*document["rows"].items(), ("mean", document["mean"])):
         cells = [f"{row[each]:.2f}" for each in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
         for part, whole in named:
-            if f"names_{whole}" not in row:
-                cells.append("–")  # of a run that did not count them
-            elif name == "mean":
-                cells.append(f"{row[f'names_{part}_share']:.0%}")
-            else:
-                cells.append(f"{row[f'names_{part}']} of {row[f'names_{whole}']}")
+            told = (
+                f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if f"names_{whole}" in row else "–"
+            )  # not counted
+            cells.append(f"{row[f'names_{part}_share']:.0%}" if name == "mean" and told != "–" else told)
         yield name, *cells, f"{row['outside_box']:.1%}"
 
 

@@ -49,7 +49,7 @@ print("\\n" + json.dumps({name: packages.count(name) for name in %r}))
         ("import fastsplat.workers.trainer", 10, set()),
         ("import fastsplat.workers.supervisor", 88, {"sqlalchemy"}),
         ("import fastsplat.service.query.scene_index", 107, {"scipy", "cv2"}),
-        ("import fastsplat.api.server", 363, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
+        ("import fastsplat.api.server", 365, {"sqlalchemy", "scipy", "cv2", "grpc", "fastapi"}),
     ],
     ids=[
         "package",

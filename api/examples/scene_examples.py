@@ -21,8 +21,9 @@ from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
 from fastsplat_contract.phrase_messages import PhraseAnswer, Witness
+from fastsplat_contract.pictures import RenderIn, Tint
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, RenderIn, SkippedScene, Tint
+from fastsplat_contract.queries import Answer, Match, QueryIn, QueryOut, SkippedScene
 from fastsplat_contract.scenes import (
     Color,
     DictionaryEntry,

@@ -16,15 +16,8 @@ from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
 from fastsplat_contract.masks import Mask3dEncoding
 from fastsplat_contract.members import description_of
-from fastsplat_contract.queries import (
-    PictureFormat,
-    PictureKind,
-    PictureRequest,
-    QueryIn,
-    QueryOut,
-    QueryRequest,
-    RenderIn,
-)
+from fastsplat_contract.pictures import PictureFormat, PictureKind, PictureRequest, RenderIn
+from fastsplat_contract.queries import QueryIn, QueryOut, QueryRequest
 
 _PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {

@@ -15,7 +15,8 @@ from fastsplat.cli.demo.sheet import caption_of, write_sheet
 from fastsplat_client import Client
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.queries import Answer, PictureKind
+from fastsplat_contract.pictures import PictureKind
+from fastsplat_contract.queries import Answer
 from fastsplat_contract.scenes import Scene
 from fastsplat_contract.thing_messages import SceneThing
 

@@ -50,9 +50,10 @@ from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.next_photo_messages import NextPhoto
 from fastsplat_contract.observation_messages import Observation, ObservedPhoto
 from fastsplat_contract.operations import Operation, OperationError, SceneOptions, StageProgress
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place, PointPair
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import Answer, Match, PictureRequest, QueryRequest
+from fastsplat_contract.queries import Answer, Match, QueryRequest
 from fastsplat_contract.scenes import (
     Color,
     DictionaryEntry,

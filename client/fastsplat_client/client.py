@@ -37,16 +37,8 @@ from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoVerdict
-from fastsplat_contract.queries import (
-    Answer,
-    CameraFormat,
-    Output,
-    PictureKind,
-    PictureRequest,
-    QueryOut,
-    QueryRequest,
-    Tint,
-)
+from fastsplat_contract.pictures import PictureKind, PictureRequest, Tint
+from fastsplat_contract.queries import Answer, CameraFormat, Output, QueryOut, QueryRequest
 from fastsplat_contract.scenes import (
     DictionaryEntry,
     Scene,
@@ -210,8 +202,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
     def scenes(self, *, place: str = "") -> Iterator[SceneSummary]:
-        """All scenes, newest first, page by page, without dictionary, cameras and quality; with the id of a scene as
-        `place` only the captures of its place, the newest photos first."""
+        """All scenes, newest first, without dictionary, cameras and quality; of a scene as `place` its captures."""
         pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest(place=place))
         return (scene for page in pages for scene in page.scenes)
 
@@ -263,8 +254,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
             timeout_s: when to give up; the server then stops, too.
-            choices: other fields of `QueryRequest`, as version, coverage, max_matches, asker, asker_view,
-                newest_capture.
+            choices: other fields of `QueryRequest`, as version, max_matches, asker_view, newest_capture.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)

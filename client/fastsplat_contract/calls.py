@@ -42,7 +42,8 @@ from fastsplat_contract.operating_messages import CreateProjectRequest, GetJobLo
 from fastsplat_contract.operations import JobEstimate, Operation, OperationList
 from fastsplat_contract.photo_messages import BestViewList, PhotoList
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.queries import PictureRequest, QueryOut, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
     AlignToSceneRequest,

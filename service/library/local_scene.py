@@ -25,8 +25,9 @@ from fastsplat_contract.errors import NotFoundError, NotReadyError
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
+from fastsplat_contract.pictures import PictureKind, PictureRequest
 from fastsplat_contract.places import Place
-from fastsplat_contract.queries import Answer, Output, PictureKind, PictureRequest, QueryRequest
+from fastsplat_contract.queries import Answer, Output, QueryRequest
 from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, SceneThing
 

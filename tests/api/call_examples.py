@@ -17,9 +17,9 @@ from fastsplat_contract.known_names import NamePack, PackedName
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
+from fastsplat_contract.pictures import PictureRequest, Tint
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.queries import PictureRequest, Tint
 from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest

@@ -20,8 +20,8 @@ from fastsplat_client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.proto_codec import from_proto
-from fastsplat_contract.queries import PictureRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import LABELS, turned
 from tests.api.served import Faces, rest_refusal, rpc_refusal

@@ -18,8 +18,9 @@ from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.masks import decode_mask3d
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.places import Alignment
-from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.call_examples import BOUNDS_OF_THE_URL, EXAMPLES, RED, UP, Example

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from fastsplat_client import Client
-from fastsplat_contract.queries import Tint
+from fastsplat_contract.pictures import Tint
 from fastsplat_contract.scenes import Color
 from tests.api.served import Faces
 

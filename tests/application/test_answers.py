@@ -24,7 +24,8 @@ from fastsplat_contract.errors import (
     NotReadyError,
     SceneFileError,
 )
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from tests.application.conftest import ENCODER
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))

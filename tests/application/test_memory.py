@@ -18,7 +18,8 @@ from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import CancelledError, LimitExceededError
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Color, Edit
 
 _PEAKS = """
@@ -37,7 +38,7 @@ from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.queries import PictureKind, PictureRequest
+from fastsplat_contract.pictures import (PictureKind, PictureRequest)
 from tests.scenes import labelled_scene
 
 SIDE, COUNT = 1800, 30_000

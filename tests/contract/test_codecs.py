@@ -17,10 +17,11 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_json, from_plain, path_of, to_json, to_plain
 from fastsplat_contract.members import members
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.pieces import answers_of, messages_of
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.proto_codec import from_proto, message_class, to_proto
-from fastsplat_contract.queries import Answer, PictureRequest, QueryRequest
+from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from fastsplat_contract.wire import Request

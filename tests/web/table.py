@@ -15,8 +15,8 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import SH_C0, Scene
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.poses import look_at
-from fastsplat_contract.queries import PictureRequest
 from tests.api.made_scene import ENCODER, LABELS
 from tests.scenes import add_photos, labelled_scene, store_scene
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from tests.web.browser import visiting
 from tests.web.glow import SELECTED, canvas_pixels, glowing, overlap, page_camera, pixels_of
 from tests.web.places import Place

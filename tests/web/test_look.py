@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Locator, expect
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.camera import Camera, PosedCamera
-from fastsplat_contract.queries import PictureRequest
+from fastsplat_contract.pictures import PictureRequest
 from tests.web.browser import Visit, drawn, visiting
 from tests.web.glow import pixels_of
 from tests.web.places import Place

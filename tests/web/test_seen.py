@@ -18,8 +18,8 @@ from playwright.sync_api import Browser, expect
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.sample_scene import unpack_sample
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.poses import Box
-from fastsplat_contract.queries import PictureRequest
 from tests.web.browser import visiting
 from tests.web.glow import scene_up, view_camera
 from tests.web.places import Place, running

@@ -8,7 +8,8 @@ import re
 import numpy as np
 from playwright.sync_api import Browser, Page, Request, expect
 
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from tests.web.browser import visiting
 from tests.web.glow import FOUND, canvas_pixels, overlap, page_camera, pixels_of
 from tests.web.places import Place

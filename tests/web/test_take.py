@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.exports import ExportRequest
-from fastsplat_contract.queries import PictureRequest
+from fastsplat_contract.pictures import PictureRequest
 from tests.web.browser import Visit, visiting
 from tests.web.glow import view_camera
 from tests.web.places import Place

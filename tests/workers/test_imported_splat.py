@@ -20,7 +20,8 @@ from fastsplat.service.scene.ply import read_ply, write_ply
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import Operation, SceneOptions
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from tests.instances.made_room import CAMERA, NAMES, Room, make_room
 
 _ROOT = Path(__file__).parent.parent.parent

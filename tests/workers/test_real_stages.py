@@ -21,7 +21,8 @@ from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.operations import Operation, SceneOptions
-from fastsplat_contract.queries import PictureRequest, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import QueryRequest
 from tests.small_tabletop import small_tabletop
 from tests.trained_scenes import trained_tabletop
 

@@ -9,8 +9,8 @@ from fastsplat_client.assistant.tools import resolve_scene
 from fastsplat_client.client import Client
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.pictures import Tint
 from fastsplat_contract.poses import look_at
-from fastsplat_contract.queries import Tint
 from fastsplat_contract.scenes import Color, Scene
 
 _MOST_PIXELS_A_SIDE = 768

@@ -6,6 +6,7 @@ be said in meters.
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,10 +15,12 @@ from fastsplat_contract.job_watching import DraftStage
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.queries import Outcome, Relation
-from fastsplat_contract.thing_messages import PickLevel, ThingKind
+from fastsplat_contract.thing_messages import PickLevel, SceneThing, ThingKind
 
 Unit = Literal["m", "scene units"]
 Point = tuple[float, float, float]
+
+_MOST_CHARS = 80
 
 
 @dataclass(frozen=True)
@@ -344,3 +347,16 @@ class JobStatus:
 def point(values: Vector3) -> Point:
     """The three numbers, to a tenth of a thousandth: more is noise to a reader."""
     return (round(values.x, 4), round(values.y, 4), round(values.z, 4))
+
+
+def brief_of(thing: SceneThing) -> ThingBrief:
+    """A thing as an assistant is told of it."""
+    box = thing.box
+    center, size = (None, None) if box is None else (point(box.center.position), point(box.size))
+    says = [read.text for read in thing.reads]
+    return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size, says)
+
+
+def plain(text: str) -> str:
+    """A text on one line, without what changes how others are read, as reversed writing."""
+    return "".join(" " if unicodedata.category(each)[0] in "CZ" else each for each in text[:_MOST_CHARS])

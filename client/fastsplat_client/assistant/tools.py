@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import math
 import re
-import unicodedata
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
@@ -44,6 +43,8 @@ from fastsplat_client.assistant.tool_results import (
     Unit,
     Where,
     WhereAbouts,
+    brief_of,
+    plain,
     point,
 )
 from fastsplat_client.client import Client
@@ -58,7 +59,6 @@ _MOST_OFFERED = 20
 _MOST_NAMES = 100
 _MOST_THINGS = 100
 _MOST_IDS = 500
-_MOST_CHARS = 80
 _MOST_WITNESSES = 20
 _BELOW_1 = math.nextafter(1.0, 0.0)
 SCENE_ID = re.compile("[0-9a-f]{32}")
@@ -84,7 +84,7 @@ def resolve_scene(client: Client, scene: str) -> Scene:
             break
     if len(fitting) == 1:
         return client.scene(fitting[0].id)
-    names = "; ".join(f"{each.id} ({_plain(each.name)})" for each in (fitting or listed)[:_MOST_OFFERED])
+    names = "; ".join(f"{each.id} ({plain(each.name)})" for each in (fitting or listed)[:_MOST_OFFERED])
     count = f"more than {_MOST_OFFERED}" if len(fitting) > _MOST_OFFERED else str(len(fitting))
     what = f"{count} scenes fit {scene[:80]!r}" if scene else f"{count} scenes are ready, and none was named"
     raise InvalidInputError(
@@ -142,7 +142,7 @@ def list_things(client: Client, scene: str, name: str, limit: int) -> Things:
         shown.id,
         shown.version,
         unit_of(shown),
-        [_brief(each) for each in bearing[:limit]],
+        [brief_of(each) for each in bearing[:limit]],
         max(0, len(bearing) - limit),
     )
 
@@ -163,8 +163,8 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
         shown.id,
         picked.version,
         unit_of(shown),
-        _brief(picked.thing),
-        None if picked.part is None else _brief(picked.part),
+        brief_of(picked.thing),
+        None if picked.part is None else brief_of(picked.part),
         [LevelBrief(each.level, each.id, list(each.members), round(each.probability, 3)) for each in picked.levels],
         picked.level,
         0 if picked.mask is None else picked.mask.area,
@@ -371,18 +371,13 @@ def _briefs(client: Client, answer: Answer, ids: Sequence[int]) -> list[ThingBri
             found[each.id] = each
         if len(found) == len(wanted):
             break  # what follows is pages of things that nobody asked for
-    return [_brief(found[number]) for number in wanted if number in found]
+    return [brief_of(found[number]) for number in wanted if number in found]
 
 
 def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
     """What a thing is called, without regard to case; "" for a thing without a name, or none."""
     things = client.things(scene.id, version=scene.version, parts=True)
     return next((each.name.casefold() for each in things if each.id == thing_id), "")
-
-
-def _plain(text: str) -> str:
-    """A text on one line, without what changes how others are read, as reversed writing."""
-    return "".join(" " if unicodedata.category(each)[0] in "CZ" else each for each in text[:_MOST_CHARS])
 
 
 def _leading_objects(answer: Answer) -> list[SceneObject]:
@@ -401,10 +396,3 @@ def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> 
         [known_length(side) for side in measured.sides],
         list(islice(each.best_views, 3)),
     )
-
-
-def _brief(thing: SceneThing) -> ThingBrief:
-    box = thing.box
-    center, size = (None, None) if box is None else (point(box.center.position), point(box.size))
-    says = [read.text for read in thing.reads]
-    return ThingBrief(thing.id, thing.name, round(thing.probability, 3), thing.kind, center, size, says)

@@ -32,7 +32,8 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.queries import Answer, PictureRequest, QueryOut, QueryRequest
+from fastsplat_contract.pictures import PictureRequest
+from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
 from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 

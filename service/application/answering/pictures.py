@@ -16,7 +16,7 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.queries import PictureKind, PictureRequest
+from fastsplat_contract.pictures import PictureKind, PictureRequest
 
 _ASKING: tuple[PictureKind, ...] = ("overlay", "relevancy", "mask")
 _ARRAYS: tuple[PictureKind, ...] = ("label_map", "thing_map", "depth", "normals", "confidence")

@@ -21,7 +21,7 @@ from fastsplat.service.settings import CallSettings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import FastSplatError, LimitExceededError
 from fastsplat_contract.masks import Mask3dEncoding
-from fastsplat_contract.queries import PictureKind
+from fastsplat_contract.pictures import PictureKind
 
 _POLL_S = 0.1
 _FORGOTTEN_S = 5.0
