@@ -26,7 +26,9 @@ USUAL_LABELS = 30
 _POINTS_A_PHOTO = 130
 _PROMISING_PAIRS = 0.65
 """Of the pairs that are asked for an image, as two images often choose each other."""
-_SEARCH_S, _SEGMENT_S, _MODELS_S = 0.17, 3.6, 1.2
+_SEARCH_S, _SEGMENT_S, _MODELS_S = 0.11, 1.5, 1.2
+_DRAFT_S = 3.5
+"""Of the scene on the capture's points, which is made while the first views are known."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def later_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[st
     """As `job_seconds`, of the stages after the capture."""
     perception, count = settings.perception, photos.count
     masks = settings.discovery.proposes(given_labels=False)
-    cost = PerceptionCost(_MODELS_S, _SEARCH_S, _SEGMENT_S, perception.proposal_views if masks else 0)
+    cost = PerceptionCost(_MODELS_S + _DRAFT_S, _SEARCH_S, _SEGMENT_S, perception.proposal_views if masks else 0)
     width, height = _reduced(photos, settings.capture.max_side)
     size = SceneSize(count, width, height, _POINTS_A_PHOTO * count, labels=0)
     seen = min(perception.proposal_views or count, count)
@@ -73,7 +75,8 @@ def later_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[st
 def capture_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> float:
     """Seconds until the photos have places: read, features, pairs, the mapper one photo after another.
 
-    Fitted to CPU seconds of captures of 25, 26 and 49 photos of 0.17 to 0.75 megapixels.
+    Fitted to CPU seconds of captures of 10 and 26 photos of 0.17 megapixels and 10 of 0.75, and to seconds of 26. A
+    kitchen of 25 photos took nearly twice as much, as did 60 photos of a made room that is all texture.
     """
     capture, count = settings.capture, photos.count
     width, height = _reduced(photos, capture.sfm_max_side)
@@ -81,9 +84,9 @@ def capture_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> float
     pairs = count * (count - 1) / 2
     if count > capture.exhaustive_images:
         pairs = min(pairs, _PROMISING_PAIRS * capture.pairs_per_image * count)
-    parallel = count * (0.126 + 0.69 * megapixels) + pairs * (0.02 + 0.05 * megapixels)
-    serial = 3.0 + count * (0.19 + 0.15 * min(sent, 2.0) + 0.03 * sent)
-    serial += 0.0065 * count * min(count, capture.global_mapping_images)
+    parallel = count * (0.075 + 0.225 * megapixels) + pairs * (0.015 + 0.0125 * min(megapixels, 1.0))
+    serial = 0.5 + count * (0.1 + 0.1 * min(sent, 2.0) + 0.03 * sent)
+    serial += 0.0025 * count * min(count, capture.global_mapping_images)
     return parallel / speed.steps + serial / speed.serial
 
 
