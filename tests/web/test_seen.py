@@ -153,3 +153,20 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
     shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
     assert len(shares) > _GESTURES / 4  # the camera is no prisoner
     assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
+
+
+def test_where_the_server_draws_no_gesture_leaves_what_was_seen(sample: Place, browser: Browser) -> None:
+    draw = random.Random(6)
+    gestures = [[draw.choice([*_KEYS, "wheel"]), draw.random() < 0.4, draw.randint(1, 8)] for _ in range(60)]
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    with visiting(browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
+        assert visit.page.evaluate("document.createElement('canvas').getContext('webgl2')") is None
+        canvas = visit.scene_shown()
+        expect(canvas).to_have_attribute("data-drawn", "server")
+        box = canvas.bounding_box()
+        assert box is not None
+        views = canvas.evaluate(_PERFORMED, gestures)
+    covered = _Covered(sample)
+    shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
+    assert len(shares) > len(gestures) / 4
+    assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
