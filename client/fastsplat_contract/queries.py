@@ -230,7 +230,7 @@ class Answer(Response):
         float | None,
         Field(
             description="calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of "
-            "different texts or scenes; absent without calibration"
+            "different texts or scenes; absent without calibration, and where the closest is known to be something else"
         ),
     ] = None
     things: Annotated[

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.common.dictionary import label_key
-from fastsplat.service.query.language.common_things import COLUMNS, FILE, KnownLabels, common_things
+from fastsplat.service.query.language.common_things import COLUMNS, FILE, KnownLabels, are_other_things, common_things
 from fastsplat.service.query.language.embeddings import TextCache
 from fastsplat.service.query.settings import QuerySettings
 from tests.query.conftest import DrawnEncoder
@@ -90,3 +90,36 @@ def test_no_labels_are_no_rows(calibrated_encoder: DrawnEncoder) -> None:
     known = KnownLabels([], TextCache(calibrated_encoder, QuerySettings().templates, 9))
     question = np.zeros(8, dtype=np.float32)
     assert known.compare("mug", question, np.zeros(0)).shape == (0, len(COLUMNS))
+
+
+@pytest.mark.parametrize(
+    ("asked", "label"),
+    [("chair", "dining table"), ("sofa", "dining table"), ("bookcase", "stool"), ("desk", "armchair")],
+)
+def test_two_things_of_the_list_are_other_things_both_ways(asked: str, label: str) -> None:
+    assert are_other_things(asked, [label]) and are_other_things(label, [asked])
+
+
+@pytest.mark.parametrize(
+    ("asked", "label"),
+    [
+        *(("chair", "chair"), ("couch", "sofa"), ("kitchen table", "dining table")),  # one thing by two names
+        *(
+            ("furniture", "dining table"),
+            ("table", "dining table"),
+            ("fruit", "banana"),
+        ),  # a kind of what was asked for
+        ("fork", "spoon"),  # of the same kinds
+        *(("coffee", "cup"), ("tea", "coffee machine"), ("umbrella", "vase")),  # of no common kind
+        *(("xyzzy", "dining table"), ("chair", "xyzzy"), ("very old chair", "dining table")),  # not in the list
+    ],
+)
+def test_nothing_else_is_said_to_be_another_thing(asked: str, label: str) -> None:
+    assert not are_other_things(asked, [label])
+
+
+@given(line=st.sampled_from(_LINES))
+def test_no_thing_is_another_than_itself_or_its_kind(line: str) -> None:
+    name, others, kinds, _ = (part.strip() for part in line.split("|"))
+    for other in (*others.split(","), *kinds.split(",")):
+        assert not other or not are_other_things(other.strip(), [name])

@@ -153,3 +153,40 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
     shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
     assert len(shares) > _GESTURES / 4  # the camera is no prisoner
     assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
+
+
+def test_where_the_server_draws_no_gesture_leaves_what_was_seen(sample: Place, browser: Browser) -> None:
+    draw = random.Random(6)
+    gestures = [[draw.choice([*_KEYS, "wheel"]), draw.random() < 0.4, draw.randint(1, 8)] for _ in range(60)]
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    with visiting(browser, sample.url, f"#/scenes/{sample.scene_id}", device_scale_factor=0.25) as visit:
+        assert visit.page.evaluate("document.createElement('canvas').getContext('webgl2')") is None
+        canvas = visit.scene_shown()
+        expect(canvas).to_have_attribute("data-drawn", "server")
+        box = canvas.bounding_box()
+        assert box is not None
+        views = canvas.evaluate(_PERFORMED, gestures)
+    covered = _Covered(sample)
+    shares = {view: covered.of(_camera(view, box, up)) for view in set(views)}
+    assert len(shares) > len(gestures) / 4
+    assert min(shares.values()) >= 0.6, sorted(shares.values())[:5]
+
+
+def test_an_idle_view_turns_within_what_was_seen_until_the_first_touch(sample: Place, webgl_browser: Browser) -> None:
+    up = scene_up(sample.service.get_scene(sample.scene_id).cameras)
+    options = {"device_scale_factor": 0.25, "reduced_motion": "no-preference"}
+    with visiting(webgl_browser, sample.url, f"#/scenes/{sample.scene_id}", **options) as visit:
+        canvas = visit.page.locator("canvas[role=application]")
+        expect(canvas).to_have_attribute("data-drawn", "webgl", timeout=60_000)
+        views = [canvas.get_attribute("data-view") or ""]
+        for _ in range(3):
+            expect(canvas).not_to_have_attribute("data-view", views[-1])
+            views.append(canvas.get_attribute("data-view") or "")
+        visit.page.keyboard.press("Shift")
+        views.append(canvas.get_attribute("data-view") or "")
+        visit.at_rest()
+        assert canvas.get_attribute("data-view") == views[-1]
+        box = canvas.bounding_box()
+        assert box is not None
+    covered = _Covered(sample)
+    assert min(covered.of(_camera(view, box, up)) for view in views) >= 0.6

@@ -67,6 +67,29 @@ def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
     return (), False
 
 
+def are_other_things(text: str, names: Sequence[str]) -> bool:
+    """Whether the list tells a text from what bears these names, by the whole names of both: it counts them among a
+    common kind, but has most kinds of one alone. A chair is no dining table, though both are furniture. A fork and a
+    spoon, of the same kinds, may stand in for each other; coffee is what a cup is for.
+
+    Args:
+        text: a name, without question words and articles.
+        names: of one label.
+    """
+    asked, whole = common_things(text)
+    found = [things for things, sure in map(common_things, names) if sure]
+    if not whole or not found:
+        return False
+    labeled = {thing for things in found for thing in things}
+    own = {label_key(name) for name in names} | {name for thing in labeled for name in thing.names}
+    wanted = {label_key(text)} | {name for thing in asked for name in thing.names}
+    above = {kind for thing in asked for kind in thing.kinds}
+    below = {kind for thing in labeled for kind in thing.kinds}
+    if own & (wanted | above) or below & wanted or stems(text) <= _use_words(labeled):
+        return False
+    return 0 < 2 * len(above & below) < len(above | below)
+
+
 class KnownLabels:
     """What the list knows of N labels. Threads may share it.
 

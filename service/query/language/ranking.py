@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.language.answer_relation import answer_relation, stands_for
 from fastsplat.service.query.language.calibration import calibration_key
+from fastsplat.service.query.language.common_things import are_other_things
 from fastsplat.service.query.language.embeddings import TextCaches, text_caches
 from fastsplat.service.query.language.english import NoQuestion, names_nothing, no_question
 from fastsplat.service.query.language.judgement import Judgement, Mask
 from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
 from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
+from fastsplat.service.query.language.noun_phrases import parse_noun_phrase
 from fastsplat.service.query.language.probability import (
     Belief,
     believed,
@@ -268,7 +270,15 @@ class Ranker:
             unchecked = " ".join(words for words in (before, unchecked) if words)
         ids = np.flatnonzero(standing & judged.relevant) + 1
         compared = context.related is not None or meant is not None
-        return Ranked(answer, frozenset(ids.tolist()), Remarks(unchecked, unread, calibrated=compared))
+        other = meant is None and (judged.verdict, relation) == ("related", "related")
+        other = other and self._is_other(text, int(order[0]))
+        return Ranked(answer, frozenset(ids.tolist()), Remarks(unchecked, unread, other=other, calibrated=compared))
+
+    def _is_other(self, text: str, row: int) -> bool:
+        """Whether an entry that grammar makes no kind of the question is known to be another thing than it names. An
+        encoder alone finds things near that merely stand in one room; the lexicon's model weighs kinds itself."""
+        entry = self._made_of[0].dictionary.entries[row]
+        return are_other_things(parse_noun_phrase(text).text, (entry.label, *entry.aliases))
 
     def _without_suggested(self, judged: Judgement) -> Judgement:
         """A judgement in which names that are merely suggested stand back behind those that things bear; alone they

@@ -76,6 +76,7 @@ class Remarks:
         head: what alone a phrase was looked up by, because nothing here is that; "" otherwise.
         by_shape: whether surfaces without a name answer, by their shape and place.
         by_looks: whether things answer by their looks, whatever they are called.
+        other: whether what comes closest is known to be another thing than the one that was asked for.
         calibrated: whether other words than names were compared.
     """
 
@@ -85,6 +86,7 @@ class Remarks:
     head: str = ""
     by_shape: bool = False
     by_looks: bool = False
+    other: bool = False
     calibrated: bool = True
 
 
@@ -127,6 +129,10 @@ def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSp
         if answer.phrase is not None and not remarks.head
         else may_hold(unseen, remarks.head or answer.text, names.taken_for)
     )
+    closest = ""
+    if remarks.other:
+        closest = f"; the closest is {_belonging(answer.relevant_ids[:1], _labels(answer), names, in_words)}"
+        answer = _without_closest(answer)
     outcome = outcome_of(answer, unseen.hides or bool(held))
     if outcome == "not_seen":
         answer = replace(answer, probability=None)
@@ -135,13 +141,20 @@ def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSp
     else:
         if outcome in ("not_here", "not_seen"):
             hidden = f"; {_hidden(unseen, held, names, in_words)}" if outcome == "not_seen" else ""
-            what = _missing(answer, remarks, names, in_words) + hidden
+            what = _missing(answer, remarks, names, in_words) + closest + hidden
         elif answer.phrase is not None:
             what = _decided(answer, answer.phrase, remarks, names, in_words)
         else:
             what = _found(answer, remarks, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
     return replace(answer, outcome=outcome, sentence=said, explanation=said)
+
+
+def _without_closest(answer: Answer) -> Answer:
+    """The answer that nothing is what was asked for: how likely the closest would serve says nothing of that."""
+    matches = tuple(match._replace(relevant=False) for match in answer.matches)
+    answer = replace(answer, verdict="absent", relation="absent", probability=None, presence=None)
+    return replace(answer, things=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
@@ -166,7 +179,7 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     if remarks.by_looks:
         return f"{in_words(answer.things)}, taken for {question}, by its looks"
     ids = answer.relevant_ids
-    labels = {match.label_id: match.label for match in answer.matches if match.relevant}
+    labels = _labels(answer)
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
     if answer.relation == "same":
         relation = f", the same as {question}" if answer.decided_by == "score" else ""
@@ -183,6 +196,10 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     first = _belonging(ids[:1], labels, names, in_words)
     then = f"; then {_belonging(ids[1:], labels, names, in_words)}" if ids[1:] else ""
     return f"{first}{relation}{then}{remark}"
+
+
+def _labels(answer: Answer) -> Mapping[int, str]:
+    return {match.label_id: match.label for match in answer.matches if match.relevant}
 
 
 def _belonging(label_ids: Sequence[int], labels: Mapping[int, str], names: ThingNames, in_words: InWords) -> str:
