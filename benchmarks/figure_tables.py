@@ -189,10 +189,9 @@ def _things(document: Document) -> Iterator[Row]:
 
 
 def _rooms(document: Document) -> Iterator[Row]:
-    named = (("given_right", "given"), ("stated_right", "stated"), ("known", "knowable"))
     for name, row in (*document["rows"].items(), ("mean", document["mean"])):
         cells = [f"{row[each]:.2f}" for each in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
-        for part, whole in named:
+        for part, whole in (("given_right", "given"), ("stated_right", "stated"), ("known", "knowable")):
             told = (
                 f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if f"names_{whole}" in row else "–"
             )  # not counted
