@@ -200,7 +200,7 @@ class KnownNameRepository:
                     f"{held + len(pack.names)} names in packs",
                     field="pack.names",
                     limit=str(most),
-                    hint="Forget a pack, or raise FASTSPLAT_CALLS__MAX_KNOWN_NAMES.",
+                    hint="Forget a pack first.",
                 )
             row = {**vars(pack), "count": len(pack.names), "project": self._project or DEFAULT_PROJECT}
             connection.execute(insert(name_packs).values(**row))

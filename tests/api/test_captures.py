@@ -190,13 +190,13 @@ def test_a_capture_that_leaves_the_frame_or_is_deleted_does_not_answer(
 def test_scenes_in_different_frames_are_refused(client: Client, add: Add) -> None:
     old = add(1)
     new = add(3, frame=old)
-    client.align_scene(old, Alignment("map", transform=_SAME))
+    client.align_scene(old, Alignment("robot_map", transform=_SAME))
     calls: list[Callable[[], object]] = [lambda: list(client.scenes(place=new)), lambda: _ask(client, new)]
     for call in calls:
         with pytest.raises(NotReadyError, match=f"{old}.*to which scene .{new}. was aligned"):
             call()
     assert _ask(client, old).scene_id == old, "it is in the map's frame with itself"
-    client.align_scene(new, Alignment("map", transform=_SAME))
+    client.align_scene(new, Alignment("robot_map", transform=_SAME))
     assert [each.id for each in client.scenes(place=old)] == [new, old]
 
 
