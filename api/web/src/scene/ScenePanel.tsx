@@ -89,7 +89,7 @@ export function ScenePanel(properties: Properties) {
           {
             name: "things",
             title: texts.scene.tabs.things,
-            count: state.things.value?.length,
+            count: state.things.value?.filter((thing) => thing.kind === "thing").length,
             content: <Things {...properties} reload={reload} />,
           },
           { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} reload={reload} /> },

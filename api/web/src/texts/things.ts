@@ -47,6 +47,8 @@ export const thingsTexts = {
       return level === "thing" ? titleOf(thing) : `group: ${titleOf(thing)} and ${members - 1} more`;
     },
     clickAgain: (selected: string, next: string) => `Selected: ${selected}. Click again for ${next}.`,
+    counted: (things: number, surfaces: number) =>
+      `${plural(things, "thing", "things")}, ${plural(surfaces, "surface", "surfaces")}.`,
     unnamedCount: (things: number, surfaces: number) => {
       const counted = [
         ...(things ? [plural(things, "thing", "things")] : []),

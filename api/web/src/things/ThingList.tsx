@@ -31,6 +31,7 @@ export function ThingList({ state, onFly }: Properties) {
     if (thing) open(thing);
   };
   const current = unnamed.find((thing) => thing.id === naming);
+  const surfaces = things.filter((thing) => thing.kind !== "thing").length;
   const shown = onlyUnnamed ? nameless : things;
   const likely = likelyNames(unnamed);
   const confirmAll = () => void state.editAll(likely, texts.things.confirmed(likely.length));
@@ -40,7 +41,10 @@ export function ThingList({ state, onFly }: Properties) {
       {things.length === 0 ? (
         <p class="hint">{texts.things.none}</p>
       ) : (
-        <p class="hint">{texts.things.unnamedCount(unnamed.length, nameless.length - unnamed.length)}</p>
+        <p class="hint">
+          {surfaces > 0 && texts.things.counted(things.length - surfaces, surfaces)}{" "}
+          {texts.things.unnamedCount(unnamed.length, nameless.length - unnamed.length)}
+        </p>
       )}
       {current && <QuickName key={current.id} state={state} thing={current} onNamed={() => next(current.id)} />}
       {unnamed.length > 0 && !isShared && (!current || likely.length > 0) && (

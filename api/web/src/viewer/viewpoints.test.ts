@@ -42,3 +42,20 @@ test("without a camera the direction stays", () => {
   const view = viewOfSight({ middle: [1, 1, 1], size: 0.2 }, [], now, SIZE);
   expect(length(subtract(direction(view), direction({ ...now, target: [1, 1, 1] })))).toBeLessThan(1e-9);
 });
+
+test.each([
+  { width: 460, height: 1050 },
+  { width: 390, height: 380 },
+  { width: 1000, height: 600 },
+])("a thing is shown whole in a picture of $width x $height, though the head turns to what was seen", (size) => {
+  const sight = { middle: [0.5, 0.8, 0] as Vec, size: 0.7, views: ["a"] };
+  for (const shown of [() => true, ({ target }: LookAt) => length(subtract(target, sight.middle)) > 0.3]) {
+    const projection = new Projection(viewOfSight(sight, cameras, now, size, shown), size);
+    for (const axis of [0, 1, 2])
+      for (const side of [-1, 1]) {
+        const end = sight.middle.map((value, each) => value + (each === axis ? (side * sight.size) / 2 : 0)) as never;
+        const [x, y] = projection.point(end) ?? [-1, -1];
+        expect(Math.min(x, size.width - x, y, size.height - y)).toBeGreaterThanOrEqual(0);
+      }
+  }
+});
