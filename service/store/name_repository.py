@@ -10,7 +10,20 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING
 
-from sqlalchemy import ColumnElement, Connection, Engine, RowMapping, and_, delete, func, insert, literal, or_, select
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Engine,
+    RowMapping,
+    and_,
+    delete,
+    func,
+    insert,
+    literal,
+    or_,
+    select,
+    union_all,
+)
 
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.store.database import transaction
@@ -152,11 +165,12 @@ class KnownNameRepository:
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def keys(self) -> Sequence[tuple[str, str]]:
-        """Id and version of every name that counts, in the order of `all`. No row ever changes: as long as these stay,
-        so does what `all` returns, whichever process writes."""
-        query = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within()).order_by(*_NEWEST_FIRST)
+        """Id and version of every name that counts, and the id of every pack with "". No row ever changes: as long as
+        these stay, so do what `all` and `packs` return, whichever process writes."""
+        names = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within())
+        packs = select(name_packs.c.id, literal("")).where(self._packed())
         with self._reading() as connection:
-            return [(name_id, version) for name_id, version in connection.execute(query)]
+            return [(each, version) for each, version in connection.execute(union_all(names, packs).order_by("id"))]
 
     def all(self) -> Sequence[KnownNameRecord]:
         """Every name that counts, newest first, without pictures."""
@@ -180,12 +194,6 @@ class KnownNameRepository:
         query = select(*columns).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
         with self._reading() as connection:
             return [PackRecord(**row) for row in connection.execute(query).mappings()]
-
-    def pack_ids(self) -> Sequence[str]:
-        """Their ids, in the order of `packs`; what a pack has never changes."""
-        query = select(name_packs.c.id).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
-        with self._reading() as connection:
-            return list(connection.scalars(query))
 
     def add_pack(self, pack: PackRecord, most: int) -> None:
         """Keep a pack.

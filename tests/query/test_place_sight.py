@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastsplat.service.query.things.place_sight import place_sight
+from fastsplat.service.query.things.place_sight import place_sights
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.poses import look_at
 from tests.localization.textured_room import CAMERA, textured_room
@@ -47,15 +47,15 @@ def _looking_up(scene: Scene) -> Scene:
     ids=["nothing is there", "the cube is there", "no picture has it", "no cameras"],
 )
 def test_a_place_is_empty_filled_or_unseen(scene: Scene, seen: str) -> None:
-    assert place_sight(scene, _cube()) == seen
+    assert place_sights(scene, [_cube()]) == (seen,)
 
 
 def test_what_is_hidden_is_unseen() -> None:
     """The inside of a cube, of a capture that has one there."""
     cube = _cube()
     inside = cube.mean(axis=0) + 0.3 * (cube - cube.mean(axis=0))
-    assert place_sight(textured_room(block=True), inside) == "unseen"
-    assert place_sight(textured_room(), inside) == "empty"
+    assert place_sights(textured_room(block=True), [inside]) == ("unseen",)
+    assert place_sights(textured_room(), [inside]) == ("empty",)
 
 
 def test_before_nothing_a_place_is_unseen() -> None:
@@ -65,4 +65,15 @@ def test_before_nothing_a_place_is_unseen() -> None:
     bare = replace(
         room, gaussians=replace(room.gaussians, **{name: values[far] for name, values in vars(room.gaussians).items()})
     )
-    assert place_sight(bare, _cube()) == "unseen"
+    assert place_sights(bare, [_cube()]) == ("unseen",)
+
+
+def test_places_that_are_asked_together_are_told_apart() -> None:
+    cube = _cube()
+    behind = cube.mean(axis=0) + 0.3 * (cube - cube.mean(axis=0))
+    aside = cube[:5] + np.array([0.0, 0.0, 1.5])
+    room = textured_room(block=True)
+    together = place_sights(room, [cube, behind, aside])
+    assert together == tuple(one for each in (cube, behind, aside) for one in place_sights(room, [each]))
+    assert together == ("filled", "unseen", "empty")
+    assert place_sights(room, []) == ()

@@ -134,12 +134,10 @@ class KnownNames:
         """All names of the project; the same sequence until there are others."""
         project = self._store.project
         keys, known = self._kept.get(project, ((), ()))
-        if list(keys) != [
-            *self._store.known_names.keys(),
-            *((each, "") for each in self._store.known_names.pack_ids()),
-        ]:
-            records, packs = self._store.known_names.all(), self._store.known_names.packs()
-            keys = [*((record.id, record.version) for record in records), *((pack.id, "") for pack in packs)]
+        current = self._store.known_names.keys()
+        if list(keys) != list(current):
+            # What is written in between is found by the next question: these keys are then no longer the current ones.
+            keys, records, packs = current, self._store.known_names.all(), self._store.known_names.packs()
             known = tuple(
                 KnownThing(
                     each.scene_id,

@@ -137,9 +137,9 @@ def _places(index: SceneIndex, answer: Answer) -> Sequence[NDArray[np.float64]]:
 
 def _sight(index: SceneIndex, places: Sequence[NDArray[np.float64]]) -> str:
     """What a capture saw of all these places: the least of what it saw of each."""
-    from fastsplat.service.query.things.place_sight import place_sight
+    from fastsplat.service.query.things.place_sight import place_sights
 
-    seen = {place_sight(index.scene, points) for points in places}
+    seen = set(place_sights(index.scene, places))
     return next((each for each in ("unseen", "filled") if each in seen), "empty" if seen else "unseen")
 
 
@@ -165,11 +165,11 @@ def _taken(capture: SceneRecord) -> datetime:
 
 def _days(captures: Sequence[SceneRecord]) -> Days:
     """Days, with the time where several captures are of one day."""
-    every = [_taken(each) for each in captures]
+    taken = {each.id: _taken(each) for each in captures}
 
     def day(scene_id: str) -> str:
-        (at,) = [at for each, at in zip(captures, every, strict=True) if each.id == scene_id]
-        alone = sum(other.date() == at.date() for other in every) == 1
+        at = taken[scene_id]
+        alone = sum(other.date() == at.date() for other in taken.values()) == 1
         return f"{at.day} {at:%B %Y}" + ("" if alone else f", {at:%H:%M} UTC")
 
     return day

@@ -56,9 +56,7 @@ def unseen_space(scene: Scene, owner: I32, surfaces: Mapping[int, SurfaceKind]) 
     """
     if not scene.cameras:
         return ALL_SEEN
-    rows = solid_rows(scene.gaussians)
-    rows = rows[scene.gaussians.logit_opacities[rows] > 0]
-    rows = rows[:: -(-len(rows) // _MAX_POINTS) or 1]
+    rows = opaque_rows(scene)
     points, of = scene.gaussians.means[rows].astype(np.float64), owner[rows]
     place = cube_grid(points[of > 0], 0)
     if place is None:
@@ -164,6 +162,13 @@ def _grids_of_things(points: F64, of: I32, surfaces: Mapping[int, SurfaceKind]) 
     groups.sort(key=lambda group: -float(np.ptp(group[1], axis=0).prod()))
     grids = (cube_grid(own, each, _ACROSS) for each, own in groups[:_MOST_THINGS])
     return [grid for grid in grids if grid is not None]
+
+
+def opaque_rows(scene: Scene) -> NDArray[np.int64]:
+    """int64 [K]: Gaussians that can be seen and hide what is behind them, 65,536 at most, spread evenly."""
+    rows = solid_rows(scene.gaussians)
+    rows = rows[scene.gaussians.logit_opacities[rows] > 0]
+    return rows[:: -(-len(rows) // _MAX_POINTS) or 1]
 
 
 def hiding_points(scene: Scene, rows: NDArray[np.int64], of: I32) -> tuple[F64, I32]:
