@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
+from fastsplat.service.application.answering.captures import Captures
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
+from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import TAKEN_AT, Scene
 from fastsplat.service.settings import Settings
@@ -22,7 +25,7 @@ from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoun
 from fastsplat_contract.places import Alignment
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, look_at
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import QueryRequest
+from fastsplat_contract.queries import Answer, QueryRequest
 from fastsplat_contract.requests import ListScenesRequest
 from fastsplat_contract.scenes import Edit, SceneList
 from tests.api.made_scene import ENCODER, LABELS
@@ -39,7 +42,8 @@ Add = Callable[..., str]
 
 def _room(settings: Settings, day: int | None, cube: str, moved: float, seen: bool) -> Scene:
     encoder = open_text_encoder(ENCODER, settings.models)
-    times = {} if day is None else {TAKEN_AT: {"0.png": (_MARCH + timedelta(day - 1)).timestamp()}}
+    taken = [_MARCH + timedelta(days) for days in ((day or 0) - 1, (day or 0) - 40)]  # the newest photo counts
+    times = {} if day is None else {TAKEN_AT: {f"{n}.png": each.timestamp() for n, each in enumerate(taken)}}
     labels = (*LABELS, cube or _CUBE)
     made = textured_room(
         block=bool(cube),
@@ -239,3 +243,35 @@ def test_who_may_see_one_scene_sees_no_other_capture(service: SceneService, add:
         shared.answers.query(asked)
     shared = service.in_project(service.project, old)
     assert [each.scene_id for each in shared.answers.query(asked).answers] == [old]
+
+
+def test_what_is_not_here_any_more_stays_so_with_all_outputs(service: SceneService, add: Add) -> None:
+    """Also where the capture that saw the empty place cannot say whether there is another one."""
+    old = add(1)
+    new = add(3, cube="", frame=old)
+    answers = service.answers
+    captures = answers.captures
+
+    def unsure(query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
+        told = answers.query(replace(request, newest_capture=False)).answers
+        return tuple(replace(each, outcome="cannot_say") if each.scene_id == new else each for each in told)
+
+    asking = Captures(captures._store, captures._scenes, captures._all_scenes, unsure)
+    request = QueryRequest(old, (_CUBE,), newest_capture=True, outputs=frozenset({"objects"}))
+    (told,) = asking.query(answers._check(request), request).answers
+    assert (told.scene_id, told.outcome) == (new, "not_here") and told.sentence.startswith("Not here any more")
+
+
+def test_where_the_asker_stands_counts_in_every_capture(client: Client, add: Add) -> None:
+    """Seen from the room the left wall, called "mug", is left of the back wall, called "ball", but not from behind."""
+    old = add(1)
+    new = add(3, moved=0.5, frame=old)
+    outcomes = []
+    for at in ((0.9, -3.0, 1.0), (0.9, 5.0, 1.0)):
+        turn = Rotation.from_matrix(look_at(at, (0.9, 1.0, 0.5))[:3, :3]).as_quat()
+        asker = Pose(Vector3(*at), Quaternion(*turn))
+        (alone,) = client.query(new, "mug left of the ball", asker=asker)
+        (told,) = client.query(old, "mug left of the ball", asker=asker, newest_capture=True)
+        assert told.sentence == f"By the capture of 3 March 2026: {alone.sentence}"
+        outcomes.append(told.outcome)
+    assert outcomes == ["here", "not_here"]

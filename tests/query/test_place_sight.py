@@ -77,3 +77,10 @@ def test_places_that_are_asked_together_are_told_apart() -> None:
     assert together == tuple(one for each in (cube, behind, aside) for one in place_sights(room, [each]))
     assert together == ("filled", "unseen", "empty")
     assert place_sights(room, []) == ()
+
+
+def test_a_place_of_which_little_is_to_be_seen_is_unseen() -> None:
+    cube = _cube()
+    within = [share * (cube - cube.mean(axis=0)) + cube.mean(axis=0) for share in (0.1, 0.2, 0.3, 0.4)]
+    room = textured_room(block=True)
+    assert place_sights(room, [cube, np.concatenate([cube, *within])]) == ("filled", "unseen")

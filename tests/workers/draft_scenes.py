@@ -28,7 +28,8 @@ def of_things(models: Path, *, draft: bool) -> Scene:
     centers = [(x, 0.0, 4.0) for x in PLACES] + ([(0.0, 0.0, 9.0)] if draft else [])
     owner = np.repeat((*ids, ONLY_IN_DRAFT) if draft else ids, each)
     means = np.repeat(centers, each, axis=0) + 0.1 * random.normal(size=(len(owner), 3))
-    table = tuple(Thing(number) for number in sorted(set(owner.tolist())))
+    looks = np.full(4, 0.5, np.float16).tobytes()
+    table = tuple(Thing(number, appearance=looks) for number in sorted(set(owner.tolist())))
     membership = evidence_of(np.arange(len(owner)), owner, np.full(len(owner), 4096), len(owner))
     return labelled_scene(
         means,
@@ -38,4 +39,5 @@ def of_things(models: Path, *, draft: bool) -> Scene:
         templates=QuerySettings().templates,
         cameras=[PosedCamera(Camera(48, 36, 40.0, 40.0, 24.0, 18.0), np.eye(4), "front.png")],
         things=Things(table, membership),
+        scale="METRIC",
     )

@@ -25,6 +25,7 @@ from fastsplat_contract.queries import Answer, Outcome, QueryOut, QueryRequest
 
 if TYPE_CHECKING:  # torch loads when it is used
     from fastsplat.service.query.scene_index import SceneIndex
+    from fastsplat.service.query.things.place_sight import PlaceSight
 
 _MAX_THINGS = 16
 """Of an answer, whose places are looked at in newer captures."""
@@ -78,13 +79,14 @@ class Captures:
         """
         _check_of_place(request)
         captures = self._of(request.scene_id)
+        request = replace(request, newest_capture=False)  # from here on each of them is asked alone
         ranking = replace(request, outputs=frozenset())
         ids = [each.id for each in captures]
         asked, skipped = self._all_scenes.asked(query, ranking, ids)
         if not asked:  # as whoever asks it alone hears it
-            return QueryOut(self._ask_one(query, replace(request, newest_capture=False)))
+            return QueryOut(self._ask_one(query, request))
         days = _days(captures)
-        answers = [self._chosen(answers, days) for answers in zip(*asked, strict=True)]
+        answers = [newest_that_knows(each, self._looking_for, days) for each in zip(*asked, strict=True)]
         if request.outputs:
             answers = [self._complete(answer, query, request) for answer in answers]
         return QueryOut(tuple(answers), tuple(skipped[:MAX_SKIPPED]), len(skipped))
@@ -95,36 +97,54 @@ class Captures:
         found.sort(key=lambda each: (each[0], each[1].created_at, each[1].id), reverse=True)
         return [each for _, each in found]
 
-    def _chosen(self, answers: Sequence[Answer], days: Days) -> Answer:
-        """What counts of the answers of all captures to one text, the newest first."""
-        of = {outcome: each for outcome in reversed(_HERE) for each in reversed(answers) if each.outcome == outcome}
-        best = of.get("here") or of.get("probably_here") or answers[0]
-        newer = answers[: answers.index(best)]
-        told = f"By the capture of {days(best.scene_id)}"
-        if not newer:
-            return _saying(best, f"{told}: {best.sentence}")
-        places = self._scenes.reading(best.scene_id, best.version, lambda index, _: _places(index, best))
-        for other in newer:
+    def _looking_for(self, answer: Answer) -> Callable[[Answer], PlaceSight]:
+        """What other captures, by their answers, saw of the places of what one answers."""
+        places = self._scenes.reading(answer.scene_id, answer.version, lambda index, _: _places(index, answer))
+
+        def sight(other: Answer) -> PlaceSight:
             check_cancelled()
-            sight = self._scenes.reading(other.scene_id, other.version, lambda index, _: _sight(index, places))
-            if sight == "unseen":
-                continue
-            day = days(other.scene_id)
-            if other.outcome in _HERE:
-                return _saying(other, f"By the capture of {day}: {other.sentence}")
-            if sight == "empty":
-                empty = "its place, which is empty" if len(places) == 1 else "their places, which are empty"
-                sentence = f"Not here any more: the capture of {day} saw {empty}. {told}: {best.sentence}"
-                return replace(_saying(other, sentence), outcome="not_here")
-            filled = f"that of {day} has something in its place that has no such name"
-            return _saying(best, f"{told}; {filled}: {best.sentence}")
-        return _saying(best, f"{told}, as no later one saw its place: {best.sentence}")
+            return self._scenes.reading(other.scene_id, other.version, lambda index, _: _sight(index, places))
+
+        return sight
 
     def _complete(self, answer: Answer, query: TextQuery, request: QueryRequest) -> Answer:
         """The same answer with the outputs that are asked for."""
         one = replace(request, scene_id=answer.scene_id, texts=(answer.text,), version=answer.version)
         (full,) = self._ask_one(replace(query, texts=one.texts), one)
         return replace(_saying(full, answer.sentence), outcome=answer.outcome)
+
+
+def newest_that_knows(
+    answers: Sequence[Answer], looking_for: Callable[[Answer], Callable[[Answer], PlaceSight]], days: Days
+) -> Answer:
+    """What counts of the answers of all captures of a place to one text, with its day in the sentence.
+
+    Args:
+        answers: the newest first, at least one.
+        looking_for: of an answer: what the captures of others saw of its place.
+        days: of the captures.
+    """
+    of = {outcome: each for outcome in reversed(_HERE) for each in reversed(answers) if each.outcome == outcome}
+    best = of.get("here") or of.get("probably_here") or answers[0]
+    newer = answers[: answers.index(best)]
+    told = f"By the capture of {days(best.scene_id)}"
+    if not newer:
+        return _saying(best, f"{told}: {best.sentence}")
+    sight_of = looking_for(best)
+    for other in newer:
+        sight = sight_of(other)
+        if sight == "unseen":
+            continue
+        day = days(other.scene_id)
+        if other.outcome in _HERE:
+            return _saying(other, f"By the capture of {day}: {other.sentence}")
+        if sight == "empty":
+            empty = "its place, which is empty" if len(best.things) < 2 else "their places, which are empty"
+            sentence = f"Not here any more: the capture of {day} saw {empty}. {told}: {best.sentence}"
+            return replace(_saying(other, sentence), outcome="not_here")
+        filled = f"that of {day} has something in its place that has no such name"
+        return _saying(best, f"{told}; {filled}: {best.sentence}")
+    return _saying(best, f"{told}, as no later one saw its place: {best.sentence}")
 
 
 def _places(index: SceneIndex, answer: Answer) -> Sequence[NDArray[np.float64]]:
@@ -135,12 +155,14 @@ def _places(index: SceneIndex, answer: Answer) -> Sequence[NDArray[np.float64]]:
     return [gaussians.means[rows[:: -(-len(rows) // _MAX_POINTS)]].astype(np.float64) for rows in found if len(rows)]
 
 
-def _sight(index: SceneIndex, places: Sequence[NDArray[np.float64]]) -> str:
+def _sight(index: SceneIndex, places: Sequence[NDArray[np.float64]]) -> PlaceSight:
     """What a capture saw of all these places: the least of what it saw of each."""
     from fastsplat.service.query.things.place_sight import place_sights
 
     seen = set(place_sights(index.scene, places))
-    return next((each for each in ("unseen", "filled") if each in seen), "empty" if seen else "unseen")
+    if not seen or "unseen" in seen:
+        return "unseen"
+    return "filled" if "filled" in seen else "empty"
 
 
 def _check_of_place(request: QueryRequest) -> None:
