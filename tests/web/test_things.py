@@ -75,7 +75,10 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
     owner = label_gaussians(scene).classes
     half = np.flatnonzero((owner == 2) & (scene.gaussians.means[:, 2] > 0.3))
     things = Things(
-        tuple(Thing(number, label, "detected", 0.97) for number, label in enumerate(LABELS, start=1)),
+        tuple(
+            Thing(number, label, "detected", 0.97, surface="surface" if number == 3 else "")
+            for number, label in enumerate(LABELS, start=1)
+        ),
         evidence_of(rows, owner, np.full(len(rows), 50 * UNIT), len(rows)),
         0,
         Parts(
@@ -100,6 +103,8 @@ def test_a_second_click_takes_the_next_level_and_a_part_is_named(place: Place, w
         card.get_by_label("Name", exact=True).fill("violin")
         card.get_by_role("button", name="Save the name").click()
         expect(card.get_by_role("heading", name="violin")).to_be_visible()
+        expect(page.get_by_role("tab", name="Things 2", exact=True)).to_be_visible()
+        expect(visit.tab("Things").get_by_text("2 things and 1 surface. All things have names.")).to_be_visible()
     (part,) = (thing for thing in service.answers.list_things(own, parts=True).things if thing.parent)
     assert (part.id, part.name) == (4, "violin")
     service.delete_scene(own)

@@ -18,6 +18,14 @@ const titleOf = ({ name, id, guess, probability = 0, surface = "" }: Named) =>
   guess ? `${name} (a guess, ${percent(probability)})` : name || unnamed(id, surface);
 
 /** Questions and things. */
+function countOf(things: number, surfaces: number): string {
+  const counted = [
+    ...(things ? [plural(things, "thing", "things")] : []),
+    ...(surfaces ? [plural(surfaces, "surface", "surfaces")] : []),
+  ];
+  return counted.join(" and ");
+}
+
 export const thingsTexts = {
   ask: {
     title: "Ask",
@@ -47,15 +55,9 @@ export const thingsTexts = {
       return level === "thing" ? titleOf(thing) : `group: ${titleOf(thing)} and ${members - 1} more`;
     },
     clickAgain: (selected: string, next: string) => `Selected: ${selected}. Click again for ${next}.`,
-    counted: (things: number, surfaces: number) =>
-      `${plural(things, "thing", "things")}, ${plural(surfaces, "surface", "surfaces")}.`,
-    unnamedCount: (things: number, surfaces: number) => {
-      const counted = [
-        ...(things ? [plural(things, "thing", "things")] : []),
-        ...(surfaces ? [plural(surfaces, "surface", "surfaces")] : []),
-      ];
-      return counted.length ? `${counted.join(" and ")} without a name` : "All things have names.";
-    },
+    counted: (things: number, surfaces: number) => `${countOf(things, surfaces)}.`,
+    unnamedCount: (things: number, surfaces: number) =>
+      things + surfaces ? `${countOf(things, surfaces)} without a name` : "All things have names.",
     nameNext: "Name the next one",
     onlyUnnamed: "Only those without a name",
     selected: (count: number) => plural(count, "thing selected", "things selected"),
