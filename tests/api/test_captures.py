@@ -222,14 +222,14 @@ def test_what_belongs_to_one_capture_is_refused(client: Client, add: Add) -> Non
 
 
 def test_captures_of_another_project_are_not_there(service: SceneService, client: Client, add: Add) -> None:
-    service.admin.projects.create("next-door")
+    service.admin.projects.create("next-place")
     mine = add(1)
-    theirs = add(5, moved=0.5, frame=mine, project="next-door")
+    theirs = add(5, moved=0.5, frame=mine, project="next-place")
     assert [each.id for each in client.scenes(place=mine)] == [mine]
     assert _ask(client, mine).scene_id == mine
     with pytest.raises(NotFoundError):
         list(client.scenes(place=theirs))
-    next_door = service.in_project("next-door")
+    next_door = service.in_project("next-place")
     assert [each.id for each in next_door.list_scenes(place=theirs).scenes] == [theirs]
 
 

@@ -105,9 +105,9 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
                 assert _figure(view).mean() < shares[view] < 3 * _figure(view).mean()
             assert service.get_scene(operation.scene_id).dictionary == ()
 
-            pictures = _stored(settings.data_dir, ".jpg")
+            pictures = _stored(settings.data_dir / "scenes", ".jpg")
             assert len(pictures) == _VIEWS
-            for path in [*pictures, *_stored(settings.data_dir, ".png")]:
+            for path in [*_stored(settings.data_dir, ".jpg"), *_stored(settings.data_dir, ".png")]:
                 try:
                     pixels = np.asarray(Image.open(path).convert("RGB")).astype(int)
                 except FileNotFoundError:  # of the job's own folder, which its worker removes meanwhile
