@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from fastsplat.service.common.progress import Progress
 from fastsplat.service.instances.joined_views import JoinedViews, with_joined_views
 from fastsplat.service.instances.name_calibration import name_probability
 from fastsplat.service.instances.naming import NAMED_FROM, name_things
-from fastsplat.service.instances.scene_things import regions_of_label_map, votes_of_views
+from fastsplat.service.instances.scene_things import votes_of_views
 from fastsplat.service.instances.second_look import add_names
 from fastsplat.service.perception.detectors.open_detectors import closed_set_labels
 from fastsplat.service.perception.labelling import label_capture
@@ -80,7 +79,7 @@ def with_joined_things(
     Args:
         scene: with the photos' cameras as its last.
         views: the photos, in its frame.
-        labelling: of the photos, see `look_at_joined`, or label maps that came with them.
+        labelling: of the photos, see `look_at_joined`.
         changed, born: see `JoinedViews`.
         settings: of all rooms.
 
@@ -89,16 +88,15 @@ def with_joined_things(
         LimitExceededError: as `with_new_thing`.
     """
     discovery, backend = settings.discovery, settings.training.backend
-    regions = labelling.regions or tuple(regions_of_label_map(label_map) for label_map in labelling.label_maps)
-    masks = labelling.masks or tuple(own.masks() for own in regions)
+    masks = labelling.masks or tuple(own.masks() for own in labelling.regions)
     scene, new = with_joined_views(scene, JoinedViews(views, masks, changed, born), discovery, backend=backend)
     things = scene.things
     assert things is not None
     names = [entry.label for entry in labelling.dictionary.entries]
-    used = [(view, own) for view, own in zip(views, regions, strict=True) if own.votes]
+    used = [(view, own) for view, own in zip(views, labelling.regions, strict=True) if own.votes]
     if used:
         votes = votes_of_views(things, scene.gaussians, used, len(names), discovery, backend=backend)
-        named = {each.id: each for each in name_things(things, votes, names, _source(labelling)).table}
+        named = {each.id: each for each in name_things(things, votes, names, "detected").table}
         sure = name_probability(votes.mean_scores, names)
         first = len(scene.cameras) - len(views)
         sighted = {
@@ -110,10 +108,6 @@ def with_joined_things(
         table = tuple(named[thing.id] if thing.id in new else thing for thing in known.table)
         scene = _with_names(replace(scene, things=replace(things, table=table)), settings)
     return _described(scene, new, views, settings)
-
-
-def _source(labelling: Labelling) -> Literal["given", "detected"]:
-    return "given" if labelling.exact else "detected"
 
 
 def _together(things: Things, place: int, first: int, sure: dict[str, float], able: float) -> dict[str, float]:
