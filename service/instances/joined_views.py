@@ -80,10 +80,10 @@ def with_joined_views(
     before = thing_rows(scene.things)
     splats = splats_of(scene.gaussians, device=device_of(backend))
     overlaps = overlaps_of(lifted_masks(splats, view, backend) for view in seen)
-    bounds = {"min_overlap": settings.min_overlap, "min_views": settings.min_views}
-    selection = select_things(
-        find_candidates(overlaps, np.concatenate(quality), **bounds), scene.gaussians, overlaps.size, settings
+    candidates = find_candidates(
+        overlaps, np.concatenate(quality), min_overlap=settings.min_overlap, min_views=settings.min_views
     )
+    selection = select_things(candidates, scene.gaussians, overlaps.size, settings)
     scene = replace(scene, things=_seen_again(scene.things, before, overlaps, numbers, settings))
     scene, owner, new = _with_new_things(scene, before, selection, overlaps, numbers, joined, settings)
     shares = np.ones(len(owner), np.float32)
