@@ -1,7 +1,7 @@
 """Views that join a scene with things: which of their masks are known things, and which are new ones.
 
 What is found in the new views alone is a known thing where the two have the same Gaussians; what has mostly Gaussians
-that belonged to nothing, or were born for these views, is new. Then each thing takes the masks that it matches, as when
+that were born for these views is new. Then each thing takes the masks that it matches, as when
 things were discovered, and what the views say of the Gaussians that they have changed is added to what was known.
 """
 
@@ -32,8 +32,8 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend
 from fastsplat.service.splatting.region_groups import Overlaps, overlaps_of
 
-_FREE = 0.5
-"""Share of a new thing's weight that belonged to nothing, or was born."""
+_NEW = 0.5
+"""Share of a new thing's weight that was born."""
 
 Rows = NDArray[np.bool_]
 
@@ -111,7 +111,6 @@ def _with_new_things(
 ) -> tuple[Scene, NDArray[np.int32], tuple[int, ...]]:
     """The scene with the things of the selection that are new, the owner [G] of each Gaussian, and the new ids."""
     owner, size = before.copy(), overlaps.size.astype(np.float64)
-    free = joined.changed & (joined.born | (before == 0))
     known = _known(selection, before, size, joined.born, settings.min_overlap)
     cameras = np.stack([view.posed.world_from_camera[:3, 3] for view in joined.views])
     new: list[Thing] = []
@@ -120,8 +119,8 @@ def _with_new_things(
         if number in known:
             owner[own & joined.born] = known[number]
             continue
-        rows, weight = np.flatnonzero(own & free), size[own].sum()
-        if size[rows].sum() < max(_FREE * weight, settings.min_weight_px):
+        rows = np.flatnonzero(own & joined.born)  # what a person has discarded stays nothing
+        if size[rows].sum() < max(_NEW * size[own].sum(), settings.min_weight_px):
             continue
         scene, thing_id = with_new_thing(scene, rows)
         owner[rows] = thing_id

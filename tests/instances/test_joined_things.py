@@ -144,7 +144,8 @@ def test_more_of_a_known_thing_is_that_thing(whole: Scene, room: Room, masks: tu
 def test_photos_that_nobody_looked_at_say_nothing(whole: Scene, room: Room, settings: Settings) -> None:
     views = tuple(room.capture.views[number] for number in _NEW)
     blank = tuple(np.zeros_like(room.maps[number]) for number in _NEW)
-    silent = Labelling(Dictionary(()), blank, masks=(None, None, None))
+    regions = tuple(Regions(own, ()) for own in blank)
+    silent = Labelling(Dictionary(()), blank, regions=regions, masks=(None, None, None))
     none = np.zeros(len(whole.gaussians), np.bool_)
     after = with_joined_things(whole, views, silent, ~none, none, settings)
     assert after.things == whole.things and after.gaussians is whole.gaussians
