@@ -6,7 +6,7 @@ import json
 import re
 
 import numpy as np
-from playwright.sync_api import Browser, Page, Request, expect
+from playwright.sync_api import Browser, Page, Request, Route, expect
 
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryRequest
@@ -38,6 +38,23 @@ def test_the_server_draws_the_view_and_says_so(place: Place, browser: Browser) -
         )
         exact = pixels_of(truth)
         assert np.abs(shown - exact).mean() < 4 and exact.mean() > 20
+
+
+def test_the_scene_is_loaded_some_time_after_the_servers_one_picture(place: Place, browser: Browser) -> None:
+    held: list[Route] = []
+    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
+        page = visit.page
+        _shows(page, "plain$")
+        page.route("**/*:render", lambda route: held.append(route))
+        with page.expect_request("**/*:render"):
+            visit.reload_with_clock()
+        assert not [url for url in visit.requests_within(30) if "scene.spz" in url]
+        (picture,) = held
+        picture.continue_()
+        _shows(page, "plain$")
+        after = visit.requests_within(20)
+        assert [url for url in after if "scene.spz" in url]
+        assert len(held) == 1  # things have come meanwhile, and change nothing that it shows
 
 
 def test_what_is_found_glows_where_the_servers_mask_is(place: Place, browser: Browser) -> None:
