@@ -136,8 +136,10 @@ class SceneChange(NamedTuple):
             "where nothing stood; changed: something else stands where the thing was"
         ),
     ]
-    thing_id: Annotated[int, Field(description="which thing of the scene; 0 for what is new")]
-    name: Annotated[str, Field(description="of the thing; empty without one, or for what is new")]
+    thing_id: Annotated[
+        int, Field(description="which thing of the scene; 0 for what is none of its things, as what is new")
+    ]
+    name: Annotated[str, Field(description="of the thing; empty without one, or for what is no thing of the scene")]
     probability: Annotated[float, Field(description="that this changed, 0..1")]
     distance: Annotated[float, Field(description="how far it moved, scene units; 0 for what did not")]
     before: Annotated[Box | None, Field(description="where it was; absent for what is new")]

@@ -54,7 +54,11 @@ class ChangedPiece:
 
 
 def changed_pieces(
-    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64
+    comparisons: Sequence[Comparison],
+    differing: Sequence[tuple[Bools, Bools]],
+    place: F64,
+    *,
+    on_surface: bool = False,
 ) -> tuple[ChangedPiece, ...]:
     """Pieces of space that are changed in three of four photos that see them, at least two, as a visual hull is carved
     (Laurentini 1994); only before the scene's surfaces, or on them.
@@ -63,12 +67,13 @@ def changed_pieces(
         comparisons: of the photos.
         differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
         place: float64 [2, 3], which space.
+        on_surface: leave out what is before the scene's surfaces: then a piece is a part of these.
     """
     width = float((place[1] - place[0]).max() / _CELLS)
     pieces = []
-    for rough, _ in _carved(comparisons, differing, place, width, wide=True)[:_MOST_PIECES]:
+    for rough, _ in _carved(comparisons, differing, place, width, wide=True, on_surface=on_surface)[:_MOST_PIECES]:
         around = rough + np.array([[-width], [width]])
-        fine = _carved(comparisons, differing, around, width / _FINER, wide=False)
+        fine = _carved(comparisons, differing, around, width / _FINER, wide=False, on_surface=on_surface)
         own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
         piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
         pieces += [] if piece is None else [piece]
@@ -76,7 +81,13 @@ def changed_pieces(
 
 
 def _carved(
-    comparisons: Sequence[Comparison], differing: Sequence[tuple[Bools, Bools]], place: F64, width: float, *, wide: bool
+    comparisons: Sequence[Comparison],
+    differing: Sequence[tuple[Bools, Bools]],
+    place: F64,
+    width: float,
+    *,
+    wide: bool,
+    on_surface: bool,
 ) -> list[tuple[F64, F64]]:
     """Box and centers of each piece of touching cubes, the largest first.
 
@@ -97,6 +108,8 @@ def _carved(
             continue
         surface = comparison.depth.ravel()[pixels]
         sees = (surface > 0) & (depth <= surface + _BAND * width) & ~unknown.ravel()[pixels]
+        if on_surface:
+            sees &= depth >= surface - _BAND * width
         if wide:
             reach = int(np.ceil(comparison.posed.camera.fx * width / float(np.median(depth))))
             differs = ndimage.maximum_filter(differs, reach | 1)

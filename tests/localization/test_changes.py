@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from fastsplat.service.localization.changes import COMPARED_SIDE, Change, LaterView, find_changes
+from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_changes
+from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
@@ -46,6 +47,13 @@ def moved_block() -> Renderer:
     return renderer(_moved(textured_room(block=True), _AWAY))
 
 
+def _swapped(scene: Scene) -> Scene:
+    """The room with a block of another color in the place of its own."""
+    sh = scene.gaussians.sh.copy()
+    sh[(sh[:, 0, 2] < -1.4) & (sh[:, 0, 0] > 1.5)] = (-1.7, -1.7, 1.7)
+    return replace(scene, gaussians=replace(scene.gaussians, sh=sh))
+
+
 def _box(at: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([at, at + _WIDTH])
 
@@ -60,6 +68,7 @@ def _events(
     for posed, photo in zip(_VIEWS, photos, strict=False):
         comparison = compared(photo, posed, scene.geometry, side=COMPARED_SIDE)
         block = (np.abs(scene.colors(posed).astype(int) - empty.colors(posed)) > 30).any(axis=2)
+        block &= _BLOCK in boxes
         views.append(LaterView(comparison, np.where(block, _BLOCK, 1).astype(np.int32)))
     return find_changes(views, boxes, _PLACE, frozenset({1})).events
 
@@ -88,10 +97,31 @@ def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> N
         np.testing.assert_allclose(region.box, around, atol=0.02 * max(block.shape))
 
 
-def test_what_was_put_elsewhere_has_moved(empty: Renderer, with_block: Renderer, moved_block: Renderer) -> None:
-    (event,) = _events(with_block, empty, _photos(moved_block), {_BLOCK: _box(_AT)})
-    assert event.kind == "moved" and event.thing == _BLOCK and event.after is not None
+@pytest.mark.parametrize("found", [True, False])
+def test_what_was_put_elsewhere_has_moved(
+    empty: Renderer, with_block: Renderer, moved_block: Renderer, found: bool
+) -> None:
+    """Also where it was none of the scene's things."""
+    boxes = {_BLOCK: _box(_AT)} if found else {}
+    (event,) = _events(with_block, empty, _photos(moved_block), boxes)
+    assert event.kind == "moved" and event.thing == (_BLOCK if found else 0)
+    assert event.before is not None and event.after is not None
+    np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=_WIDTH / 2)
     np.testing.assert_allclose(event.after.mean(axis=0), (_box(_AT) + _AWAY).mean(axis=0), atol=_WIDTH / 2)
+
+
+def test_what_was_taken_away_and_was_no_thing_is_gone_not_new(empty: Renderer, with_block: Renderer) -> None:
+    (event,) = _events(with_block, empty, _photos(empty), {})
+    assert event.kind == "gone" and event.thing == 0 and event.after is None and event.before is not None
+    np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    assert {region.kind for region in event.regions} == {"missing"}
+
+
+def test_where_something_else_stands_it_has_changed(empty: Renderer, with_block: Renderer) -> None:
+    photos = _photos(renderer(_swapped(textured_room(block=True))))
+    (event,) = _events(with_block, empty, photos, {_BLOCK: _box(_AT)})
+    assert event.kind == "changed" and event.thing == _BLOCK and event.before is not None and event.after is not None
+    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
 
 
 @pytest.mark.parametrize("gain", [0.62, 1.0, 1.3])

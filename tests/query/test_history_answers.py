@@ -169,3 +169,21 @@ def test_of_many_changes_the_rest_is_counted() -> None:
     assert question is not None
     sentence = answers.asked(question, _found()).sentence
     assert sentence.endswith(" There are 2 more.") and sentence.count(" at (1.00, 2.00, 0.50) m.") == _MOST_TOLD
+
+
+def test_what_was_no_thing_is_told_as_gone_or_moved() -> None:
+    answers = _answers([(23, None)])
+    (one,) = answers._history.observations
+    told = [
+        SceneChange(kind, 0, "", 0.9, 0.4, _THERE, after, (0,), "")
+        for kind, after in (("gone", None), ("moved", _THERE))
+    ]
+    answers._history = replace(answers._history, observations=(replace(one, changes=tuple(told)),))
+    days = "By photos of 23 November 2026: "
+    for asked, sentence in (
+        ("what is gone?", "Something that was here is gone, at (1.00, 2.00, 0.50) m."),
+        ("what moved?", "Something has moved by 0.40 m, to (1.00, 2.00, 0.50) m."),
+    ):
+        question = time_question(asked, _NOW)
+        assert question is not None
+        assert answers.asked(question, _found()).sentence == days + sentence

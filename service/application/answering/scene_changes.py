@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.localization.changes import COMPARED_SIDE, Change, LaterView, find_changes
+from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_changes
+from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photo_placement import PlacedPhoto
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.language.change_sentences import change_sentence

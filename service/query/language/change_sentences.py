@@ -36,12 +36,14 @@ def changes_sentence(changes: Sequence[SceneChange], looked_at: int) -> str:
 
 
 def change_sentence(kind: ChangeKind, thing_id: int, name: str, distance: float, meters: bool) -> str:
-    """One change in words."""
+    """One change in words; of no thing of the scene with `thing_id` 0."""
+    by = f"has moved by {distance:.2f} {'m' if meters else 'scene units'}."
+    if not thing_id:
+        told = {"gone": "that was here is gone.", "moved": by, "changed": "else stands where something was."}
+        return f"Something {told.get(kind, 'new stands where nothing stood.')}"
     called = f"The {quoted(name)}" if name else f"Thing {thing_id}, which has no name,"
     if kind == "gone":
         return f"{called} is not where it was."
     if kind == "moved":
-        return f"{called} has moved by {distance:.2f} {'m' if meters else 'scene units'}."
-    if kind == "changed":
-        return f"Something else stands where {called[0].lower()}{called[1:]} was."
-    return "Something new stands where nothing stood."
+        return f"{called} {by}"
+    return f"Something else stands where {called[0].lower()}{called[1:]} was."

@@ -133,9 +133,10 @@ class HistoryAnswers:
                 if last.at < question.when.start or same:
                     continue
             found.append((last.change, last.at))
-        for observation in self._history.later[-1:] if "new" in question.events else ():
+        for observation in self._history.later[-1:]:
             if question.when is None or observation.seen_at >= question.when.start:
-                found += [(each, observation.seen_at) for each in observation.changes if not each.thing_id]
+                nameless = [each for each in observation.changes if not each.thing_id and each.kind in question.events]
+                found += [(each, observation.seen_at) for each in nameless]
         return sorted(found, key=lambda each: -each[0].probability)
 
     def _place_at(self, thing_id: int, when: When) -> str:
@@ -178,9 +179,10 @@ class HistoryAnswers:
     def _sentence(self, change: SceneChange) -> str:
         name = self._names.called.get(change.thing_id, change.name)
         said = change_sentence(change.kind, change.thing_id, name, change.distance, self._unit == "m")
-        if change.kind not in ("moved", "new") or change.after is None:
+        place = change.after if change.kind in ("moved", "new") else None if change.thing_id else change.before
+        if place is None:
             return said
-        x, y, z = change.after.center.position
+        x, y, z = place.center.position
         return f"{said[:-1]}, {'to' if change.kind == 'moved' else 'at'} ({x:.2f}, {y:.2f}, {z:.2f}) {self._unit}."
 
     def _name(self, thing_id: int) -> str:
