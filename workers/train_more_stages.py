@@ -20,6 +20,8 @@ from fastsplat.service.joined_photos import (
     keep_joined,
     with_joined,
 )
+from fastsplat.service.joined_things import look_at_joined, with_joined_things
+from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.scene.alignment import alignment_to_json
 from fastsplat.service.scene.frames import frame_of
 from fastsplat.service.scene.ply import write_ply
@@ -40,6 +42,8 @@ from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.train_more_messages import TrainMoreIn, TrainMoreResult
 
 _ROWS = "rows.npz"
+_LABELS, _MASKS = "labels", "masks"
+"""In the job's folder, of the photos that join."""
 
 
 def _train(job: Job, folder: Path, progress: Progress) -> None:
@@ -47,12 +51,14 @@ def _train(job: Job, folder: Path, progress: Progress) -> None:
     assert job.base is not None
     order = from_plain(TrainMoreIn, {name: value for name, value in job.order.items() if name != "version"})
     scene = read_scene(job.base[0] / "artefact")
-    scratch = job.folder / "masks"
+    scratch = job.folder / _MASKS
     scratch.mkdir(exist_ok=True)
     capture = capture_of(scene, job.base[0], scratch)
     joining = joining_photos(scene, job.base[0], order.observations)
     capture = replace(capture, views=(*capture.views, *joined_views(joining, scratch)))
     files = ProgressFiles(job, "training", progress)
+    if joining.paths:
+        _look(job, scene, joining, scratch, files.progress)
     continued = train_further(
         scene,
         capture,
@@ -68,6 +74,18 @@ def _train(job: Job, folder: Path, progress: Progress) -> None:
     save_trained(continued.trained, folder)
     changed = np.ones(len(continued.origins), np.bool_) if continued.changed is None else continued.changed
     np.savez(folder / _ROWS, origins=continued.origins, changed=changed)
+
+
+def _look(job: Job, scene: Scene, joining: JoiningPhotos, scratch: Path, progress: Progress) -> None:
+    """What models see in the photos that join, kept in the job's folder; looked for once, whoever goes on with it."""
+
+    def looking(event: ProgressEvent) -> None:
+        progress(ProgressEvent("training", 0.0, event.message))
+
+    if not (job.folder / _LABELS).is_dir():
+        labelling = look_at_joined(scene, joined_views(joining, scratch), job.settings, looking)
+        if labelling is not None:
+            save_labelling(labelling, job.folder / _LABELS)
 
 
 def _merge(job: Job, folder: Path, progress: Progress) -> None:
@@ -93,6 +111,14 @@ def _merge(job: Job, folder: Path, progress: Progress) -> None:
     before = len(scene.cameras)
     joining = joining_photos(base, job.base[0], observations)
     scene = _joined(scene, base, joining)
+    if (job.folder / _LABELS).is_dir():
+        progress(ProgressEvent("merging", 0.0, "finding things in the photos that have joined"))
+        born = np.arange(len(scene.gaussians)) >= len(base.gaussians)
+        placed = replace(joining, cameras=scene.cameras[before:])
+        views = joined_views(placed, job.folder / _MASKS)
+        assert continued.changed is not None
+        labelling = load_labelling(job.folder / _LABELS)
+        scene = with_joined_things(scene, views, labelling, continued.changed, born, job.settings)
     progress(ProgressEvent("merging", 0.2, "writing the scene"))
     write_scene(scene, folder / "artefact")
     progress(ProgressEvent("merging", 0.7, "writing the PLY file"))

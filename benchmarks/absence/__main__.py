@@ -120,7 +120,7 @@ def intervals(answered: Sequence[_Answered], seed: int = 0) -> dict[str, tuple[f
 
 
 def _answered(case: Case, answer: Answer) -> _Answered:
-    if answer.presence is None and answer.outcome != "cannot_say":
+    if answer.method == "names":
         raise ValueError("this encoder is not calibrated: run benchmarks.calibration.calibrate first")
     best = answer.matches[0]
     names = tuple(case.labels[label_id - 1] if label_id else "" for label_id in answer.label_set)

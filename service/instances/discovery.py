@@ -82,7 +82,7 @@ def discover_things(
     lifted: list[LiftedRegions] = []
     for view, own in used:
         masked.append(masked_view(view, own, settings))
-        lifted.append(_lifted(splats, masked[-1], backend))
+        lifted.append(lifted_masks(splats, masked[-1], backend))
         on_view(len(lifted), len(used))
     things = (
         _things(gaussians, views, numbers, masked, lifted, [own.quality for _, own in used], up, settings, backend)
@@ -103,7 +103,8 @@ def masked_view(view: View, own: ViewMasks, settings: DiscoverySettings) -> Mask
     return MaskedView(replace(view.posed, camera=camera), own, view.valid_path)
 
 
-def _lifted(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
+def lifted_masks(splats: Splats, view: MaskedView, backend: Backend) -> LiftedRegions:
+    """The masks of a view as Gaussians, see `lift_masks`."""
     viewmat = torch.from_numpy(view.posed.camera_from_world().astype(np.float32))
     return lift_masks(splats, viewmat, view.posed.camera, view.masks(), valid=view.valid(), backend=backend)
 

@@ -105,6 +105,13 @@ def rows_of(evidence: Evidence, rows: NDArray[np.integer]) -> Evidence:
     return Evidence(starts, evidence.labels[entries], evidence.counts[entries])
 
 
+def without_rows(evidence: Evidence, gone: NDArray[np.bool_]) -> Evidence:
+    """The same evidence without that of these Gaussians, bool [G]."""
+    rows = np.repeat(np.arange(len(evidence)), np.diff(evidence.starts))
+    stays = ~gone[rows]
+    return evidence_of(rows[stays], evidence.labels[stays], evidence.counts[stays], len(evidence))
+
+
 def seen_pixels(evidence: Evidence) -> F32:
     """float32 [G]: pixels of blend weight, of any class, that each Gaussian has."""
     return np.asarray(_row_sums(evidence.counts, evidence.starts) / UNIT, np.float32)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.scene.label_evidence import UNIT, evidence_of
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of, without_rows
 from fastsplat.service.scene.things import MAX_THING_ID, next_thing_id, thing_rows
 from fastsplat.service.scene.types import Parts, Scene, Thing
 from fastsplat_contract.errors import LimitExceededError
@@ -65,8 +65,4 @@ def with_new_thing(scene: Scene, rows: NDArray[np.integer]) -> tuple[Scene, int]
 
 def _without_rows(parts: Parts, gone: NDArray[np.bool_]) -> Parts:
     """The parts, of which these Gaussians, bool [G], are none any more: what they belonged to is another thing's."""
-    membership = parts.membership
-    entries = np.repeat(np.arange(len(membership)), np.diff(membership.starts))
-    stays = ~gone[entries]
-    kept = evidence_of(entries[stays], membership.labels[stays], membership.counts[stays], len(membership))
-    return replace(parts, membership=kept)
+    return replace(parts, membership=without_rows(parts.membership, gone))

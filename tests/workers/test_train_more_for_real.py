@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import time
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ import pytest
 import safetensors
 from PIL import Image
 
+from fastsplat.service import joined_things
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.photos.scene_photos import (
     observed_photo_path,
@@ -24,23 +26,32 @@ from fastsplat.service.capture.photos.scene_photos import (
 )
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
+from fastsplat.service.instances.scene_things import regions_of_label_map
+from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.joined_photos import joined_name
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
-from fastsplat.service.perception.types import Labelling, TextEncoder
+from fastsplat.service.perception.types import Labelling, Regions, TextEncoder
 from fastsplat.service.pipeline import Provenance, scene_quality
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.scene_files import read_scene
+from fastsplat.service.scene.scene_rows import gaussians_of_rows
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Scene, Thing, Things
+from fastsplat.service.settings import Settings
+from fastsplat.service.splatting.blending import thing_map
 from fastsplat.service.splatting.checkpoint import read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.train import train
 from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.train_more import capture_of
+from fastsplat.workers.protocol import Job
+from fastsplat.workers.train_more_stages import STAGES
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.localize_messages import PhotoDifference
 from fastsplat_contract.observation_messages import Observation, ObservedPhoto
+from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.thing_prompts import PixelBox
 from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
@@ -73,19 +84,28 @@ def _stored(
     observed: Sequence[View] = (),
     changed: int = -1,
     encoder: TextEncoder | None = None,
+    source: str = "given",
 ) -> str:
-    """A scene of a capture, with an observation of some more views, of which one by its number shows a change."""
+    """A scene of a capture, with an observation of some more views, of which one by its number shows a change; where
+    its labels come from models, the ball and the floor below it were not seen."""
     trained = train(capture, labelling, TRAINING.model_copy(update={"iterations": 100}), silent)
-    count = len(trained.gaussians)
+    gaussians = trained.gaussians
+    if source == "detected":
+        gaussians = gaussians_of_rows(gaussians, gaussians.means[:, 0] > -0.2)
+    count = len(gaussians)
     table = tuple(Thing(i, name, "detected", 0.9) for i, name in enumerate(_LABELS, start=1))
-    things = Things(table, evidence_of(np.arange(count), 1 + np.arange(count) % 3, np.full(count, UNIT), count))
+    owner = 1 + np.arange(count) % 3
+    if source == "detected":
+        table = (replace(table[0], name="Anna's floor", source="person"),)
+        owner = np.ones(count, int)
+    things = Things(table, evidence_of(np.arange(count), owner, np.full(count, UNIT), count))
     scene = replace(
         labelled_scene(np.zeros((count, 3)), np.ones(count, int), _LABELS, encoder=encoder),
-        gaussians=trained.gaussians,
+        gaussians=gaussians,
         head=trained.head,
         cameras=tuple(view.posed for view in capture.views),
         scale="ARBITRARY",
-        quality=scene_quality(trained, labelling, capture, Provenance()),
+        quality={**scene_quality(trained, labelling, capture, Provenance()), "label_source": source},
         things=things,
         observations=(_observation(observed, changed),) if observed else (),
     )
@@ -231,3 +251,44 @@ def test_photos_join_a_scene_after_a_killed_worker_are_undone_and_all_else_stays
     service.withdrawal._check(scene_id, WithdrawPhotosIn((names[0],)))
     service.versions.undo(scene_id)
     assert to_plain(service.get_scene(scene_id)) == to_plain(before)
+
+
+def test_models_look_at_photos_that_join_and_what_they_alone_see_is_a_thing(
+    service: SceneService, make_world: MakeWorld, tmp_path: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    capture, labelling = make_world(10)
+    views, maps = capture.views, labelling.label_maps
+    of_scene, encoder = replace(capture, views=views[:7]), open_text_encoder("minilm_l6_int8", models_dir)
+    first = replace(labelling, label_maps=maps[:7])
+    scene_id = _stored(service, of_scene, first, views[7:], -1, encoder, "detected")
+    folder = service._store.blobs.version(scene_id, "1")
+    asked: list[tuple[int, tuple[str, ...]]] = []
+
+    def look(capture: Capture, perception: object, models: Path, names: tuple[str, ...], *_: object, **__: object):
+        asked.append((len(capture.views), names))
+        balls = [(label_map == 2).astype(np.uint16) for label_map in maps[7:]]
+        regions = tuple(Regions(ball, (((1, 0.95),),)) for ball in balls)
+        seen = tuple(regions_of_label_map(label_map).masks() for label_map in maps[7:])
+        return Labelling(dictionary_of(["ball"]), tuple(balls), False, regions, seen)
+
+    monkeypatch.setattr(joined_things, "label_capture", look)
+    discovery = DiscoverySettings(min_weight_px=5)
+    settings = Settings(data_dir=tmp_path / "data", models=models_dir, training=TRAINING, discovery=discovery)
+    order = {"observations": [_OBSERVED], "steps": 150, "version": "1"}
+    base = (folder, "1")
+    job = Job("job", 1, folder, tmp_path / "job", SceneOptions(), settings, order=order, version="1", base=base)
+    for stage in ("training", "merging"):
+        job.result(stage).mkdir(parents=True)
+        STAGES[stage](job, job.result(stage), silent)
+    assert asked == [(3, ())]
+    old, new = _read(service, scene_id, "1"), read_scene(job.result("merging") / "artefact")
+    assert old.things is not None and new.things is not None
+    floor, ball = new.things.table
+    assert (floor.id, floor.name, floor.source) == (1, "Anna's floor", "person")
+    assert (ball.id, ball.name, ball.source) == (2, "ball", "detected") and set(ball.proposed_in) <= {7, 8, 9}
+    shown, true = thing_map(new, views[8].posed) == ball.id, maps[8] == 2
+    assert (shown & true).sum() > 0.5 * (shown | true).sum()
+    unchanged = json.loads((job.result("merging") / "summary.json").read_text())["result"]["unchanged"]
+    count = len(old.gaussians)
+    same = [np.array_equal(new.gaussians.means[row], old.gaussians.means[row]) for row in range(count)]
+    assert sum(same) >= unchanged

@@ -68,9 +68,10 @@ def common_things(text: str) -> tuple[tuple[CommonThing, ...], bool]:
 
 
 def are_other_things(text: str, names: Sequence[str]) -> bool:
-    """Whether the list tells a text from what bears these names, by the whole names of both: it counts them among a
-    common kind, but has most kinds of one alone. A chair is no dining table, though both are furniture. A fork and a
-    spoon, of the same kinds, may stand in for each other; coffee is what a cup is for.
+    """Whether the list tells a text from what bears these names, by the whole names of both: it has most kinds of one
+    alone. A sofa is no teddy bear, and a chair no dining table, though both are furniture. A fork and a spoon, of the
+    same kinds, may stand in for each other; coffee is what a cup is for, and tea a hot drink, which a coffee machine
+    brews.
 
     Args:
         text: a name, without question words and articles.
@@ -85,9 +86,11 @@ def are_other_things(text: str, names: Sequence[str]) -> bool:
     wanted = {label_key(text)} | {name for thing in asked for name in thing.names}
     above = {kind for thing in asked for kind in thing.kinds}
     below = {kind for thing in labeled for kind in thing.kinds}
-    if own & (wanted | above) or below & wanted or stems(text) <= _use_words(labeled):
+    shared, used = above & below, _use_words(labeled)
+    served = {text} if shared else {text, *above}
+    if own & (wanted | above) or below & wanted or any(stems(each) <= used for each in served):
         return False
-    return 0 < 2 * len(above & below) < len(above | below)
+    return 2 * len(shared) < len(above | below)
 
 
 class KnownLabels:

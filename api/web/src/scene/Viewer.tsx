@@ -36,7 +36,7 @@ import { webgl } from "../viewer/webgl";
 import { Pointing } from "./pointing";
 import { Walking } from "./walking";
 
-const QUIET_MS = 8_000; // without a gesture, until the scene is loaded all the same
+const QUIET_MS = 8_000; // without a gesture, with the server's picture, until the scene is loaded all the same
 const SWAYS = [15, 10, 5].map((degrees) => (degrees * Math.PI) / 180); // the widest is taken that shows what was seen
 
 /** What other parts of the page may ask of the 3D view. */
@@ -136,7 +136,10 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       view?.setSize(Math.round(element.clientWidth * ratio), Math.round(element.clientHeight * ratio));
       serverView.peek()?.setSize(element.clientWidth, element.clientHeight);
     };
+    let quiet = 0;
+    const begunAfter = (wait: number) => (quiet ||= window.setTimeout(() => void begin().catch(setError), wait));
     const drawn = new ServerView(place, scene, (shown, problem) => {
+      begunAfter(QUIET_MS); // not before: what draws the picture may be the same machine
       setError(problem);
       if (!shown) return;
       setShare(null);
@@ -167,9 +170,8 @@ export function Viewer({ state, first, handle, onView }: Properties) {
       resize();
       splatView.value = made;
     };
-    const begun = () => void begin().catch(setError);
-    const quiet = window.setTimeout(begun, state.look.mode.peek() === "photo" ? QUIET_MS : 0);
-    touch.signal.addEventListener("abort", begun);
+    if (state.look.mode.peek() !== "photo") begunAfter(0);
+    touch.signal.addEventListener("abort", () => void begin().catch(setError));
     return () => {
       gone = true;
       window.clearTimeout(quiet);

@@ -68,6 +68,7 @@ export class ServerView {
   }
 
   show(shown: Shown): void {
+    if (JSON.stringify(shown) === JSON.stringify(this.#shown)) return;
     this.#shown = shown;
     this.#draw();
   }
