@@ -144,10 +144,10 @@ def test_probes_of_the_same_thing_score_high() -> None:
     thing, other = rng.integers(0, 255, (2, 300, 128), dtype=np.uint8)
     again = np.clip(thing.astype(int) + rng.integers(-9, 9, thing.shape), 0, 255).astype(np.uint8)
     scales = np.ones(300, np.float32)
-    scores = probe_scores([probes(d, scales, 3) for d in (thing, again, other)])
+    scores = probe_scores([probes(d, scales) for d in (thing, again, other)])
     assert scores[0, 1] > 250 and scores[0, 2] < 10
     assert (scores == scores.T).all()
-    assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8), np.arange(2000.0, dtype=np.float32), 3)) == 512
+    assert len(probes(rng.integers(0, 255, (2000, 128), dtype=np.uint8), np.arange(2000.0, dtype=np.float32))) == 256
 
 
 def test_normalizing_the_world_is_one_similarity() -> None:

@@ -18,7 +18,7 @@ from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.photos.scene_photos import photo_path, write_photos
 from fastsplat.service.capture.photos.withholding import BLANK, Withholding
 from fastsplat.service.capture.settings import CaptureSettings, PhotoSettings
-from fastsplat.service.capture.sfm import reconstruction as sfm
+from fastsplat.service.capture.sfm.features import extract_features
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import Dictionary
@@ -141,7 +141,7 @@ def test_features_lie_outside_of_what_is_withheld(test_data: Path, tmp_path: Pat
         pycolmap.Database.open(database).close()
         options = pycolmap.FeatureExtractionOptions()
         options.num_threads = 1
-        sfm.extract_features(database, images, ["a.jpg", "b.jpg"], folder, options)
+        extract_features(database, images, ["a.jpg", "b.jpg"], folder, options)
         with pycolmap.Database.open(database) as reader:
             rows = reader.read_all_images()
             return {row.name: np.asarray(reader.read_keypoints(row.image_id))[:, :2] for row in rows}

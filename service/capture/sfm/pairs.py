@@ -9,24 +9,22 @@ from numpy.typing import NDArray
 
 Pair = tuple[int, int]
 
-_PROBES = 512
-_PROBES_OF_MANY = 256
-_MANY_IMAGES = 300
+_PROBES = 256
+"""All images are compared with all others by them. 512 took four times as long, and the pairs that they chose of 49
+photos of plush had .4 % more verified matches."""
 _MAX_RATIO = 0.8
 _SPREAD_IMAGES = 6
 _NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
 
 
-def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32], images: int) -> NDArray[np.float32]:
+def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32]) -> NDArray[np.float32]:
     """float32 [K, 128] unit descriptors of an image's largest features, which are the most likely to match elsewhere.
 
     Args:
         descriptors: uint8 [F, 128] SIFT.
         scales: float32 [F].
-        images: how many images there are; of many, fewer features each are probed.
     """
-    count = _PROBES if images <= _MANY_IMAGES else _PROBES_OF_MANY
-    largest = np.argsort(-scales, kind="stable")[:count]
+    largest = np.argsort(-scales, kind="stable")[:_PROBES]
     vectors = descriptors[largest].astype(np.float32)
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))
 
@@ -71,8 +69,9 @@ def _mutual_matches(first: NDArray[np.float32], second: NDArray[np.float32]) -> 
     if len(first) < 2 or len(second) < 2:
         return 0
     cosine = first @ second.T
-    nearest = cosine.argmax(axis=1)
-    mutual = cosine.argmax(axis=0)[nearest] == np.arange(len(first))
-    runner_up, best = np.partition(cosine, -2, axis=1)[:, -2:].T
-    angles = np.arccos(np.clip([best, runner_up], -1.0, 1.0))
+    rows, nearest = np.arange(len(first)), cosine.argmax(axis=1)
+    best = cosine[rows, nearest]
+    mutual = best == cosine.max(axis=0)[nearest]  # `argmax` along columns would copy them, as slow as the product
+    cosine[rows, nearest] = -1.0
+    angles = np.arccos(np.clip([best, cosine.max(axis=1)], -1.0, 1.0))
     return int((mutual & (angles[0] < _MAX_RATIO * angles[1])).sum())

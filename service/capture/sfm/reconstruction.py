@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.capture.sfm import geometry, pairs, rigs
 from fastsplat.service.capture.sfm.early_refusal import refuse_hopeless
+from fastsplat.service.capture.sfm.features import extract_features
 from fastsplat.service.capture.sfm.first_cameras import FIRST_IMAGES, first_pairs, place_first
 from fastsplat.service.capture.sfm.impossible_cameras import map_possible
 from fastsplat.service.capture.sfm.mapping import SEED, Mapping, Models, mapper_options
@@ -180,6 +181,7 @@ def extract_and_match(
     extraction.max_image_size = request["sfm_max_side"]
     extraction.num_threads = _threads(request)
     extraction.sift.max_num_features = request["sfm_features"]
+    extraction.sift.first_octave = 0
     masks = Path(request["mask_folder"]) if "mask_folder" in request else None
     for start in range(0, len(files), _IMAGES_A_STEP):
         report(_FEATURES_DONE * start / len(files), f"extracting features {start}/{len(files)}")
@@ -230,35 +232,6 @@ def _threads(request: dict[str, Any]) -> int:
     return request["sfm_threads"] or os.cpu_count() or 1
 
 
-def extract_features(
-    database: Path, images: Path, files: list[str], masks: Path | None, extraction: pycolmap.FeatureExtractionOptions
-) -> None:
-    """Write the features of images to a database; of those with a mask only the features where that is above 0.
-
-    Args:
-        database: to be written.
-        images: folder of the images.
-        files: their names in it.
-        masks: folder with `<file>.png` for those that have a mask; None: none has.
-        extraction: options.
-    """
-    masked = [file for file in files if masks is not None and (masks / f"{file}.png").is_file()]
-    for names, folder in ((masked, masks), ([file for file in files if file not in masked], None)):
-        if not names:
-            continue
-        options = pycolmap.ImageReaderOptions()
-        if folder is not None:  # COLMAP takes no image without a mask then
-            options.mask_path = folder
-        pycolmap.extract_features(
-            database,
-            images,
-            image_names=names,
-            reader_options=options,
-            extraction_options=extraction,
-            device=pycolmap.Device.cpu,
-        )
-
-
 def _matching_threads(threads: int) -> int:
     """How many threads may match: all of them once faiss computes distances without BLAS, else one.
 
@@ -287,7 +260,7 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
         if len(files) <= request["exhaustive_images"]:
             scores = np.zeros((len(files), len(files)), np.int32)
         else:
-            scores = pairs.probe_scores([_probes(reader, ids[file], len(files)) for file in files])
+            scores = pairs.probe_scores([_probes(reader, ids[file]) for file in files])
     chosen = pairs.choose_pairs(
         scores,
         exhaustive_images=request["exhaustive_images"],
@@ -297,12 +270,12 @@ def _choose_pairs(database: Path, files: list[str], request: dict[str, Any]) -> 
     return rigs.rig_pairs(chosen, request["images"], request["ordered"])
 
 
-def _probes(reader: pycolmap.Database, image_id: int, images: int) -> NDArray[np.float32]:
+def _probes(reader: pycolmap.Database, image_id: int) -> NDArray[np.float32]:
     if reader.num_keypoints_for_image(image_id) == 0:
         return np.zeros((0, 128), np.float32)
     keypoints = np.asarray(reader.read_keypoints(image_id))  # x, y and an affine shape whose columns have the scale
     scales = np.hypot(keypoints[:, 2], keypoints[:, 4])
-    return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales, images)
+    return pairs.probes(np.asarray(reader.read_descriptors(image_id).data), scales)
 
 
 def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...]) -> geometry.Reconstruction:

@@ -1,0 +1,79 @@
+"""Features of images. Runs in the child process of `service.capture.untrusted.sandbox` only."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+
+import pycolmap
+
+_TRIED = 2
+"""Images that tell whether those after them are tried without octave -1."""
+
+
+def extract_features(
+    database: Path, images: Path, files: list[str], masks: Path | None, extraction: pycolmap.FeatureExtractionOptions
+) -> None:
+    """Write the features of images to a database; of those with a mask only the features where that is above 0.
+
+    COLMAP keeps the largest features. So octave -1, of twice an image's resolution, which takes most of the time, adds
+    nothing where the others give as many as are asked for.
+
+    Args:
+        database: to be written.
+        images: folder of the images.
+        files: their names in it.
+        masks: folder with `<file>.png` for those that have a mask; None: none has.
+        extraction: options. If the first octave is 0, -1 is used only for images with too few features without it; it
+            becomes -1 for the images of later calls once the first of a call have too few.
+    """
+    if extraction.sift.first_octave == -1:
+        _extract(database, images, files, masks, extraction)
+        return
+    enough, tried = extraction.sift.max_num_features, files[:_TRIED]
+    _extract(database, images, tried, masks, extraction)
+    few = _with_fewer_features(database, tried, enough)
+    ordinary = len(few) == len(tried)
+    if ordinary:
+        few = files
+    else:
+        _extract(database, images, files[_TRIED:], masks, extraction)
+        few = _with_fewer_features(database, files, enough)
+    _forget_features(database, few)
+    extraction.sift.first_octave = -1
+    _extract(database, images, few, masks, extraction)
+    extraction.sift.first_octave = -1 if ordinary else 0
+
+
+def _extract(
+    database: Path, images: Path, files: list[str], masks: Path | None, extraction: pycolmap.FeatureExtractionOptions
+) -> None:
+    masked = [file for file in files if masks is not None and (masks / f"{file}.png").is_file()]
+    for names, folder in ((masked, masks), ([file for file in files if file not in masked], None)):
+        if not names:
+            continue
+        options = pycolmap.ImageReaderOptions()
+        if folder is not None:  # COLMAP takes no image without a mask then
+            options.mask_path = folder
+        pycolmap.extract_features(
+            database,
+            images,
+            image_names=names,
+            reader_options=options,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
+
+
+def _with_fewer_features(database: Path, files: list[str], enough: int) -> list[str]:
+    with pycolmap.Database.open(database) as reader:
+        counts = {image.name: reader.num_keypoints_for_image(image.image_id) for image in reader.read_all_images()}
+    return [file for file in files if counts[file] < enough]
+
+
+def _forget_features(database: Path, files: list[str]) -> None:
+    with closing(sqlite3.connect(database)) as connection, connection:  # pycolmap can clear those of all images only
+        for table in ("keypoints", "descriptors"):
+            query = f"DELETE FROM {table} WHERE image_id = (SELECT image_id FROM images WHERE name = ?)"
+            connection.executemany(query, [(file,) for file in files])
