@@ -53,6 +53,9 @@ _GLOBAL_PLACED = 0.95
 _FEWEST_TO_HOLD_OUT = 60
 """Matches of a pair that can do without a tenth of them."""
 _FEWEST_OF_REPEATS = 30
+_GROWTH, _MOST_ROUNDS = 1.3, 2
+"""The whole model is adjusted when its images or points are so many times as many as the last time, in at most so many
+rounds. COLMAP has 1.1 and 5."""
 _FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
 """Shares of the progress: most captures need no more than the first mapping."""
 
@@ -262,6 +265,8 @@ class Mapping:
         """Models from nothing, or `start` with more images."""
         output = self.folder / name
         output.mkdir()
+        options.ba_global_frames_ratio = options.ba_global_points_ratio = _GROWTH
+        options.ba_global_max_refinements = _MOST_ROUNDS
         rigs.hold_rigs(options, database, self.entries)
         before = ""
         if start is not None:
