@@ -60,7 +60,7 @@ def served(service: Any, settings: Settings) -> Iterator[Faces]:
     """The same, with clients."""
     with (
         serving(service, settings) as ports,
-        httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=60) as rest,
+        httpx.Client(base_url=f"http://127.0.0.1:{ports.http}", timeout=600) as rest,
         grpc.insecure_channel(f"127.0.0.1:{ports.grpc}") as channel,
     ):
         yield Faces(rest, SceneServiceStub(channel), channel, ports)
