@@ -148,7 +148,7 @@ def _known(
     """Which things of the selection are which known ones: those that overlap enough; and of the others those that do so
     where both could be, among the Gaussians that were there before, as a floor that the new views show more of."""
     known: dict[int, int] = {}
-    for there in (~born | born, ~born):
+    for there in (np.ones_like(born), ~born):
         shared = np.zeros((len(selection.things) + 1, int(before.max(initial=0)) + 1))
         np.add.at(shared, (selection.owners[there] + 1, np.where(born, 0, before)[there]), size[there])
         together = shared.sum(1, keepdims=True) + shared.sum(0, keepdims=True) - shared

@@ -15,12 +15,14 @@ from fastsplat_contract.camera import PosedCamera
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+FEWEST_VIEWS = 2
+"""Photos that have to agree on an event."""
+
 _CELLS = 64
 """Cubes along the longest side of the place; those of a piece are a sixth as wide."""
 _FINER = 6
 _BAND = 1.0
 """Cubes before and behind a surface that count as on it."""
-_FEWEST_VIEWS = 2
 _AGREEING = 0.75
 """Share of the photos that see a cube in which it shows what the scene has not."""
 _AGREEING_FINE = 0.85
@@ -142,7 +144,7 @@ def _piece(
         if (covered & differs).sum() >= _FEWEST_PIXELS:
             views.append(row)
             own.append(covered & differs)
-    if len(views) < _FEWEST_VIEWS or np.mean(shares) < _LEAST_SHARE:
+    if len(views) < FEWEST_VIEWS or np.mean(shares) < _LEAST_SHARE:
         return None
     box = np.stack([points.min(axis=0) - width / 2, points.max(axis=0) + width / 2])
     return ChangedPiece(box, tuple(views), tuple(own), float(np.mean(shares)))
@@ -168,7 +170,7 @@ def _unexplained(pieces: Sequence[ChangedPiece], photos: int) -> list[ChangedPie
 
 
 def _fewest(photos: int) -> int:
-    return max(_FEWEST_VIEWS, round(_LEAST_LOOKED_AT * photos))
+    return max(FEWEST_VIEWS, round(_LEAST_LOOKED_AT * photos))
 
 
 def projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:

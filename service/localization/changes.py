@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
-from fastsplat.service.localization.later_views import LaterView, unlike
-from fastsplat.service.localization.lost_things import Lost, lost_pieces, lost_things, pixels_of, step_ratio
+from fastsplat.service.localization.later_views import LaterView
+from fastsplat.service.localization.lost_things import Lost, lost_pieces, lost_things, pixels_of
 from fastsplat.service.localization.photometric_refinement import Comparison
 from fastsplat_contract.localize_messages import ChangeKind, DifferenceKind
 
@@ -103,13 +103,10 @@ def find_changes(
     lost, seen = lost_things(views, boxes, surfaces)
     lost += lost_pieces(views, lost, place)
     comparisons = [view.comparison for view in views]
-    maps = [unlike(each.photo, each, aside) for each, aside in zip(comparisons, pixels_of(views, lost), strict=True)]
-    pieces = [
-        piece
-        for piece in changed_pieces(comparisons, maps, place)
-        if not any(_inside(piece.box, one.box) for one in lost)  # what it uncovers
-        and step_ratio(piece.views, piece.pixels, views) > 1
+    maps = [
+        (view.only_in_photo, view.unknown(aside)) for view, aside in zip(views, pixels_of(views, lost), strict=True)
     ]
+    pieces = changed_pieces(comparisons, maps, place)
     events = _events(comparisons, lost, pieces, float((place[1] - place[0]).max()))
     return Changes(tuple(sorted(events, key=lambda event: -event.probability)), tuple(seen))
 
@@ -159,12 +156,6 @@ def _around(pixels: Bools) -> tuple[int, int, int, int]:
 def _sure(of: Lost | ChangedPiece) -> float:
     """0..1, by how many photos agree, and how far."""
     return float(of.share * (1 - 0.5 ** len(of.views)))
-
-
-def _inside(piece: F64, thing: F64) -> bool:
-    """Whether a piece lies mostly in a thing's box."""
-    common = np.minimum(piece[1], thing[1]) - np.maximum(piece[0], thing[0])
-    return bool((common > 0).all() and common.prod() >= 0.5 * np.maximum(piece[1] - piece[0], 1e-9).prod())
 
 
 def _size_ratio(one: F64, other: F64) -> float:

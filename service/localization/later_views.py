@@ -25,6 +25,7 @@ _SHADED = (0.45, 1.7)
 """Gains between a surface in light and in shade."""
 _SAME_CHROMA = 0.035
 _BURNT, _BRIGHT = 0.985, 0.8
+_WIDE = np.ones((7, 7), np.uint8)
 
 
 @dataclass(frozen=True)
@@ -40,35 +41,45 @@ class LaterView:
     things: NDArray[np.int32]
 
     @cached_property
+    def missing(self) -> Bools:
+        """bool [H, W], where the scene has a color that the photo has nowhere around."""
+        return _differs(self.comparison.shown, self.comparison.photo, self.comparison.sure)
+
+    @cached_property
+    def only_in_scene(self) -> Bools:
+        """bool [H, W], where the scene shows what the photo has not, shades left out."""
+        return self._shaped(self.missing)
+
+    @cached_property
+    def only_in_photo(self) -> Bools:
+        """bool [H, W], where the photo shows what the scene has not, shades left out."""
+        return self._shaped(_differs(self.comparison.photo, self.comparison.shown, self.comparison.sure))
+
+    @property
     def same(self) -> Bools:
         """bool [H, W], where photo and scene show the same, surely."""
-        other = np.zeros(self.things.shape, np.bool_)
-        for picture in (self.comparison.photo, self.comparison.shown):
-            other |= unlike(picture, self.comparison, np.zeros_like(other))[0]
-        return np.asarray(self.comparison.sure & ~other)
+        return np.asarray(self.comparison.sure & ~self.only_in_scene & ~self.only_in_photo)
+
+    def unknown(self, aside: Bools) -> Bools:
+        """bool [H, W], where it cannot be told which of them shows something, as around what is set `aside`."""
+        near = cv2.dilate(aside.astype(np.uint8), _WIDE) > 0
+        return np.asarray(near | _burnt(self.comparison) | ~self.comparison.sure)
+
+    def _shaped(self, differs: Bools) -> Bools:
+        seen = (differs & ~_only_shaded(self.comparison)).astype(np.uint8)
+        return np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, _WIDE) > 0)
 
 
-def unlike(lacking: F32, comparison: Comparison, aside: Bools) -> tuple[Bools, Bools]:
-    """bool [H, W] twice: where one of a comparison's pictures shows what the other one has not, shades left out; and
-    where that cannot be told, as around what is set aside."""
-    other = differs(lacking, comparison) & ~_only_shaded(comparison)
-    wide = np.ones((7, 7), np.uint8)
-    near = cv2.dilate(aside.astype(np.uint8), wide) > 0
-    unknown = near | _burnt(comparison) | ~comparison.sure
-    return cv2.morphologyEx(other.astype(np.uint8), cv2.MORPH_CLOSE, wide) > 0, unknown
-
-
-def differs(lacking: F32, comparison: Comparison) -> Bools:
-    """bool [H, W]: where one of a comparison's pictures has a color that the other one has nowhere around."""
-    other = comparison.photo if lacking is comparison.shown else comparison.shown
+def _differs(one: F32, other: F32, sure: Bools) -> Bools:
+    """bool [H, W]: where one picture has a color that the other one has nowhere around, of what is sure."""
     around = np.ones((_SLACK_PX, _SLACK_PX), np.uint8)
-    soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (lacking, other))
+    soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (one, other))
     beyond = np.maximum(soft_one - cv2.dilate(soft_other, around), cv2.erode(soft_other, around) - soft_one)
     excess = np.maximum(beyond, 0.0).max(axis=2)
-    if not comparison.sure.any():
+    if not sure.any():
         return np.zeros(excess.shape, np.bool_)
-    usual = float(excess[comparison.sure].mean())
-    return np.asarray((excess > max(_LEAST, _TIMES_USUAL * usual)) & comparison.sure)
+    usual = float(excess[sure].mean())
+    return np.asarray((excess > max(_LEAST, _TIMES_USUAL * usual)) & sure)
 
 
 def _burnt(comparison: Comparison) -> Bools:

@@ -9,16 +9,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.localization.changed_space import changed_pieces
-from fastsplat.service.localization.later_views import LaterView, differs, unlike
+from fastsplat.service.localization.changed_space import FEWEST_VIEWS, changed_pieces
+from fastsplat.service.localization.later_views import LaterView
 from fastsplat.service.localization.photometric_refinement import Comparison
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-FEWEST_VIEWS = 2
-"""Photos that have to agree on an event."""
 
 _FEWEST_PIXELS = 30
 _SURE_SHARE = 0.5
@@ -68,7 +65,7 @@ def lost_things(
     for row, view in enumerate(views):
         ids = np.where(view.comparison.sure, view.things, 0)
         pixels, whole = (np.bincount(each.ravel(), minlength=most) for each in (ids, view.things))
-        changed = np.bincount(ids[differs(view.comparison.shown, view.comparison)], minlength=most)
+        changed = np.bincount(ids[view.missing], minlength=most)
         for thing, own in shares.items():
             if pixels[thing] >= max(_FEWEST_PIXELS, _SURE_SHARE * whole[thing]):
                 own.append((row, float(changed[thing] / pixels[thing])))
@@ -95,7 +92,9 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
         place: float64 [2, 3], which space.
     """
     comparisons = [view.comparison for view in views]
-    maps = [unlike(each.shown, each, aside) for each, aside in zip(comparisons, pixels_of(views, lost), strict=True)]
+    maps = [
+        (view.only_in_scene, view.unknown(aside)) for view, aside in zip(views, pixels_of(views, lost), strict=True)
+    ]
     found = []
     for piece in changed_pieces(comparisons, maps, place, on_surface=True):
         step = step_ratio(piece.views, piece.pixels, views)
@@ -107,21 +106,21 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
     """bool [H, W] of each photo: where the scene shows what is lost; of what is no thing, all surface in its box."""
     taken = sorted({each.thing for each in lost if each.thing})
+    boxes = [each.box for each in lost if not each.thing]
     maps = [np.isin(view.things, taken) for view in views]
     for view, own in zip(views, maps, strict=True):
-        points = _surface(view.comparison)
-        for low, high in (each.box for each in lost if not each.thing):
+        points = _surface(view.comparison) if boxes else np.zeros(0)
+        for low, high in boxes:
             own |= ((points >= low) & (points <= high)).all(axis=2)
     return maps
 
 
 def _surface(comparison: Comparison) -> F64:
     """float64 [H, W, 3]: the point that each pixel shows, world frame; not a number where nothing is."""
-    camera, pose = comparison.posed.camera, comparison.posed.world_from_camera
-    depth = np.where(comparison.depth > 0, comparison.depth, np.nan).astype(np.float64)
-    y, x = np.indices(depth.shape) + 0.5
-    rays = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=2)
-    return np.asarray(rays * depth[..., None] @ pose[:3, :3].T + pose[:3, 3])
+    depth, pose = np.where(comparison.depth > 0, comparison.depth, np.nan), comparison.posed.world_from_camera
+    rows, columns = np.indices(depth.shape) + 0.5
+    local = comparison.posed.camera.rays(columns, rows) * depth[..., None]
+    return np.asarray(local @ pose[:3, :3].T + pose[:3, 3], np.float64)
 
 
 def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[LaterView]) -> float:

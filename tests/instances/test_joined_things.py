@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, dictionary_of
+from fastsplat.service.instances.joined_views import _codes
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.joined_things import with_joined_things
@@ -125,8 +126,12 @@ def test_what_new_photos_alone_show_becomes_a_thing_and_all_else_stays(
     assert new.id in {thing.id for thing in index.things.listed if thing.name == "cup"}
 
 
-def test_more_of_a_known_thing_is_that_thing(whole: Scene, room: Room, masks: tuple, settings: Settings) -> None:
-    more = (room.owner == 0) & (room.gaussians.means[:, 0] > 0.4)
+@pytest.mark.parametrize("beyond", [0.4, -0.4])
+def test_more_of_a_known_thing_is_that_thing(
+    whole: Scene, room: Room, masks: tuple, settings: Settings, beyond: float
+) -> None:
+    """Also where most of it is new."""
+    more = (room.owner == 0) & (room.gaussians.means[:, 0] > beyond)
     before, born, _ = _with_born(whole, more)
     changed = np.ones(len(born), np.bool_)
     views = tuple(room.capture.views[number] for number in _NEW)
@@ -149,3 +154,12 @@ def test_photos_that_nobody_looked_at_say_nothing(whole: Scene, room: Room, sett
     none = np.zeros(len(whole.gaussians), np.bool_)
     after = with_joined_things(whole, views, silent, ~none, none, settings)
     assert after.things == whole.things and after.gaussians is whole.gaussians
+
+
+def test_what_moves_to_another_thing_has_the_mean_code_of_what_was_that_thing_before() -> None:
+    codes = np.random.default_rng(0).normal(size=(6, 2)).astype(np.float32)
+    before, after = np.array([1, 1, 2, 2, 0, 1]), np.array([1, 2, 2, 2, 2, 3])
+    born = np.array([False, False, False, True, False, False])
+    made = _codes(codes, before, after, after != before, born)
+    assert np.allclose(made[[1, 4]], codes[2])  # 3 was born: it learns its own code
+    assert np.array_equal(made[[0, 2, 3, 5]], codes[[0, 2, 3, 5]])  # nothing was 3 before

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_changes
 from fastsplat.service.localization.later_views import LaterView
+from fastsplat.service.localization.lost_things import Lost, lost_things, pixels_of
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
@@ -64,13 +65,20 @@ def _events(
     photos: Sequence[NDArray[np.uint8]],
     boxes: dict[int, NDArray[np.float64]],
 ) -> tuple[Change, ...]:
+    views = _later(scene, empty, photos)
+    if _BLOCK not in boxes:
+        views = [replace(view, things=np.ones_like(view.things)) for view in views]
+    return find_changes(views, boxes, _PLACE, frozenset({1})).events
+
+
+def _later(scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]]) -> list[LaterView]:
+    """Photos beside the scene, whose things are the room, 1, and the block."""
     views = []
     for posed, photo in zip(_VIEWS, photos, strict=False):
         comparison = compared(photo, posed, scene.geometry, side=COMPARED_SIDE)
         block = (np.abs(scene.colors(posed).astype(int) - empty.colors(posed)) > 30).any(axis=2)
-        block &= _BLOCK in boxes
         views.append(LaterView(comparison, np.where(block, _BLOCK, 1).astype(np.int32)))
-    return find_changes(views, boxes, _PLACE, frozenset({1})).events
+    return views
 
 
 def _photos(of: Renderer, gain: float = 1.0) -> list[NDArray[np.uint8]]:
@@ -115,6 +123,28 @@ def test_what_was_taken_away_and_was_no_thing_is_gone_not_new(empty: Renderer, w
     assert event.kind == "gone" and event.thing == 0 and event.after is None and event.before is not None
     np.testing.assert_allclose(event.before.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"missing"}
+
+
+def test_views_that_are_mostly_unsure_of_a_thing_say_nothing_of_it(empty: Renderer, with_block: Renderer) -> None:
+    views, boxes = _later(with_block, empty, _photos(empty)), {_BLOCK: _box(_AT)}
+    lost, seen = lost_things(views, boxes, frozenset())
+    assert [each.thing for each in lost] == seen == [_BLOCK]
+    for share, known in ((0.4, []), (0.7, [_BLOCK])):
+        some = []
+        for view in views:
+            own = np.flatnonzero((view.things == _BLOCK) & view.comparison.sure)
+            sure = view.comparison.sure.copy()
+            sure.ravel()[own[int(share * (view.things == _BLOCK).sum()) :]] = False
+            some.append(LaterView(replace(view.comparison, sure=sure), view.things))
+        assert lost_things(some, boxes, frozenset())[1] == known
+
+
+def test_what_is_set_aside_of_no_thing_is_the_surface_in_its_box(empty: Renderer, with_block: Renderer) -> None:
+    views = _later(with_block, empty, _photos(empty))
+    lost = Lost(0, _box(_AT) + np.array([[-0.02], [0.02]]), (0,), (), 1.0, 0.5)
+    for view, aside in zip(views, pixels_of(views, [lost]), strict=True):
+        block = view.things == _BLOCK
+        assert (aside & block).sum() > 0.9 * (aside | block).sum()
 
 
 def test_where_something_else_stands_it_has_changed(empty: Renderer, with_block: Renderer) -> None:
