@@ -1,4 +1,4 @@
-"""Which tests `make test` runs and which it leaves to `make test-rest`, which come first, and how long they may take.
+"""Which tests `make test` runs and which it leaves to `make test-rest`, and which come first.
 
 All of it is decided here, by folder and file; nothing is marked by hand in a test. `make test-all` and a pytest of
 single files run whatever they are given.
@@ -6,7 +6,6 @@ single files run whatever they are given.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -88,41 +87,6 @@ LONG = (
 )
 """Groups that start before all others, so that none is left to the end."""
 
-BUDGET: Mapping[str, tuple[float, float]] = {
-    "": (50, 5),
-    "api": (295, 295),
-    "application": (50, 50),
-    "benchmarks": (15, 5),
-    "capture": (110, 180),
-    "cli": (150, 115),
-    "client": (5, 20),
-    "common": (5, 5),
-    "contract": (25, 5),
-    "demo": (5, 5),
-    "docker": (0, 5),
-    "docs": (5, 100),
-    "evaluation": (25, 5),
-    "instances": (20, 65),
-    "interop": (0, 5),
-    "library": (35, 5),
-    "localization": (15, 20),
-    "perception": (80, 5),
-    "planning": (5, 5),
-    "query": (100, 5),
-    "release": (5, 5),
-    "scene": (15, 5),
-    "splat_import": (5, 5),
-    "splatting": (130, 140),
-    "store": (40, 15),
-    "web": (235, 275),
-    "workers": (5, 985),
-}
-"""Seconds of CPU that the tests of a folder may take in `make test` and in `make test-rest`; "" has the files beside
-the folders. Half as much again as they took together on two cores: 939 and 1495, in 11 and 18 minutes."""
-
-_FOLDER_FACTOR, _FOLDER_SECONDS = 2.0, 30.0
-"""A single folder may take so many times its seconds and so many more: only the sum is judged closely."""
-
 
 def relative_path(nodeid: str) -> str:
     """A test's file below tests/."""
@@ -178,27 +142,3 @@ class ByGroup(LoadScopeScheduling):
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> ByGroup | None:
     """The scheduler of `--dist loadgroup`."""
     return ByGroup(config, log) if config.getvalue("dist") == "loadgroup" else None
-
-
-def lane(config: pytest.Config) -> Sequence[int] | None:
-    """Columns of `BUDGET` that a run is judged by; None for a run of single files or of other choices."""
-    if config.args_source is not pytest.Config.ArgsSource.TESTPATHS or config.option.keyword:
-        return None
-    return {"not rest": (0,), "rest": (1,), "": (0, 1)}.get(config.option.markexpr)
-
-
-def over_budget(seconds: Mapping[str, float], columns: Sequence[int]) -> list[str]:
-    """What took longer than it may, as sentences.
-
-    Args:
-        seconds: of CPU that the tests of each folder took.
-        columns: of `BUDGET` that count.
-    """
-    allowed = {name: sum(both[column] for column in columns) for name, both in BUDGET.items()}
-    total, most = sum(seconds.values()), sum(allowed.values())
-    said = [f"all folders took {total:.0f} s of CPU, and may take {most:.0f}"] if total > most else []
-    for name, spent in seconds.items():
-        most = _FOLDER_FACTOR * allowed.get(name, 0.0) + _FOLDER_SECONDS
-        if spent > most:
-            said.append(f"tests/{name} took {spent:.0f} s of CPU, and may take {most:.0f}")
-    return said

@@ -7,8 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
 from tests import lanes
 
 ROOT = Path(__file__).parent.parent
@@ -20,9 +18,6 @@ from tests.seconds import SecondsByFolder
 def pytest_configure(config):
     config.pluginmanager.register(lanes)
     config.pluginmanager.register(SecondsByFolder(config))
-"""
-_NO_BUDGET = """
-lanes.BUDGET = {}
 """
 _WHERE = """
 import os
@@ -38,7 +33,7 @@ def test_it(number, database, array):
 """
 
 
-def _run(folder: Path, *words: str, ci: str = "", conftest: str = "") -> tuple[str, int, list[list[str]]]:
+def _run(folder: Path, *words: str) -> tuple[str, int, list[list[str]]]:
     """What a pytest over small files says, its exit status, and of each test: its file, its database, its process."""
     log = folder / "log.txt"
     log.unlink(missing_ok=True)
@@ -52,14 +47,14 @@ def _run(folder: Path, *words: str, ci: str = "", conftest: str = "") -> tuple[s
         file = folder / "tests" / name
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(_WHERE.format(log=str(log), name=name))
-    (folder / "conftest.py").write_text(_CONFTEST + conftest)
+    (folder / "conftest.py").write_text(_CONFTEST)
     (folder / "pytest.ini").write_text(
         "[pytest]\ntestpaths = tests\naddopts = --import-mode=importlib\nmarkers = rest: by tests/lanes.py\n"
     )
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", *words],
         cwd=folder,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "client"))), "CI": ci},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "client")))},
         capture_output=True,
         text=True,
     )
@@ -71,7 +66,6 @@ def test_the_tables_name_what_is_there() -> None:
     missing = [name for name in (*lanes.REST, *lanes.FIRST, *lanes.TOGETHER) if not (_TESTS / name).exists()]
     assert missing == []
     files = {lanes.relative_path(str(path.relative_to(ROOT))) for path in _TESTS.rglob("test_*.py")}
-    assert {lanes.folder(path) for path in files} == set(lanes.BUDGET)
     assert set(lanes.FIRST) <= files
     assert set(lanes.LONG) <= {lanes.group(path) for path in files}
 
@@ -96,30 +90,3 @@ def test_a_group_and_a_file_without_one_stay_in_one_process(tmp_path: Path) -> N
     assert len({*map(tuple, processes.values())}) == 3
     rows = {line.split()[0] for line in said.partition("minutes by folder")[2].splitlines() if line}
     assert rows >= {"web", "scene", "all"}  # of all processes
-
-
-def test_a_whole_run_over_the_budget_fails_where_ci_is_set(tmp_path: Path) -> None:
-    for words, ci, fails in (
-        (("-m", "not rest"), "true", True),
-        (("-m", "not rest"), "", False),
-        (("-m", "not rest", "tests/scene"), "true", False),  # a choice of files is no lane
-    ):
-        said, status, _ = _run(tmp_path, *words, ci=ci, conftest=_NO_BUDGET)
-        assert (status, "OVER THE BUDGET" in said) == (int(fails), fails), said
-
-
-def test_the_sum_is_judged_closely_and_a_folder_generously() -> None:
-    measured = {name: both[0] for name, both in lanes.BUDGET.items()}
-    assert lanes.over_budget(measured, (0,)) == []
-    name = max(measured, key=lambda each: measured[each])
-    (one,) = lanes.over_budget({**measured, name: measured[name] + 1}, (0,))
-    assert one.startswith("all folders")
-    moved = {**dict.fromkeys(measured, 0.0), name: sum(measured.values())}
-    (one,) = lanes.over_budget(moved, (0,))
-    assert one.startswith(f"tests/{name} ")
-    assert lanes.over_budget({**measured, "no such folder": 40.0}, (0,))
-
-
-@pytest.mark.parametrize("lane", [(0,), (1,), (0, 1)])
-def test_every_lane_has_a_budget(lane: tuple[int, ...]) -> None:
-    assert sum(both[column] for both in lanes.BUDGET.values() for column in lane) > 0
