@@ -35,9 +35,15 @@ class Message:
     proto: ClassVar[str] = ""
     """The protobuf message's name where it is not the class's own."""
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, allow_inf_nan=False)
+    _schema: ClassVar[CoreSchema | None]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        if "_schema" not in vars(cls):  # made once: it stands in many routes' requests and answers
+            cls._schema = None
+            cls._schema = TypeAdapter(cls).core_schema
+        if cls._schema is not None:
+            return cls._schema
         schema = handler(source)
         # The values are strict; the object itself comes as a dict.
         cast(dict[str, Any], handler.resolve_ref_schema(schema))["strict"] = False
