@@ -16,7 +16,7 @@ from fastsplat.cli.browser import is_ready
 from fastsplat.service.common.process import PARENT_VARIABLE
 from fastsplat_contract.errors import ResourceError
 
-_START_SECONDS = 60
+_START_SECONDS = 300
 _STOP_SECONDS = 20
 
 
