@@ -8,9 +8,11 @@ import resource
 import signal
 import socket
 import sys
+import threading
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from dataclasses import dataclass
+from importlib import import_module
 
 from fastsplat.api.access.exposure import check_exposure, is_loopback
 from fastsplat.api.access.gate import build_gate
@@ -53,7 +55,7 @@ def run(settings: Settings) -> None:
         stop = asyncio.Event()
         for number in (signal.SIGTERM, signal.SIGINT):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        await serve(service, settings, stop)
+        await serve(service, settings, stop, lambda ports: _import_renderer())
 
     check_exposure(settings)
     sys.setswitchinterval(_TURN_S)
@@ -130,6 +132,11 @@ async def serve(
             http_server.should_exit = True
             await asyncio.gather(grpc_server.stop(settings.drain_s), serving)
             stopping.cancel()
+
+
+def _import_renderer() -> None:
+    """Import what draws pictures, on a thread: that takes seconds, which the first who asks need not wait for."""
+    threading.Thread(target=import_module, args=("fastsplat.service.query.drawing.scene_renderer",)).start()
 
 
 def _raise_file_limit() -> None:
