@@ -22,6 +22,9 @@ _WINDOW = {"viewport": {"width": 1000, "height": 700}, "reduced_motion": "reduce
 """A quarter of the pixels, which software draws: the page is laid out in CSS pixels all the same."""
 _DRAWN = """async (pause) => {
   for (let frame = 0; frame < 3; frame++) await new Promise(requestAnimationFrame);
+  const isSeen = ({ top, bottom }) => bottom > 0 && top < innerHeight;
+  const pictures = [...document.images].filter((picture) => isSeen(picture.getBoundingClientRect()));
+  await Promise.all(pictures.map((picture) => picture.decode().catch(() => undefined)));
   await new Promise((done) => setTimeout(done, pause));
 }"""
 _NOTED_MS = 400
