@@ -1,7 +1,7 @@
 """Photos that join a finished scene, against a scene that was trained with all of them from the start.
 
     python -m benchmarks.things.joined [NAME ...] [--split test] [--photos 5] [--hidden SHARE] [--iterations 1500]
-        --keep FOLDER
+        [--keep FOLDER]
 
 NAME is `sample` (the demo's), `tabletop` or `plush` (without a truth) of FASTSPLAT_TEST_DATA. The photos that join are
 the training views nearest to the first measured view, so that the scene of the others knows that side least; with
@@ -87,13 +87,15 @@ def _main() -> None:
     parser.add_argument("--hidden", type=float, default=0.0, help="share of the points that only these photos show")
     parser.add_argument("--iterations", type=int, default=1500)
     parser.add_argument("--gaussians", type=int, default=20_000)
-    parser.add_argument("--keep", type=Path, required=True, help="folder of captures and trained scenes")
+    parser.add_argument(
+        "--keep", type=Path, default=Path(".bench-joined"), help="folder of captures and trained scenes"
+    )
     add_split(parser)
     options = parser.parse_args()
     out = results_file("joined", options.split)
     for name in options.names or _NAMES:
         start, title = begin(), f"{name} widened" if options.hidden else name
-        row = _row(name, options.keep / options.split / title.replace(" ", "-"), options)
+        row = _row(name, options.keep.resolve() / options.split / title.replace(" ", "-"), options)
         about = provenance(start, settings=options, chosen_on=chosen_on(name, options.split))
         document = json.loads(out.read_text()) if out.is_file() else {"rows": {}}
         document["rows"][title] = {**row, "provenance": about}

@@ -40,7 +40,6 @@ _SOMETHING = 0.5
 _SPACING = 4
 """Pixels between the rays on which Gaussians are made."""
 _OPACITY = 0.5
-_SHARE = 0.5
 _SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE
 
 
@@ -81,7 +80,7 @@ def join_photos(
     most = len(gaussians) * len(new) // max(1, len(capture.views) - len(new))
     born, origins = born_gaussians(gaussians, views, changed, most, settings)
     begin = appended_gaussians(gaussians, born)
-    weight = max(1, round(_SHARE / (1 - _SHARE) * (len(capture.views) - len(new)) / len(new)))
+    weight = max(1, round((len(capture.views) - len(new)) / len(new)))
     repeated = replace(capture, views=(*capture.views, *(capture.views[number] for number in new * (weight - 1))))
     only = np.concatenate([changed, np.ones(len(born), np.bool_)])
     continued = continue_training(begin, repeated, settings, progress, checkpoint_dir, watch=watch, only=only)
