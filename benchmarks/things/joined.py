@@ -62,6 +62,7 @@ from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.drawing.scene_renderer import Renderer
+from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
@@ -156,8 +157,17 @@ def _found(capture: Capture, folder: Path, settings: Settings) -> Scene:
     if not (folder / "looked").is_dir():
         looked = label_capture(capture, settings.perception, settings.models, (), silent, masks=True)
         save_labelling(looked, folder / "looked")
-    scene = with_things(scene, capture, load_labelling(folder / "looked"), settings)
-    return replace(scene, quality={**scene.quality, "label_source": "detected"})
+    looked = load_labelling(folder / "looked")
+    encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
+    scene = replace(
+        scene,
+        dictionary=looked.dictionary,
+        label_embeddings=embed_labels(looked.dictionary, encoder, settings.query.templates),
+        text_encoder=(encoder.name, encoder.sha256),
+        label_templates=settings.query.templates,
+        quality={**scene.quality, "label_source": "detected"},
+    )
+    return with_things(scene, capture, looked, settings)
 
 
 def _observed(
