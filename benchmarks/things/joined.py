@@ -65,7 +65,7 @@ from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.types import Scene
+from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.blending import thing_map
 from fastsplat.service.splatting.quality import psnr
@@ -162,6 +162,7 @@ def _found(capture: Capture, folder: Path, settings: Settings) -> Scene:
     scene = replace(
         scene,
         dictionary=looked.dictionary,
+        head=SemanticHead.unlearnt(len(looked.dictionary), scene.gaussians.codes.shape[1]),
         label_embeddings=embed_labels(looked.dictionary, encoder, settings.query.templates),
         text_encoder=(encoder.name, encoder.sha256),
         label_templates=settings.query.templates,
