@@ -275,7 +275,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         Handler(
             calls.OBSERVE_SCENE,
             lambda service, asked: service.observations.observe(asked, caller_id()),
-            computes=True,
             example=localize_examples.OBSERVATION,
         ),
         Handler(

@@ -308,6 +308,14 @@ def _localization(document: Document) -> Iterator[Row]:
         yield name, f"{held['right']} of {held['photos']}", errors, inside, wrong
 
 
+def _changes(document: Document) -> Iterator[Row]:
+    for name, row in document.items():
+        error = row["move_error_cm_median"]
+        moved = "–" if error is None else f"{error:.1f} cm"
+        told = f"{row['found']} of {row['changes']}", f"{row['wrong']}", f"{row['f1']:.2f}"
+        yield name, *told, f"{row['unchanged_wrong']} in {row['unchanged']}", moved
+
+
 _TRADE_HEAD = ("", "PSNR, dB", "mIoU", "boundary IoU", "CPU s", "size", "peak MB")
 
 TABLES: Mapping[str, Table] = {
@@ -356,6 +364,11 @@ TABLES: Mapping[str, Table] = {
         _naming,
     ),
     "reads": Table(("reads",), ("printed lines, capitals from 20 pixels", ""), _reads),
+    "changes": Table(
+        ("changes",),
+        ("room", "events found", "wrong ones", "F1", "events told of unchanged sets", "error of a move, median"),
+        _changes,
+    ),
     "relations": Table(("relations",), ("questions", "", ""), _relations),
     "standing": Table(("standing",), ("three questions, ten poses a second each, ten minutes", ""), _standing),
     "serve": Table(("serve",), ("", ""), _serve),

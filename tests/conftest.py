@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import hypothesis
 import pytest
 
 from fastsplat.service.settings import load_settings
@@ -15,6 +16,11 @@ from tests.seconds import SecondsByFolder
 
 if TYPE_CHECKING:
     from tests.postgres import PostgresServer
+
+
+# A busy machine is no failure: laws are about answers, never about time.
+hypothesis.settings.register_profile("unhurried", deadline=None, max_examples=60)
+hypothesis.settings.load_profile("unhurried")
 
 
 class _FailuresAtOnce:

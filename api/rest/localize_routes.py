@@ -83,7 +83,7 @@ def localize_routes(service: SceneService, settings: Settings, threads: Threads)
         """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene."""
         asked = await received(request, scene_id, ObserveRequest)
         author = caller_id()
-        return await json_of_call(request, threads.answer, lambda: service.observations.observe(asked, author))
+        return await json_of_call(request, threads.call, lambda: service.observations.observe(asked, author))
 
     return router
 

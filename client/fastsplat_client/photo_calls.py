@@ -71,7 +71,7 @@ class PhotoCalls(TableCalls):
         poses: Sequence[Pose] = (),
         seen_at: datetime | None = None,
         request_id: str = "",
-        timeout_s: float | None = None,
+        timeout_s: float = 600.0,
     ) -> Observation:
         """Keep photos of another day, and what they show to be gone, moved, new or changed, with a scene; `undo_edit`
         takes the newest back.
@@ -82,7 +82,7 @@ class PhotoCalls(TableCalls):
             focals, poses: as for `localize`.
             seen_at: when they were taken, with its time zone; None: by their metadata, or now.
             request_id: the same id with the same photos returns the same observation; "": a new one.
-            timeout_s: when to give up.
+            timeout_s: when to give up; ten photos take two cores half a minute, slow ones more.
         """
         seen = {} if seen_at is None else {"seen_at": seen_at.isoformat()}
         form = _form(photos, focals, poses, request_id=request_id or uuid.uuid4().hex, **seen)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,9 @@ _BAND = 1.0
 _AGREEING = 0.75
 """Share of the photos that see a cube in which it shows what the scene has not."""
 _AGREEING_FINE = 0.85
-_LEAST_LOOKED_AT = 0.3
-"""Share of all photos that have to show a change: of what only few see, little is known."""
+_LEAST_LOOKED_AT, _LEAST_BEFORE = 0.3, 0.45
+"""Shares of all photos that have to show a change of the scene's surfaces, and one before them: of what only few see,
+little is known, least at the scene's rim."""
 _FEWEST_PIXELS = 8
 _MOST_PIECES = 24
 _LEAST_SHARE = 0.55
@@ -72,14 +74,15 @@ def changed_pieces(
         on_surface: leave out what is before the scene's surfaces: then a piece is a part of these.
     """
     width = float((place[1] - place[0]).max() / _CELLS)
+    fewest = max(FEWEST_VIEWS, round((_LEAST_LOOKED_AT if on_surface else _LEAST_BEFORE) * len(comparisons)))
+    carve = partial(_carved, comparisons, differing, fewest=fewest, on_surface=on_surface)
     pieces = []
-    for rough, _ in _carved(comparisons, differing, place, width, wide=True, on_surface=on_surface)[:_MOST_PIECES]:
-        around = rough + np.array([[-width], [width]])
-        fine = _carved(comparisons, differing, around, width / _FINER, wide=False, on_surface=on_surface)
+    for rough, _ in carve(place, width, wide=True)[:_MOST_PIECES]:
+        fine = carve(rough + np.array([[-width], [width]]), width / _FINER, wide=False)
         own = [points for _, points in fine if len(points) >= _SMALL * len(fine[0][1])]
         piece = _piece(comparisons, differing, np.concatenate(own), width / _FINER) if own else None
-        pieces += [] if piece is None else [piece]
-    return tuple(_unexplained(pieces, len(comparisons)))
+        pieces += [] if piece is None else [piece if on_surface else _centered(piece, comparisons)]
+    return tuple(_unexplained(pieces, fewest))
 
 
 def _carved(
@@ -90,6 +93,7 @@ def _carved(
     *,
     wide: bool,
     on_surface: bool,
+    fewest: int,
 ) -> list[tuple[F64, F64]]:
     """Box and centers of each piece of touching cubes, the largest first.
 
@@ -98,6 +102,8 @@ def _carved(
         place: float64 [2, 3].
         width: of a cube.
         wide: whether a cube counts as changed where any of its picture is, or where its middle is.
+        on_surface: see `changed_pieces`.
+        fewest: photos that have to show it.
     """
     low, high = place
     counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)
@@ -117,7 +123,7 @@ def _carved(
             differs = ndimage.maximum_filter(differs, reach | 1)
         seen[rows[sees]] += 1
         changed[rows[sees & differs.ravel()[pixels]]] += 1
-    agreeing = (changed >= _fewest(len(comparisons))) & (changed >= (_AGREEING if wide else _AGREEING_FINE) * seen)
+    agreeing = (changed >= fewest) & (changed >= (_AGREEING if wide else _AGREEING_FINE) * seen)
     labels, count = ndimage.label(agreeing.reshape(tuple(counts)), np.ones((3, 3, 3)))
     of = labels.ravel()
     sizes = np.bincount(of, minlength=count + 1)[1:]
@@ -150,7 +156,23 @@ def _piece(
     return ChangedPiece(box, tuple(views), tuple(own), float(np.mean(shares)))
 
 
-def _unexplained(pieces: Sequence[ChangedPiece], photos: int) -> list[ChangedPiece]:
+def _centered(piece: ChangedPiece, comparisons: Sequence[Comparison]) -> ChangedPiece:
+    """A piece with a box about the point where the middles of its pictures meet, no larger than it was: seen from few
+    sides a hull is too long along the way there, and what is inside is in the middle of each picture."""
+    normal, right = np.zeros((3, 3)), np.zeros(3)
+    for view, own in zip(piece.views, piece.pixels, strict=True):
+        posed = comparisons[view].posed
+        rows, columns = (place.mean() + 0.5 for place in np.nonzero(own))
+        ray = posed.world_from_camera[:3, :3] @ posed.camera.rays(columns, rows)
+        across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+        normal += across
+        right += across @ posed.world_from_camera[:3, 3]
+    middle = np.linalg.lstsq(normal, right)[0]
+    half = np.minimum(middle - piece.box[0], piece.box[1] - middle)
+    return replace(piece, box=np.stack([middle - half, middle + half])) if (half > 0).all() else piece
+
+
+def _unexplained(pieces: Sequence[ChangedPiece], fewest: int) -> list[ChangedPiece]:
     """Without the pieces of which enough photos show mostly what a larger one shows as well: what something new hides
     has changed, too, in all photos in which it stands before it."""
     kept: list[ChangedPiece] = []
@@ -160,17 +182,13 @@ def _unexplained(pieces: Sequence[ChangedPiece], photos: int) -> list[ChangedPie
         for view, own in zip(piece.views, piece.pixels, strict=True):
             free = own if view not in taken else own & ~taken[view]
             own_views += bool(free.sum() >= _FREE * own.sum())
-        if own_views < _fewest(photos):
+        if own_views < fewest:
             continue
         kept.append(piece)
         for view, own in zip(piece.views, piece.pixels, strict=True):
             around = ndimage.maximum_filter(own, _AROUND_PX)
             taken[view] = taken[view] | around if view in taken else around
     return kept
-
-
-def _fewest(photos: int) -> int:
-    return max(FEWEST_VIEWS, round(_LEAST_LOOKED_AT * photos))
 
 
 def projected(posed: PosedCamera, points: F64) -> tuple[NDArray[np.intp], NDArray[np.intp], F64]:

@@ -104,7 +104,8 @@ def find_changes(
     lost += lost_pieces(views, lost, place)
     comparisons = [view.comparison for view in views]
     maps = [
-        (view.only_in_photo, view.unknown(aside)) for view, aside in zip(views, pixels_of(views, lost), strict=True)
+        (view.only_in_photo, view.unknown(aside, view.comparison.covered))
+        for view, aside in zip(views, pixels_of(views, lost), strict=True)
     ]
     pieces = changed_pieces(comparisons, maps, place)
     events = _events(comparisons, lost, pieces, float((place[1] - place[0]).max()))

@@ -52,34 +52,36 @@ class LaterView:
 
     @cached_property
     def only_in_photo(self) -> Bools:
-        """bool [H, W], where the photo shows what the scene has not, shades left out."""
-        return self._shaped(_differs(self.comparison.photo, self.comparison.shown, self.comparison.sure))
+        """bool [H, W], where the photo shows what the scene has not, shades left out; how far away the scene is there
+        need not be sure, as of a plain wall it never is."""
+        return self._shaped(_differs(self.comparison.photo, self.comparison.shown, self.comparison.covered))
 
     @property
     def same(self) -> Bools:
         """bool [H, W], where photo and scene show the same, surely."""
         return np.asarray(self.comparison.sure & ~self.only_in_scene & ~self.only_in_photo)
 
-    def unknown(self, aside: Bools) -> Bools:
-        """bool [H, W], where it cannot be told which of them shows something, as around what is set `aside`."""
+    def unknown(self, aside: Bools, known: Bools) -> Bools:
+        """bool [H, W], where it cannot be told which of them shows something: around what is set `aside`, and off what
+        is `known` of the scene."""
         near = cv2.dilate(aside.astype(np.uint8), _WIDE) > 0
-        return np.asarray(near | _burnt(self.comparison) | ~self.comparison.sure)
+        return np.asarray(near | _burnt(self.comparison) | ~known)
 
     def _shaped(self, differs: Bools) -> Bools:
         seen = (differs & ~_only_shaded(self.comparison)).astype(np.uint8)
         return np.asarray(cv2.morphologyEx(seen, cv2.MORPH_CLOSE, _WIDE) > 0)
 
 
-def _differs(one: F32, other: F32, sure: Bools) -> Bools:
-    """bool [H, W]: where one picture has a color that the other one has nowhere around, of what is sure."""
+def _differs(one: F32, other: F32, known: Bools) -> Bools:
+    """bool [H, W]: where one picture has a color that the other one has nowhere around, of what is known."""
     around = np.ones((_SLACK_PX, _SLACK_PX), np.uint8)
     soft_one, soft_other = (cv2.GaussianBlur(picture.clip(0.0, 1.0), (0, 0), 1.0) for picture in (one, other))
     beyond = np.maximum(soft_one - cv2.dilate(soft_other, around), cv2.erode(soft_other, around) - soft_one)
     excess = np.maximum(beyond, 0.0).max(axis=2)
-    if not sure.any():
+    if not known.any():
         return np.zeros(excess.shape, np.bool_)
-    usual = float(excess[sure].mean())
-    return np.asarray((excess > max(_LEAST, _TIMES_USUAL * usual)) & sure)
+    usual = float(excess[known].mean())
+    return np.asarray((excess > max(_LEAST, _TIMES_USUAL * usual)) & known)
 
 
 def _burnt(comparison: Comparison) -> Bools:

@@ -93,7 +93,8 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
     """
     comparisons = [view.comparison for view in views]
     maps = [
-        (view.only_in_scene, view.unknown(aside)) for view, aside in zip(views, pixels_of(views, lost), strict=True)
+        (view.only_in_scene, view.unknown(aside, view.comparison.sure))
+        for view, aside in zip(views, pixels_of(views, lost), strict=True)
     ]
     found = []
     for piece in changed_pieces(comparisons, maps, place, on_surface=True):

@@ -50,7 +50,6 @@ def test_no_request_makes_the_server_fail(faces: Faces, victim: dict[str, str], 
 
     @settings(
         max_examples=_EXAMPLES,
-        deadline=None,
         derandomize=True,
         database=None,
         phases=[Phase.explicit, Phase.generate],

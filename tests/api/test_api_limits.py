@@ -42,7 +42,7 @@ def _key(name: str) -> Principal:
     return Principal(name, "default", "editor")
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 0.5)), max_size=200))
 def test_no_key_gets_more_than_its_burst_and_its_rate(steps: list[tuple[str, float]]) -> None:
     limiter, clock = _limiter(rate_per_s=10, burst=5)

@@ -291,7 +291,7 @@ def run(place: Place, scenes: int, steps: int) -> None:
     run_state_machine_as_test(
         machine,
         settings=settings(
-            max_examples=scenes, stateful_step_count=steps, deadline=None, database=None, phases=phases,
+            max_examples=scenes, stateful_step_count=steps, database=None, phases=phases,
             suppress_health_check=checks,
         ),
     )  # fmt: skip

@@ -231,7 +231,7 @@ _NAMES = st.lists(
 
 
 @given(names=_NAMES, tar=st.booleans())
-@hypothesis_settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@hypothesis_settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_whatever_the_names_nothing_lands_outside(names: list[str], tar: bool, tmp_path_factory) -> None:
     place: Path = tmp_path_factory.mktemp("names")

@@ -122,7 +122,7 @@ def test_pairs_that_contradict() -> None:
     ordered=st.booleans(),
     seed=st.integers(0, 99),
 )
-@hypothesis_settings(max_examples=60, deadline=None)
+@hypothesis_settings(max_examples=60)
 def test_pairs_to_match(count: int, best: int, exhaustive: int, ordered: bool, seed: int) -> None:
     upper = np.triu(np.random.default_rng(seed).integers(0, 50, (count, count)), 1).astype(np.int32)
     scores = upper + upper.T

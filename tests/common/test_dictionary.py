@@ -6,7 +6,7 @@ import re
 
 import inflect
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.calibration.lists import read_pairs, read_scenes
@@ -93,7 +93,6 @@ def test_what_has_no_other_number_stays(name: str) -> None:
 
 @pytest.mark.parametrize("name", HOUSEHOLD)
 @given(st.sampled_from(["", "red ", "Two-", "the_other "]))
-@settings(deadline=None)
 def test_the_key_of_a_plural_is_the_key_of_its_singular(name: str, before: str) -> None:
     plural = IRREGULAR_PLURALS.get(name) or inflect.engine().plural_noun(name)
     assert label_key(before + plural) == label_key(before + name) != ""
@@ -101,7 +100,6 @@ def test_the_key_of_a_plural_is_the_key_of_its_singular(name: str, before: str) 
 
 
 @given(st.text(st.sampled_from("aeioumnsxyvfz"), min_size=1, max_size=12))
-@settings(deadline=None)
 def test_the_key_of_a_made_up_word_is_its_own_key(word: str) -> None:
     assert label_key(label_key(word)) == label_key(word)
 

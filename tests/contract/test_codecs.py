@@ -28,7 +28,7 @@ from fastsplat_contract.wire import Request
 from tests.contract.catalog import TYPES
 from tests.contract.values import EXAMPLES, JSON_ONLY, values_of
 
-_RANDOM = settings(max_examples=EXAMPLES, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True)
+_RANDOM = settings(max_examples=EXAMPLES, suppress_health_check=list(HealthCheck), derandomize=True)
 _REQUESTS = [kind for kind in TYPES.values() if issubclass(kind, Request)]
 
 
@@ -137,7 +137,7 @@ def _least(kind: Any) -> dict[str, Any]:
     """Something for every field without a default."""
     drawn: dict[str, Any] = {}
 
-    @settings(max_examples=1, deadline=None, derandomize=True, database=None)
+    @settings(max_examples=1, derandomize=True, database=None)
     @given(values_of(kind))
     def draw(value: Any) -> None:
         drawn.update(to_plain(value))

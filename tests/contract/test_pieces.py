@@ -39,7 +39,7 @@ def _answer(**more: Any) -> Answer:
     )
 
 
-@settings(max_examples=min(EXAMPLES, 8), deadline=None)
+@settings(max_examples=min(EXAMPLES, 8))
 @given(
     sizes=st.lists(st.integers(0, 3 * CHUNK_BYTES), max_size=3),
     pictures=st.lists(st.integers(1, 3 * CHUNK_BYTES), max_size=2),

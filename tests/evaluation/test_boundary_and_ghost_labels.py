@@ -30,7 +30,7 @@ def _noisy(truth: np.ndarray, seed: int) -> np.ndarray:
     return np.where(wrong, random.integers(0, LABELS + 1, truth.shape), truth)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), share=st.sampled_from([0.02, 0.05, 0.1]))
 def test_boundary_counts_agree_with_the_pixel_loop(seed: int, share: float) -> None:
     truth = _blobs(seed)
@@ -42,7 +42,7 @@ def test_boundary_counts_agree_with_the_pixel_loop(seed: int, share: float) -> N
         assert scores[label] == pytest.approx(expected, nan_ok=True)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), masked=st.booleans())
 def test_ghosts_agree_with_the_pixel_loop(seed: int, masked: bool) -> None:
     truth = _blobs(seed)

@@ -82,7 +82,7 @@ def test_no_proposals_no_candidates() -> None:
 Span = tuple[int, int]
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(
     st.lists(st.lists(st.tuples(st.integers(0, 50), st.integers(3, 20)), max_size=5), min_size=2, max_size=5),
     st.randoms(use_true_random=False),
@@ -108,7 +108,7 @@ def test_supports_are_shares_and_no_two_candidates_are_the_same(views: list[list
         assert {order[view] for view in np.flatnonzero(fits[number] >= 0.5)} == set(one.proposed_in)
 
 
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(st.integers(2, 6), st.integers(0, 10**6), st.randoms(use_true_random=False))
 def test_the_order_of_views_and_of_masks_does_not_matter(views: int, seed: int, random) -> None:
     """Things whose masks slip by a little in each view."""

@@ -26,7 +26,7 @@ def test_pieces_make_up_the_masks_and_are_different(count: int, seed: int) -> No
     assert set(np.unique(pieces)) == set(range(len(members)))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(1, 8), st.integers(0, 2**32 - 1), st.booleans())
 def test_a_gaussian_is_inside_masks_that_have_more_than_half_of_it(count: int, seed: int, bounded: bool) -> None:
     rng = np.random.default_rng(seed)

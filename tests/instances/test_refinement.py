@@ -83,7 +83,7 @@ def _right(owner: np.ndarray, room: Room, size: np.ndarray) -> float:
     return float(size[owner == room.owner].sum() / size.sum())
 
 
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=5)
 @given(st.integers(0, 2**32 - 1))
 def test_wrong_owners_are_put_right_by_the_pixels(room: Room, seed: int) -> None:
     """A tenth of the Gaussians is given to somebody else, or to nobody."""

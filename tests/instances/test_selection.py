@@ -81,7 +81,7 @@ def test_what_lies_in_two_members_of_a_group_counts_once() -> None:
     assert 2 in hierarchy.things and hierarchy.groups == {}
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 @given(
     st.lists(st.tuples(st.integers(0, 90), st.integers(1, 60), st.floats(0, 1)), max_size=10),
     st.randoms(use_true_random=False),
@@ -107,7 +107,7 @@ def test_every_candidate_is_one_of_thing_part_and_group(spans: list[tuple[int, i
     assert {order[part]: order[thing] for part, thing in again.part_of.items()} == hierarchy.part_of
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(st.tuples(st.integers(0, 90), st.integers(1, 40)), max_size=8))
 def test_the_smallest_thing_owns(spans: list[tuple[int, int]]) -> None:
     things = [
@@ -160,7 +160,7 @@ def test_without_a_majority_nobody_owns() -> None:
     assert (with_neighbors(owners, gaussians, np.ones(len(points), np.float32), 8) == owners).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 1000), st.floats(-5, 5), st.floats(0.0, 0.4))
 def test_a_plane_is_fitted_in_spite_of_what_lies_elsewhere(seed: int, offset: float, elsewhere: float) -> None:
     rng = np.random.default_rng(seed)

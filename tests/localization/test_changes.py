@@ -15,6 +15,7 @@ from fastsplat.service.localization.lost_things import Lost, lost_things, pixels
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
+from fastsplat_contract.camera import PosedCamera
 from tests.localization.textured_room import looking, renderer, textured_room
 
 _FROM = ((-0.7, 1.0), (-0.45, 1.9), (-0.15, 1.2), (0.15, 2.3), (0.45, 1.2), (0.7, 1.9))
@@ -71,10 +72,12 @@ def _events(
     return find_changes(views, boxes, _PLACE, frozenset({1})).events
 
 
-def _later(scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]]) -> list[LaterView]:
+def _later(
+    scene: Renderer, empty: Renderer, photos: Sequence[NDArray[np.uint8]], cameras: Sequence[PosedCamera] = _VIEWS
+) -> list[LaterView]:
     """Photos beside the scene, whose things are the room, 1, and the block."""
     views = []
-    for posed, photo in zip(_VIEWS, photos, strict=False):
+    for posed, photo in zip(cameras, photos, strict=False):
         comparison = compared(photo, posed, scene.geometry, side=COMPARED_SIDE)
         block = (np.abs(scene.colors(posed).astype(int) - empty.colors(posed)) > 30).any(axis=2)
         views.append(LaterView(comparison, np.where(block, _BLOCK, 1).astype(np.int32)))
@@ -91,6 +94,26 @@ def test_what_was_put_there_is_new_at_its_place(empty: Renderer, with_block: Ren
     assert event.after is not None
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
     assert {region.kind for region in event.regions} == {"new"}
+
+
+def test_what_is_new_before_what_is_nowhere_sure_is_new_all_the_same(empty: Renderer, with_block: Renderer) -> None:
+    """As before a plain wall, of which no photo tells how far away it is."""
+    views = [
+        replace(view, comparison=replace(view.comparison, sure=np.zeros_like(view.comparison.sure)))
+        for view in _later(empty, empty, _photos(with_block))
+    ]
+    (event,) = find_changes(views, {}, _PLACE).events
+    assert event.kind == "new"
+
+
+def test_the_middle_of_what_is_new_is_right_where_photos_see_one_side_of_it(
+    empty: Renderer, with_block: Renderer
+) -> None:
+    side = [looking(angle, height=1.2) for angle in (0.0, 0.1, 0.2, 0.3)]
+    views = _later(empty, empty, [with_block.colors(posed) for posed in side], side)
+    (event,) = find_changes(views, {}, _PLACE).events
+    assert event.after is not None
+    np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.06)
 
 
 def test_what_was_taken_away_is_gone(empty: Renderer, with_block: Renderer) -> None:

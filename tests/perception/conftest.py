@@ -9,7 +9,6 @@ import numpy as np
 import onnx
 import onnx.parser
 import pytest
-from hypothesis import settings as hypothesis_settings
 from tokenizers import Tokenizer
 from tokenizers.models import WordLevel
 from tokenizers.normalizers import Lowercase
@@ -18,10 +17,6 @@ from tokenizers.processors import TemplateProcessing
 
 from fastsplat.service.capture.types import Capture, CaptureReport, GivenLabels, View
 from fastsplat_contract.camera import Camera, PosedCamera
-
-# A busy machine is no failure: laws are about answers, never about time.
-hypothesis_settings.register_profile("unhurried", deadline=None, max_examples=60)
-hypothesis_settings.load_profile("unhurried")
 
 WORDS = ["[PAD]", "[CLS]", "[SEP]", ".", "red", "cup", "chair", "lamp"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from fastsplat.service.planning.cost_model import (
@@ -47,7 +47,6 @@ wishes = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds, st.floats(0, 20))
 @example(TrainingSettings(), TABLE, 60.0, Speed(), 20.0)
 @example(TrainingSettings(max_gaussians=1), dataclasses.replace(TABLE, views=1, points=0, labels=0), 1.0, Speed(), 0.0)
@@ -59,7 +58,6 @@ def test_a_plan_ends_in_time_or_says_that_the_budget_cannot_be_kept(requested, s
     assert planned.seconds <= budget * 1.0001 or least
 
 
-@settings(deadline=None, max_examples=60)
 @given(wishes, scenes, budgets, speeds)
 def test_a_plan_never_asks_for_more_than_was_requested_and_names_every_loss(requested, scene, budget, speed) -> None:
     planned = fit_training(requested, scene, budget, speed=speed)
@@ -77,7 +75,6 @@ def test_a_plan_never_asks_for_more_than_was_requested_and_names_every_loss(requ
     TrainingSettings.model_validate(chosen.model_dump())
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.floats(5, 500), st.floats(1.0, 8.0), st.floats(0.2, 4))
 def test_more_time_and_a_faster_machine_never_give_up_more(budget, more, factor) -> None:
     requested = TrainingSettings()
@@ -125,7 +122,6 @@ def test_one_gaussian_and_one_view_can_be_planned() -> None:
 costs = st.builds(PerceptionCost, st.floats(0, 100), st.floats(0, 1), st.floats(0, 10), st.integers(0, 20))
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.integers(0, 50), st.integers(1, 400), budgets, st.floats(0, 100), costs)
 def test_perception_keeps_to_its_share_of_the_budget_or_to_three_views(requested, views, budget, spent, cost) -> None:
     chosen, tradeoffs = views_within_budget(requested, views, budget, overhead_s=spent, cost=cost)
@@ -151,7 +147,6 @@ def test_impossible_budgets_are_refused_by_name(budget: float) -> None:
             fit_training(TrainingSettings(), TABLE, 10.0, speed=slow)
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.integers(1, 10**7), st.integers(1, 10**7), st.integers(0, 16), st.integers(0, 2))
 def test_a_step_costs_more_with_more_of_anything(pixels: int, gaussians: int, channels: int, degree: int) -> None:
     cost = step_seconds(pixels, gaussians, channels, degree)

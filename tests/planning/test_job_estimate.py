@@ -16,7 +16,7 @@ from fastsplat.service.settings import Settings
 photo_sets = st.builds(PhotoSet, st.integers(2, 1_000), st.integers(100, 8_000), st.integers(100, 8_000))
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(photo_sets, st.floats(0.1, 10))
 def test_more_photos_and_larger_ones_take_longer_and_faster_machines_are_faster(photos: PhotoSet, speed: float) -> None:
     chosen = Settings()

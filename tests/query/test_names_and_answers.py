@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.relations.drawing import Room, box, scene_of, table
@@ -80,7 +80,6 @@ def _shown(things: tuple[Thing, ...]) -> Mapping[str, set[int]]:
     return shown
 
 
-@settings(deadline=None)  # the first one loads what is loaded once
 @given(
     things=_things(),
     looked_for=st.lists(st.sampled_from(_NAMES), max_size=6, unique=True),
@@ -110,7 +109,6 @@ def test_no_name_that_is_shown_is_denied(
             assert not any(f'"{label}"' in answer.sentence for label in others)
 
 
-@settings(deadline=None)
 @given(things=_things())
 def test_what_is_suggested_alone_is_as_probable_as_its_likeliest_thing(things: tuple[Thing, ...]) -> None:
     index = SceneIndex(_scene(things, []), calibrated(), QuerySettings(backend="reference"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.scene.types import Gaussians
@@ -25,7 +25,6 @@ def _gaussians(count: int, degree: int = 1) -> Gaussians:
     )
 
 
-@settings(deadline=None, max_examples=60)
 @given(st.floats(0.001, 3), st.floats(0, 5), st.integers(0, 300), st.integers(0, 3), st.integers(0, 10**6))
 def test_no_more_is_lost_than_allowed(allowed, harmonics_db, count, degree, seed) -> None:
     scene = _gaussians(count, degree)

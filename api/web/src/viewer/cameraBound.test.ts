@@ -71,6 +71,24 @@ function painted(): SplatColumns {
   return { count: points.length, columns };
 }
 
+/** A splat with a curtain of faint Gaussians, half a unit before a view. */
+function veiled({ count, columns }: SplatColumns, view: LookAt, logit: number): SplatColumns {
+  const { right, down, forward } = axesOf(view);
+  const middle = add(view.position, scale(forward, 0.5));
+  const all = Array.from({ length: 441 }, (_, at) =>
+    add(middle, add(scale(right, ((at % 21) - 10) / 25), scale(down, (Math.floor(at / 21) - 10) / 25))),
+  );
+  const more: Record<string, readonly number[]> = {
+    ...Object.fromEntries(["x", "y", "z"].map((name, axis) => [name, all.map((point) => point[axis] ?? 0)])),
+    opacity: all.map(() => logit),
+  };
+  const added = [...columns].map(([name, own]) => {
+    const values = more[name] ?? all.map(() => Math.log(0.05));
+    return [name, Float32Array.from([...own, ...values])] as const;
+  });
+  return { count: count + all.length, columns: new Map(added) };
+}
+
 /** Where a ray first meets a wall, from which side, or null. */
 function hit(from: Vec, way: Vec): { point: Vec; wall: Wall; front: boolean; distance: number } | null {
   let nearest: ReturnType<typeof hit> = null;
@@ -178,6 +196,17 @@ describe("the camera stays where pictures show what photos have seen", () => {
     expect(length(subtract(kept.position, first.position))).toBeGreaterThan(0.3);
     const little: Gesture = (share) => orbit(first, 0.05 * share, 0);
     expect(bound.farthest(little)).toEqual(little(1));
+  });
+
+  test("where fog that photos look past hides what they show, the camera does not stay", () => {
+    const view: LookAt = { position: [1.2, -2.2, 1.6], target: [0, 0.4, 0.6], up: [0, 0, 1] };
+    const shownThrough = (logit: number) => {
+      const seen = sightingsOf(veiled(painted(), view, logit), photos);
+      return new CameraBound(seen, photos, () => ASPECT).shows(view);
+    };
+    expect(bound.shows(view)).toBe(true);
+    expect(shownThrough(-2)).toBe(false); // each lets 88 % of the light through
+    expect(shownThrough(-4.5)).toBe(true); // each 99 %
   });
 
   test("a scene without photos bounds nothing", () => {

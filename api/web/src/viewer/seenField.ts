@@ -2,8 +2,8 @@ import type { PosedCamera } from "../api/types";
 import type { LookAt } from "./poses";
 import { axesOf, focalLength, rayOf } from "./poses";
 import type { SplatColumns } from "./spz";
-import type { Grid, GridCamera, Surfaces } from "./surfaceGrid";
-import { cellOf, gridOf, surfacesOf } from "./surfaceGrid";
+import type { Fog, Grid, GridCamera, Surfaces } from "./surfaceGrid";
+import { cellOf, fogOf, gridOf, hazeOf, surfacesOf } from "./surfaceGrid";
 import type { Vec } from "./vectors";
 import { cross, scale } from "./vectors";
 
@@ -12,11 +12,14 @@ const COLUMNS = 32; // of the pictures that are counted in
 const ENOUGH = 2; // photos
 const ALIKE = Math.cos(Math.PI / 4); // between the direction of a photo and one in which a surface looks the same
 const NEAREST = 0.3; // of a photo's distance: nearer, a surface is blurred
+const HAZY = 0.2; // −log of the share of the light that fog must let through
 const BEHIND = 0.04; // of the depth, by which a surface may lie behind the nearest and still be seen
 
 /** What photos saw of a scene: data alone, that a worker can send. */
 export interface Sightings {
   surfaces: Surfaces;
+  /** What may hide them from where no photo was taken. */
+  fog: Fog;
   photos: number;
   /** Of each sample of the surfaces: where its sightings begin; x, y, z of a unit vector to the photo, and the distance. */
   starts: Uint32Array;
@@ -39,7 +42,7 @@ export function sightingsOf(splat: SplatColumns, cameras: readonly PosedCamera[]
     });
     starts[sample + 1] = sightings.length / 4;
   }
-  return { surfaces, photos: photos.length, starts, sightings: Float32Array.from(sightings) };
+  return { surfaces, fog: fogOf(splat), photos: photos.length, starts, sightings: Float32Array.from(sightings) };
 }
 
 /** From where the scene's surfaces were seen. */
@@ -49,10 +52,12 @@ export class SeenField {
   /** How much of a picture shows surfaces that two photos show from about there: 0..1. */
   coverage(view: LookAt, aspect: number): number {
     const camera = gridCameraOfView(view, aspect);
-    const { nearest } = gridOf(this.seen.surfaces, camera);
-    let seen = 0;
-    for (const sample of nearest) if (sample >= 0 && this.#isKnown(sample, view.position)) seen += 1;
-    return seen / nearest.length;
+    const grid = gridOf(this.seen.surfaces, camera);
+    const haze = hazeOf(this.seen.fog, camera, grid);
+    const seen = grid.nearest.filter(
+      (sample, cell) => sample >= 0 && (haze[cell] ?? 0) <= HAZY && this.#isKnown(sample, view.position),
+    );
+    return seen.length / grid.nearest.length;
   }
 
   #isKnown(sample: number, from: Vec): boolean {
@@ -71,7 +76,7 @@ export class SeenField {
 
 function isSeen(surfaces: Surfaces, sample: number, photo: GridCamera, { depths }: Grid): boolean {
   const at = cellOf(surfaces, sample, photo);
-  if (!at) return false;
+  if (!at || at.column < 0 || at.row < 0 || at.column >= photo.width || at.row >= photo.height) return false;
   const front = depths[at.row * photo.width + at.column] ?? 0;
   return at.depth <= front * (1 + BEHIND) + (surfaces.radii[sample] ?? 0);
 }

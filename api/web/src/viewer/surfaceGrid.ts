@@ -3,14 +3,20 @@ import type { Vec } from "./vectors";
 
 const SAMPLES = 12_000;
 const FAINT = -1; // logit of an opacity of 0.27
-const WIDEST = 4; // cells: how far around its middle a sample covers
-const SIGMAS = 1.25;
+const WIDEST = 4; // cells: how far around its middle a sample of a surface covers
+const SIGMAS = 1.25; // a square of so many to each side has about the area that a Gaussian covers
+const BEFORE = 0.85; // of a surface's depth: fog is nearer, and what is not, the surface's own
 
 /** Where surfaces are, by a sample of the Gaussians: [3 count] and [count], scene units. */
 export interface Surfaces {
   count: number;
   positions: Float32Array;
   radii: Float32Array;
+}
+
+/** Faint Gaussians, and −log of the share of the light that each lets through. */
+export interface Fog extends Surfaces {
+  densities: Float32Array;
 }
 
 /** A pinhole camera of a small picture, `width` × `height` cells, OpenCV axes. */
@@ -34,25 +40,49 @@ export interface Grid {
 }
 
 /** Every so many-th of the opaque Gaussians, enlarged to cover what those between do. */
-export function surfacesOf({ count, columns }: SplatColumns, most = SAMPLES): Surfaces {
-  const [x, y, z, opacity, a, b, c] = ["x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2"].map(
-    (name) => columns.get(name) ?? new Float32Array(count),
-  ) as [Float32Array, Float32Array, Float32Array, Float32Array, Float32Array, Float32Array, Float32Array];
-  const opaque: number[] = [];
-  for (let row = 0; row < count; row++) if ((opacity[row] ?? 0) > FAINT) opaque.push(row);
-  const step = Math.max(1, opaque.length / most);
-  const kept = Math.floor(opaque.length / step);
-  const [positions, radii] = [new Float32Array(3 * kept), new Float32Array(kept)];
-  for (let sample = 0; sample < kept; sample++) {
-    const row = opaque[Math.floor(sample * step)] ?? 0;
-    positions.set([x[row] ?? 0, y[row] ?? 0, z[row] ?? 0], 3 * sample);
-    const [, middle = 0] = [a[row] ?? 0, b[row] ?? 0, c[row] ?? 0].sort((one, other) => one - other);
-    radii[sample] = SIGMAS * Math.exp(middle) * Math.sqrt(step);
-  }
-  return { count: kept, positions, radii };
+export function surfacesOf(splat: SplatColumns, most = SAMPLES): Surfaces {
+  const opaque = column(splat, "opacity");
+  const rows = [...opaque.keys()].filter((row) => (opaque[row] ?? 0) > FAINT);
+  const step = Math.max(1, rows.length / most);
+  const kept = Array.from(
+    { length: Math.floor(rows.length / step) },
+    (_, sample) => rows[Math.floor(sample * step)] ?? 0,
+  );
+  return placed(splat, kept, radiiOf(splat), Math.sqrt(step));
 }
 
-/** Which cell of the picture a sample's middle is in and how deep it lies; null where the picture does not show it. */
+/** The largest of the faint Gaussians: small ones are on surfaces. */
+export function fogOf(splat: SplatColumns, most = SAMPLES): Fog {
+  const [opacity, radii] = [column(splat, "opacity"), radiiOf(splat)];
+  const rows = [...opacity.keys()].filter((row) => (opacity[row] ?? 0) <= FAINT);
+  const largest = rows.sort((one, other) => (radii[other] ?? 0) - (radii[one] ?? 0)).slice(0, most);
+  const densities = Float32Array.from(largest, (row) => Math.log1p(Math.exp(opacity[row] ?? 0)));
+  return { ...placed(splat, largest, radii), densities };
+}
+
+function column({ count, columns }: SplatColumns, name: string): Float32Array {
+  return columns.get(name) ?? new Float32Array(count);
+}
+
+/** Of each Gaussian, by the second of its three sizes. */
+function radiiOf(splat: SplatColumns): Float32Array {
+  const [a, b, c] = ["scale_0", "scale_1", "scale_2"].map((name) => column(splat, name));
+  return Float32Array.from({ length: splat.count }, (_, row) => {
+    const [, middle = 0] = [a?.[row] ?? 0, b?.[row] ?? 0, c?.[row] ?? 0].sort((one, other) => one - other);
+    return SIGMAS * Math.exp(middle);
+  });
+}
+
+function placed(splat: SplatColumns, rows: readonly number[], radii: Float32Array, enlarged = 1): Surfaces {
+  const axes = ["x", "y", "z"].map((name) => column(splat, name));
+  return {
+    count: rows.length,
+    positions: Float32Array.from(rows.flatMap((row) => axes.map((axis) => axis[row] ?? 0))),
+    radii: Float32Array.from(rows, (row) => enlarged * (radii[row] ?? 0)),
+  };
+}
+
+/** Which cell of the picture, or beside it, a sample's middle is in and how deep it lies; null where that is behind. */
 export function cellOf(
   { positions }: Surfaces,
   sample: number,
@@ -66,8 +96,7 @@ export function cellOf(
   if (depth <= 1e-6) return null;
   const column = ((x * right[0] + y * right[1] + z * right[2]) / depth) * camera.fx + camera.cx;
   const row = ((x * down[0] + y * down[1] + z * down[2]) / depth) * camera.fy + camera.cy;
-  const inside = column >= 0 && row >= 0 && column < camera.width && row < camera.height;
-  return inside ? { column: Math.floor(column), row: Math.floor(row), depth } : null;
+  return { column: Math.floor(column), row: Math.floor(row), depth };
 }
 
 /** What a camera's picture shows of the surfaces. */
@@ -75,18 +104,39 @@ export function gridOf(surfaces: Surfaces, camera: GridCamera): Grid {
   const { width, height } = camera;
   const nearest = new Int32Array(width * height).fill(-1);
   const depths = new Float32Array(width * height).fill(Infinity);
-  for (let sample = 0; sample < surfaces.count; sample++) {
-    const at = cellOf(surfaces, sample, camera);
-    if (!at) continue;
-    const reach = Math.min(WIDEST, Math.floor((camera.fx * (surfaces.radii[sample] ?? 0)) / at.depth));
-    for (let row = Math.max(0, at.row - reach); row <= Math.min(height - 1, at.row + reach); row++)
-      for (let column = Math.max(0, at.column - reach); column <= Math.min(width - 1, at.column + reach); column++) {
-        const cell = row * width + column;
-        if (at.depth < (depths[cell] ?? 0)) {
-          depths[cell] = at.depth;
-          nearest[cell] = sample;
-        }
-      }
-  }
+  forCells(surfaces, camera, WIDEST, (cell, sample, depth) => {
+    if (depth >= (depths[cell] ?? 0)) return;
+    depths[cell] = depth;
+    nearest[cell] = sample;
+  });
   return { nearest, depths };
+}
+
+/** Of each cell, −log of the share of the light that the fog before the surface there lets through. */
+export function hazeOf(fog: Fog, camera: GridCamera, { depths }: Grid): Float32Array {
+  const haze = new Float32Array(depths.length);
+  forCells(fog, camera, camera.width, (cell, sample, depth, share) => {
+    if (depth < BEFORE * (depths[cell] ?? 0)) haze[cell] = (haze[cell] ?? 0) + share * (fog.densities[sample] ?? 0);
+  });
+  return haze;
+}
+
+/** Calls with each cell that a sample covers, its depth, and which share of each of these cells it covers. */
+function forCells(
+  samples: Surfaces,
+  camera: GridCamera,
+  widest: number,
+  told: (cell: number, sample: number, depth: number, share: number) => void,
+): void {
+  const { width, height } = camera;
+  for (let sample = 0; sample < samples.count; sample++) {
+    const at = cellOf(samples, sample, camera);
+    if (!at) continue;
+    const radius = (camera.fx * (samples.radii[sample] ?? 0)) / at.depth;
+    const reach = Math.min(widest, Math.floor(radius));
+    const share = Math.min(1, ((2 * radius) / (2 * reach + 1)) ** 2);
+    for (let row = Math.max(0, at.row - reach); row <= Math.min(height - 1, at.row + reach); row++)
+      for (let column = Math.max(0, at.column - reach); column <= Math.min(width - 1, at.column + reach); column++)
+        told(row * width + column, sample, at.depth, share);
+  }
 }
