@@ -22,7 +22,7 @@ _Box = tuple[int, int, int, int]
 
 def cropped(capture: Capture, whole: Set[str], share: float, work: Path) -> Capture:
     """The capture in which only some views show what lies to their side of it: each other one is cut to its largest
-    part beside all those points.
+    part beside all those points, which go, too.
 
     Args:
         capture: with points, and label maps where it has any.
@@ -33,7 +33,8 @@ def cropped(capture: Capture, whole: Set[str], share: float, work: Path) -> Capt
     middle = {view.posed.name: view.posed.world_from_camera[:3, 3] for view in capture.views}
     side = np.mean([middle[name] for name in whole], axis=0) - np.mean(list(middle.values()), axis=0)
     along = capture.points @ side
-    hidden = capture.points[along > np.quantile(along, 1 - share)]
+    is_hidden = along > np.quantile(along, 1 - share)
+    hidden = capture.points[is_hidden]
     kept, labels, maps = [], capture.given_labels, []
     for number, view in enumerate(capture.views):
         path = None if labels is None else labels.map_paths[number]
@@ -43,7 +44,9 @@ def cropped(capture: Capture, whole: Set[str], share: float, work: Path) -> Capt
             path = path and _crop(path, box, work)
         kept.append(view)
         maps.append(path)
-    return replace(capture, views=tuple(kept), given_labels=labels and replace(labels, map_paths=tuple(maps)))
+    given = labels and replace(labels, map_paths=tuple(maps))
+    points, colors = capture.points[~is_hidden], capture.point_colors[~is_hidden]
+    return replace(capture, views=tuple(kept), points=points, point_colors=colors, given_labels=given)
 
 
 def _beside(points: NDArray[np.floating], posed: PosedCamera) -> _Box:

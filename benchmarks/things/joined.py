@@ -117,7 +117,7 @@ def _row(name: str, folder: Path, options: argparse.Namespace) -> dict[str, Any]
         views = [view for view in capture.views if view.posed.name in new]
         version, row = _observed(before, few, views, folder / "version", settings)
         joined, merged = _joined(version, folder / "job", settings)
-        whole = replace(first, views=(*few.views, *views), given_labels=None)
+        whole = replace(capture, views=(*few.views, *views), given_labels=None)
         hidden = hidden_labels(first, new) if dataset is not None else []
         steps = options.iterations + merged["steps"]
         anew = _found(whole, folder / f"anew-{steps}", settings_by_steps(steps, options.gaussians))
