@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture.photos.scene_photos import photo_path, share_photos, write_photos
+from fastsplat.service.capture.photos.scene_photos import (
+    observed_photo_path,
+    photo_path,
+    share_photos,
+    write_observed_photos,
+    write_photos,
+)
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, Source, View
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -62,6 +68,20 @@ def test_a_lower_quality_is_smaller(tmp_path: Path) -> None:
         write_photos(capture, folder, PhotoSettings(quality=quality))
         sizes.append(photo_path(folder, 0).stat().st_size)
     assert sizes[0] < sizes[1] / 2
+
+
+def test_a_copy_has_the_colors_of_single_pixels(tmp_path: Path) -> None:
+    capture = _capture(tmp_path, (400, 300))
+    columns = np.zeros((300, 400, 3), np.uint8)
+    columns[:, ::2, 0], columns[:, 1::2, 2] = 120, 120
+    Image.fromarray(columns).save(capture.views[0].image_path, quality=95, subsampling=0)
+    folder = tmp_path / "version"
+    folder.mkdir()
+    write_photos(capture, folder, PhotoSettings())
+    write_observed_photos([columns], folder, "e7", PhotoSettings())
+    for path in (photo_path(folder, 0), observed_photo_path(folder, "e7", 0)):
+        with Image.open(path) as image:
+            assert np.abs(np.asarray(image).astype(float) - columns).mean() < 10
 
 
 def test_none_are_stored_where_the_settings_say_so_or_pictures_were_rendered(tmp_path: Path) -> None:

@@ -288,10 +288,10 @@ def test_what_came_of_a_job_is_said_in_a_line_or_two(home: Home) -> None:
         "version e13 is current",
     ]
     named = ("e7-00000.jpg",)
-    joining = replace(more, joined=named, left_out=("e7/1: it shows a change (missing)",), unchanged=800)
+    joining = replace(more, joined=named, left_out=("e7/1: most of it shows changes (missing)",), unchanged=800)
     assert _trained(replace(done, train_more=joining)).splitlines()[:2] == [
         "1 photos have joined, 800 Gaussians are as they were",
-        "left out: e7/1: it shows a change (missing)",
+        "left out: e7/1: most of it shows changes (missing)",
     ]
     gone = WithdrawPhotosResult("e14", ("a.jpg", "b.jpg"), ("1", "e13"), 1, ("merge: nothing was found again",))
     assert _withdrawn(replace(done, withdraw_photos=gone)).splitlines() == [

@@ -117,11 +117,11 @@ def kept_capture(
         except OSError as error:
             raise SceneFileError(f"the photo {path.name} is damaged", field=path.name) from error
         valid: Path | None = valid_path(photos, number)
-        if mask is not None and not mask.all():
-            valid = scratch / f"{number:05d}.valid.png"
-            Image.fromarray(np.where(mask, np.uint8(255), np.uint8(0))).save(valid)
-        elif valid is not None and not valid.is_file():
+        if valid is not None and not valid.is_file():
             valid = None
+            if mask is not None and not mask.all():
+                valid = scratch / f"{number:05d}.valid.png"
+                Image.fromarray(np.where(mask, np.uint8(255), np.uint8(0))).save(valid)
         sized = PosedCamera(posed.camera.scaled_to(*size), posed.world_from_camera, posed.name)
         views.append(View(sized, path, valid, lens=lenses.get(number)))
     report = CaptureReport("images", len(views))

@@ -46,7 +46,7 @@ def write_photos(
         small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS, reducing_gap=3.0)
         small.info.clear()
         sizes.append(small.size)
-        small.save(photo_path(folder, number), format="JPEG", quality=settings.quality, optimize=True)
+        _save(small, photo_path(folder, number), settings)
     keep_rest(capture, folder / _FOLDER, sizes)
     return len(capture.views)
 
@@ -88,7 +88,13 @@ def write_observed_photos(
         path.parent.mkdir(parents=True, exist_ok=True)
         small = Image.fromarray(pixels)
         small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS)
-        small.save(path, format="JPEG", quality=settings.quality, optimize=True)
+        _save(small, path, settings)
+
+
+def _save(picture: Image.Image, path: Path, settings: PhotoSettings) -> None:
+    # Colors in full size: halved ones cost a scene that is trained further as much as a far lower quality. Optimized
+    # tables would save some percent, but a picture of noise does not fit into Pillow's buffer then.
+    picture.save(path, format="JPEG", quality=settings.quality, subsampling=0)
 
 
 def photo_folder(folder: Path) -> Path:

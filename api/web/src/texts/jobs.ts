@@ -109,7 +109,7 @@ export const jobsTexts = {
   },
   join: {
     title: "More photos of this place",
-    help: "These photos join the scene: what they show is trained, and added where the scene has nothing. All else stays as it is. One that shows a change does not join.",
+    help: "These photos join the scene: what they show is trained, and added where the scene has nothing. All else stays as it is. What they show to have changed does not join.",
     submit: "Let them join",
     running: "Training what these photos show.",
     joined: (photos: number) => `${photos} photos have joined the scene.`,
