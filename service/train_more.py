@@ -14,11 +14,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from fastsplat.service.capture.formats.kept_capture import kept_capture
 from fastsplat.service.capture.photos.scene_photos import photo_folder
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress
+from fastsplat.service.localization.agreed_places import agreed_places
 from fastsplat.service.planning.presets import PresetName, apply_preset
 from fastsplat.service.query.edits.aligning import placed_gaussians
 from fastsplat.service.scene.frames import frame_of
@@ -99,7 +101,12 @@ def train_further(
         hold_out=bool(capture.test_names),
     )
     if joined:
-        continued = join_photos(scene.gaussians, capture, joined, training, progress, checkpoint_dir, watch=watch)
+        places = agreed_places(
+            [(view.posed, _pixels(view.image_path)) for view in capture.views if view.posed.name in joined]
+        )
+        continued = join_photos(
+            scene.gaussians, capture, joined, training, progress, checkpoint_dir, places=places, watch=watch
+        )
     else:
         continued = continue_training(scene.gaussians, capture, training, progress, checkpoint_dir, watch=watch)
     name = "psnr_cc" if continued.trained.photometric else "psnr"  # a corrected scene has the photos' mean exposure
@@ -112,6 +119,11 @@ def train_further(
             hint="Train for more steps, with a larger preset; or the photos do not give more.",
         )
     return continued
+
+
+def _pixels(path: Path) -> NDArray[np.uint8]:
+    with Image.open(path) as image:
+        return np.asarray(image.convert("RGB"))
 
 
 def merged_scene(current: Scene, base: Scene, continued: Continued) -> Scene | None:

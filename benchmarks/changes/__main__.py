@@ -1,6 +1,7 @@
 """What changed in drawn rooms, told by ten photos of another day.
 
-    python -m benchmarks.changes [ROOM ...] [--split test] [--sets 4] [--unchanged 4] [--keep FOLDER] [--rows]
+    python -m benchmarks.changes [ROOM ...] [--split test] [--sets 4] [--unchanged 4] [--first 0] [--keep FOLDER]
+        [--rows]
 
 Rooms are drawn and trained as by `benchmarks.rooms`, whose folders `--keep` shares. Of each so many sets of ten photos
 are drawn with one to six changes, and so many with none, from other places and in light of up to ±.7 EV; the photos
@@ -16,6 +17,7 @@ answers for one (a point an event, as in SceneDiff's protocol).
 
 from __future__ import annotations
 
+import argparse
 import json
 import tempfile
 import time
@@ -53,6 +55,7 @@ def _main() -> None:
     parser.add_argument("rooms", nargs="*", metavar="ROOM")
     parser.add_argument("--split", choices=tuple(ROOMS), default="validation")
     parser.add_argument("--sets", type=int, default=4)
+    parser.add_argument("--first", type=int, default=0, help="number of the first set: each number is another set")
     parser.add_argument("--unchanged", type=int, default=4)
     parser.add_argument("--keep", type=Path)
     parser.add_argument("--rows", action="store_true", help="print what is missed and wrong")
@@ -62,22 +65,20 @@ def _main() -> None:
     for name in options.rooms or ROOMS[options.split]:
         start = begin()
         with tempfile.TemporaryDirectory(prefix="fastsplat-") as work:
-            row = _row(
-                name, (options.keep or Path(work)) / name, settings, options.sets, options.unchanged, options.rows
-            )
+            row = _row(name, (options.keep or Path(work)) / name, settings, options)
         about = provenance(start, settings=options, chosen_on=_CHOSEN_ON[options.split])
         put_row(results_file("changes", options.split), name, {**row, **about})
         print(name, json.dumps(row), flush=True)
 
 
-def _row(name: str, folder: Path, settings: Settings, sets: int, unchanged: int, rows: bool) -> dict[str, Any]:
+def _row(name: str, folder: Path, settings: Settings, options: argparse.Namespace) -> dict[str, Any]:
     index, landmarks = _opened(name, folder, settings)
     totals = dict.fromkeys(("found", "changes", "wrong", "unchanged_wrong"), 0)
     errors: list[float] = []
     seconds: list[float] = []
-    for seed in range(sets + unchanged):
-        count = 1 + seed % _MOST_CHANGES if seed < sets else 0
-        later = later_photos(name, 100 + seed, count)
+    for number in range(options.sets + options.unchanged):
+        count = 1 + number % _MOST_CHANGES if number < options.sets else 0
+        later = later_photos(name, 100 + options.first + number, count)
         began = time.process_time()
         placed = place_photos([Photo(photo) for photo in later.photos], landmarks, index.geometry)
         sizes = [(photo.shape[1], photo.shape[0]) for photo in later.photos]
@@ -88,11 +89,11 @@ def _row(name: str, folder: Path, settings: Settings, sets: int, unchanged: int,
         totals["changes"] += len(later.changes)
         totals["wrong" if count else "unchanged_wrong"] += len(told) - len(pairs)
         errors += [_move_error(told[row], later.changes[true]) for row, true in pairs if told[row].kind == "moved"]
-        if rows:
-            _print(told, later.changes, pairs, f"{name} {seed}")
+        if options.rows:
+            _print(told, later.changes, pairs, f"{name} {number}")
     return {
         **totals,
-        "unchanged": unchanged,
+        "unchanged": options.unchanged,
         **_derived(totals, errors),
         "cpu_seconds": round(float(np.median(seconds)), 1),
     }

@@ -30,7 +30,7 @@ _AGREEING_FINE = 0.85
 _LEAST_LOOKED_AT, _LEAST_BEFORE = 0.3, 0.45
 """Shares of all photos that have to show a change of the scene's surfaces, and one before them: of what only few see,
 little is known, least at the scene's rim."""
-_FEWEST_PIXELS = 8
+_FEWEST_PIXELS = 30
 _MOST_PIECES = 24
 _LEAST_SHARE = 0.55
 """Of the pixels that a piece covers, its photos' mean, that show what the scene has not."""

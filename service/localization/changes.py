@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.localization.changed_space import ChangedPiece, changed_pieces
 from fastsplat.service.localization.later_views import LaterView
-from fastsplat.service.localization.lost_things import Lost, lost_pieces, lost_things, pixels_of
+from fastsplat.service.localization.lost_things import STEPS, Lost, lost_pieces, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import Comparison
 from fastsplat_contract.localize_messages import ChangeKind, DifferenceKind
 
@@ -108,7 +108,7 @@ def find_changes(
         for view, aside in zip(views, pixels_of(views, lost), strict=True)
     ]
     pieces = changed_pieces(comparisons, maps, place)
-    events = _events(comparisons, lost, pieces, float((place[1] - place[0]).max()))
+    events = _events(comparisons, whole(lost), pieces, float((place[1] - place[0]).max()))
     return Changes(tuple(sorted(events, key=lambda event: -event.probability)), tuple(seen))
 
 
@@ -136,7 +136,7 @@ def _events(
             sure, regions = min(sure, _sure(piece)), (*regions, *_regions(piece, "new"))
             views = tuple(sorted({*one.views, *piece.views}))
             events.append(Change("moved", one.thing, views, sure, one.box, piece.box, regions))
-        elif one.step > 1:
+        elif one.step > STEPS:
             events.append(Change("changed", one.thing, one.views, sure, one.box, one.box, regions))
         else:
             events.append(Change("gone", one.thing, one.views, sure, one.box, None, regions))

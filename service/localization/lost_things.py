@@ -25,6 +25,11 @@ _LOST_SHARE = 0.5
 _BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
 _ENOUGH = 0.05
 _LEAST_STEP = 1e-3
+_TOUCHING = np.ones((15, 15), np.uint8)
+STEPS = 2.5
+"""Times the scene's step of color at a border that the photos' is from which on something stands there that the scene
+has not: a gap between books is dark, and steps as much as the book did; what is new on a plain surface steps five times
+as much."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,8 @@ class Lost:
         views: rows of the photos that agree.
         pixels: bool [H, W] of each of these, where the scene shows it.
         share: of its pixels that the photos do not show.
-        step: how many times the photos' step of color at its border is the scene's: above 1, something else stands
-            there.
+        step: how many times the photos' step of color at its border is the scene's: above `STEPS`, something else
+            stands there.
     """
 
     thing: int
@@ -83,8 +88,8 @@ def lost_things(
 
 def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
     """Pieces of the scene's surfaces whose colors the photos do not have, and at whose border the color steps in the
-    scene more than in the photos: there something stood that is none of its things. Where the photos step more,
-    something new hides the surface.
+    scene, too: there something stood that is none of its things. Where the photos step many times more, something new
+    hides the surface.
 
     Args:
         views: the photos that have a place.
@@ -99,9 +104,26 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
     found = []
     for piece in changed_pieces(comparisons, maps, place, on_surface=True):
         step = step_ratio(piece.views, piece.pixels, views)
-        if step < 1:
+        if step < STEPS:
             found.append(Lost(0, piece.box, piece.views, piece.pixels, piece.share, step))
     return found
+
+
+def whole(lost: Sequence[Lost]) -> list[Lost]:
+    """Without the pieces that touch a thing, or a piece before them, in half of the photos that show both: one thing is
+    often several of the scene's, or more than one of them."""
+    kept: list[Lost] = []
+    for one in lost:
+        if one.thing or not any(_touches(one, other) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _touches(one: Lost, other: Lost) -> bool:
+    pixels = dict(zip(other.views, other.pixels, strict=True))
+    both = [(own, pixels[view]) for view, own in zip(one.views, one.pixels, strict=True) if view in pixels]
+    touching = [bool((cv2.dilate(own.astype(np.uint8), _TOUCHING)[its] > 0).any()) for own, its in both]
+    return bool(both) and 2 * sum(touching) >= len(both)
 
 
 def pixels_of(views: Sequence[LaterView], lost: Sequence[Lost]) -> list[Bools]:
@@ -155,7 +177,7 @@ def _step(picture: F32, own: Bools, free: Bools) -> float:
     inner = cv2.erode(region, np.ones((3, 3))) > 0
     (inside, weight), (outside, weight_out) = (_local_mean(picture, part) for part in (own, around))
     border = near & ~inner & (weight > _ENOUGH) & (weight_out > _ENOUGH)
-    return float(np.abs(inside - outside).max(axis=2)[border].mean()) if border.any() else 0.0
+    return float(np.quantile(np.abs(inside - outside).max(axis=2)[border], 0.25)) if border.any() else 0.0
 
 
 def _local_mean(picture: F32, part: Bools) -> tuple[F32, F32]:

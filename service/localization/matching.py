@@ -79,7 +79,15 @@ def _matched(
     start, end = int(landmarks.starts[view]), int(landmarks.starts[view + 1])
     if end - start < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    likeness = asked @ unit_rows(landmarks.descriptors[start:end]).T
+    rows, others = mutual_matches(asked, unit_rows(landmarks.descriptors[start:end]))
+    return rows, start + others
+
+
+def mutual_matches(
+    asked: NDArray[np.float32], others: NDArray[np.float32]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of descriptors of length 1, [K, 128] and [L, 128], L at least 2, each the other's best, and clearly so."""
+    likeness = asked @ others.T
     first = likeness.argmax(axis=1)
     every = np.arange(len(asked))
     nearest = likeness[every, first]
@@ -89,4 +97,4 @@ def _matched(
     # Of descriptors of length 1, squared distances are 2 - 2 times the likeness.
     clear = (1 - nearest) < _RATIO**2 * (1 - second)
     rows = np.flatnonzero(clear & (back[first] == every))
-    return rows.astype(np.int64), (start + first[rows]).astype(np.int64)
+    return rows.astype(np.int64), first[rows].astype(np.int64)

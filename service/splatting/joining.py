@@ -1,9 +1,10 @@
 """Photos that join a finished scene: what they show is trained, Gaussians are made where it had nothing, and all else
 stays as it is, to the bit.
 
-A Gaussian that fills less than a pixel of every new photo is not changed. The new ones begin on the rays of the pixels
-that show less than half of anything, at the depth of the nearest pixel that shows something; what is nearest to one of
-them, whatever that belongs to, it belongs to.
+A Gaussian that fills less than a pixel of every new photo is not changed. The new ones begin at the places that the new
+photos agree on, where these are before what the scene has, and on the rays of the pixels that show less than half of
+anything, at the depth of the nearest pixel that shows something or such a place; what is nearest to one of them,
+whatever that belongs to, it belongs to. Gaussians that no photo of before shows are nothing: they begin nearly clear.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.training_views import TrainingView, load_views
+from fastsplat_contract.camera import Camera
 
 _LEAST_PIXELS = 1.0
 """Σ of the blend weights of a Gaussian in a photo, from which on the photo shows it."""
@@ -40,6 +42,12 @@ _SOMETHING = 0.5
 _SPACING = 4
 """Pixels between the rays on which Gaussians are made."""
 _OPACITY = 0.5
+_CLEAR = 0.02
+"""Opacity that is left to what no photo of before shows."""
+_HARDLY = 0.03
+"""Of the pixels that a Gaussian fills in a new photo: what fills so few in all of before is not known from these."""
+_BEFORE = 0.9
+"""Of a depth: what is nearer than this is another surface."""
 _SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE
 
 
@@ -51,6 +59,7 @@ def join_photos(
     progress: Progress,
     checkpoint_dir: Path | None = None,
     *,
+    places: NDArray[np.float64] | None = None,
     watch: TrainingWatch = UNWATCHED,
 ) -> Continued:
     """The scene with what some more photos show of it: half of the steps are theirs, the others keep the rest true.
@@ -61,6 +70,7 @@ def join_photos(
         joined: names of the new ones.
         settings: see `continuation_settings`; the harmonics are the scene's.
         progress, checkpoint_dir, watch: as for `train`.
+        places: float64 [P, 3], that the new photos agree on, in the capture's frame.
 
     Returns:
         The old rows, then the new ones, whose origins are the rows nearest to them; `changed` are those that were
@@ -69,16 +79,21 @@ def join_photos(
     Raises:
         FastSplatError: as `continue_training`.
     """
-    new = [number for number, view in enumerate(capture.views) if view.posed.name in joined]
+    numbers = range(len(capture.views))
+    new = [number for number in numbers if capture.views[number].posed.name in joined]
+    old = [number for number in numbers if number not in new]
     settings = settings.model_copy(update={"max_sh_degree": gaussians.sh_degree})
     unlabeled = Labelling(Dictionary(()), ())
-    views = load_views(capture, unlabeled, tuple(new), settings.max_side, (1.0,))
+    views, known = (load_views(capture, unlabeled, tuple(own), settings.max_side, (1.0,)) for own in (new, old))
+    shown, known_shown = (_shown(gaussians, own, settings) for own in (views, known))
     views = with_colors_of(gaussians, views, settings)
-    shown = max_contribution(gaussians, tuple(view.to(device_of(settings.backend)) for view in views), settings.backend)
     changed = shown >= _LEAST_PIXELS
+    if known:
+        gaussians = _cleared(gaussians, changed & (known_shown < np.maximum(_LEAST_PIXELS, _HARDLY * shown)))
     # As many for a photo as the scene has for one of its own.
     most = len(gaussians) * len(new) // max(1, len(capture.views) - len(new))
-    born, origins = born_gaussians(gaussians, views, changed, most, settings)
+    agreed = np.zeros((0, 3)) if places is None else places
+    born, origins = born_gaussians(gaussians, views, changed, most, settings, agreed)
     begin = appended_gaussians(gaussians, born)
     weight = max(1, round((len(capture.views) - len(new)) / len(new)))
     repeated = replace(capture, views=(*capture.views, *(capture.views[number] for number in new * (weight - 1))))
@@ -88,6 +103,18 @@ def join_photos(
     return replace(continued, origins=rows[continued.origins])
 
 
+def _shown(gaussians: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> NDArray[np.float64]:
+    device = device_of(settings.backend)
+    return max_contribution(gaussians, tuple(view.to(device) for view in views), settings.backend)
+
+
+def _cleared(gaussians: Gaussians, rows: NDArray[np.bool_]) -> Gaussians:
+    """The Gaussians, some of them at most nearly clear."""
+    logits = gaussians.logit_opacities.copy()
+    logits[rows] = np.minimum(logits[rows], math.log(_CLEAR / (1 - _CLEAR)))
+    return replace(gaussians, logit_opacities=logits)
+
+
 @torch.no_grad()
 def born_gaussians(
     gaussians: Gaussians,
@@ -95,8 +122,10 @@ def born_gaussians(
     shown: NDArray[np.bool_],
     most: int,
     settings: TrainingSettings,
+    agreed: NDArray[np.float64],
 ) -> tuple[Gaussians, NDArray[np.int64]]:
-    """Gaussians where views show less than half of anything, B of them, and int64 [B]: the rows nearest to them.
+    """Gaussians where views show less than half of anything, or something nearer than the scene's surface, B of them,
+    and int64 [B]: the rows nearest to them.
 
     Args:
         gaussians: of the scene, G of them.
@@ -104,12 +133,13 @@ def born_gaussians(
         shown: bool [G], rows that may be the nearest.
         most: how many are made at most.
         settings: of the run.
+        agreed: [P, 3], places of something that the views agree on.
     """
     made = gaussians_of_rows(gaussians, np.zeros(0, np.int64))
     if not shown.any():
         return made, np.zeros(0, np.int64)
     for view in views:
-        places, depths, colors = _holes(appended_gaussians(gaussians, made), view, settings)
+        places, depths, colors = _holes(appended_gaussians(gaussians, made), view, agreed, settings)
         if len(places) > most - len(made):
             step = np.linspace(0, len(places) - 1, max(0, most - len(made))).round().astype(np.int64)
             places, depths, colors = places[step], depths[step], colors[step]
@@ -124,10 +154,10 @@ def born_gaussians(
 
 
 def _holes(
-    gaussians: Gaussians, view: TrainingView, settings: TrainingSettings
+    gaussians: Gaussians, view: TrainingView, agreed: NDArray[np.float64], settings: TrainingSettings
 ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float32]]:
-    """Places [B, 3] on the rays of every fourth pixel that shows nothing, their camera z [B], and the photo's colors
-    there [B, 3]."""
+    """Places [B, 3] on the rays of every fourth pixel that shows nothing and of all pixels of places that are agreed on
+    and are before what is shown, their camera z [B], and the photo's colors there [B, 3]."""
     frame, device = view.frames[-1], device_of(settings.backend)
     camera = frame.camera
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
@@ -135,22 +165,42 @@ def _holes(
     alpha = rendering.alpha.cpu().numpy()
     depth = rendering.depth.cpu().numpy() / np.maximum(alpha, 1e-6)
     there = alpha >= _SOMETHING
-    nothing = ~there if frame.valid is None else ~there & frame.valid.cpu().numpy()
+    trained = np.ones_like(there) if frame.valid is None else frame.valid.cpu().numpy()
+    viewmat = view.viewmat.cpu().numpy().astype(np.float64)
+    row, column, z = _pixels(agreed @ viewmat[:3, :3].T + viewmat[:3, 3], camera)
+    before = trained[row, column] & (~there[row, column] | (z < _BEFORE * depth[row, column]))
+    row, column, z = row[before], column[before], z[before]
+    nothing = ~there & trained
+    there[row, column], depth[row, column], nothing[row, column] = True, z, False
     if not there.any():
         nothing[:] = False
-    row, column = np.nonzero(nothing)
-    grid = (row % _SPACING == _SPACING // 2) & (column % _SPACING == _SPACING // 2)
-    row, column = row[grid], column[grid]
+    rows, columns = np.nonzero(nothing)
+    grid = (rows % _SPACING == _SPACING // 2) & (columns % _SPACING == _SPACING // 2)
+    rows, columns = rows[grid], columns[grid]
     _, labels = cv2.distanceTransformWithLabels(
         (~there).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
     known = np.zeros(labels.max() + 1)
     known[labels[there]] = depth[there]
-    z = known[labels[row, column]]
-    pose = np.linalg.inv(view.viewmat.cpu().numpy().astype(np.float64))
+    z = np.concatenate([known[labels[rows, columns]], z]).astype(np.float64)
+    row, column = np.concatenate([rows, row]), np.concatenate([columns, column])
+    pose = np.linalg.inv(viewmat)
     local = camera.rays(column + 0.5, row + 0.5) * z[:, None]
-    colors = frame.rgb.cpu().numpy()[row, column].astype(np.float32) / 255
+    colors = np.asarray(frame.rgb.cpu().numpy()[row, column] / 255, np.float32)
     return (local @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32), z, colors
+
+
+def _pixels(
+    local: NDArray[np.float64], camera: Camera
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """Row, column and z of the nearest of the points [P, 3], camera frame, in each pixel that has one."""
+    local = local[local[:, 2] > 0]
+    local = local[np.argsort(local[:, 2], kind="stable")]
+    column, row = np.floor(local[:, :2] / local[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)).T
+    inside = (row >= 0) & (row < camera.height) & (column >= 0) & (column < camera.width)
+    pixels = (row[inside] * camera.width + column[inside]).astype(np.intp)
+    pixels, first = np.unique(pixels, return_index=True)
+    return pixels // camera.width, pixels % camera.width, local[inside, 2][first]
 
 
 def _new(

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fastsplat.service.application.answering.scene_changes import _where_looked
 from fastsplat.service.localization.changes import COMPARED_SIDE, Change, find_changes
 from fastsplat.service.localization.later_views import LaterView
-from fastsplat.service.localization.lost_things import Lost, lost_things, pixels_of
+from fastsplat.service.localization.lost_things import Lost, lost_things, pixels_of, whole
 from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.scene.types import Scene
@@ -49,10 +50,10 @@ def moved_block() -> Renderer:
     return renderer(_moved(textured_room(block=True), _AWAY))
 
 
-def _swapped(scene: Scene) -> Scene:
+def _recolored(scene: Scene, color: tuple[float, float, float]) -> Scene:
     """The room with a block of another color in the place of its own."""
     sh = scene.gaussians.sh.copy()
-    sh[(sh[:, 0, 2] < -1.4) & (sh[:, 0, 0] > 1.5)] = (-1.7, -1.7, 1.7)
+    sh[(sh[:, 0, 2] < -1.4) & (sh[:, 0, 0] > 1.5)] = color
     return replace(scene, gaussians=replace(scene.gaussians, sh=sh))
 
 
@@ -170,11 +171,15 @@ def test_what_is_set_aside_of_no_thing_is_the_surface_in_its_box(empty: Renderer
         assert (aside & block).sum() > 0.9 * (aside | block).sum()
 
 
-def test_where_something_else_stands_it_has_changed(empty: Renderer, with_block: Renderer) -> None:
-    photos = _photos(renderer(_swapped(textured_room(block=True))))
-    (event,) = _events(with_block, empty, photos, {_BLOCK: _box(_AT)})
+def test_where_something_stands_out_more_it_has_changed(empty: Renderer, with_block: Renderer) -> None:
+    """As a block does beside one of the color of the walls; where one stands out as much, it may be a dark gap."""
+    dull = renderer(_recolored(textured_room(block=True), (0.0, 0.0, 0.0)))
+    (event,) = _events(dull, empty, _photos(with_block), {_BLOCK: _box(_AT)})
     assert event.kind == "changed" and event.thing == _BLOCK and event.before is not None and event.after is not None
     np.testing.assert_allclose(event.after.mean(axis=0), _box(_AT).mean(axis=0), atol=0.1)
+    dark = renderer(_recolored(textured_room(block=True), (-1.7, -1.7, -1.7)))
+    (event,) = _events(with_block, empty, _photos(dark), {_BLOCK: _box(_AT)})
+    assert event.kind == "gone" and event.thing == _BLOCK
 
 
 @pytest.mark.parametrize("gain", [0.62, 1.0, 1.3])
@@ -198,3 +203,26 @@ def test_one_photo_alone_tells_of_no_event(empty: Renderer, with_block: Renderer
     photos[2] = with_block.colors(_VIEWS[2])
     assert _events(empty, empty, photos, {}) == ()
     assert _events(with_block, empty, _photos(empty)[:1], {_BLOCK: _box(_AT)}) == ()
+
+
+@pytest.mark.parametrize(("looked", "kinds"), [(True, ["new", "gone"]), (False, ["gone"])])
+def test_what_stands_where_no_photo_of_the_scene_looked_is_not_new(looked: bool, kinds: list[str]) -> None:
+    room, box = textured_room(), _box(_AT)
+    if not looked:
+        back = np.diag([-1.0, 1.0, -1.0, 1.0])
+        away = [replace(each, world_from_camera=each.world_from_camera @ back) for each in room.cameras]
+        room = replace(room, cameras=(*away, room.cameras[0]))
+    events = [Change("new", 0, (0, 1), 0.9, None, box, ()), Change("gone", _BLOCK, (0, 1), 0.9, box, None, ())]
+    assert [event.kind for event in _where_looked(room, events)] == kinds
+
+
+def test_a_piece_that_touches_what_is_lost_is_a_part_of_it() -> None:
+    pixels = np.zeros((3, 40, 40), np.bool_)
+    pixels[0, 5:15, 5:15], pixels[1, 5:15, 18:25], pixels[2, 30:35, 30:35] = True, True, True
+    thing, beside, elsewhere = (
+        Lost(number, _box(_AT), (0, 1), (own, own), 0.9, 0.5)
+        for number, own in zip((_BLOCK, 0, 0), pixels, strict=True)
+    )
+    assert whole([thing, beside, elsewhere]) == [thing, elsewhere]
+    other = replace(beside, thing=_BLOCK + 1)
+    assert whole([thing, other, elsewhere]) == [thing, other, elsewhere]

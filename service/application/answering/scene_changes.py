@@ -14,6 +14,8 @@ from fastsplat.service.localization.photometric_refinement import compared
 from fastsplat.service.query.language.change_sentences import change_sentence
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.solid_gaussians import grouped_rows, solid_rows
+from fastsplat.service.query.things.visibility import shows
+from fastsplat.service.scene.types import Scene
 from fastsplat_contract.localize_messages import PhotoDifference, SceneChange
 from fastsplat_contract.poses import Box, Pose, Quaternion, vector3
 from fastsplat_contract.thing_prompts import PixelBox
@@ -25,6 +27,7 @@ _TRIM = 0.02
 _WIDE = 0.35
 """Things as long along two axes, as a share of the place, are what others stand on, or the room itself."""
 _MARGIN = 0.1
+_LOOKED = 2
 _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoDifference, ...]]]
@@ -35,8 +38,8 @@ def scene_changes(
     placed: Sequence[PlacedPhoto],
     sizes: Sequence[tuple[int, int]],
 ) -> Seen:
-    """The events that two of the photos agree on; the things that two should show; and where each photo, by its
-    number, shows an event.
+    """The events that two of the photos agree on, where the scene's own photos looked; the things that two should show;
+    and where each photo, by its number, shows an event.
 
     Args:
         index: of the scene.
@@ -56,9 +59,10 @@ def scene_changes(
     reach = _WIDE * float((place[1] - place[0]).max())
     wide = frozenset(thing for thing, box in boxes.items() if np.sort(box[1] - box[0])[1] > reach)
     found = find_changes(views, boxes, _around([box for thing, box in boxes.items() if thing not in wide], place), wide)
-    changes = tuple(_told(index, each, numbers) for each in found.events)
+    events = _where_looked(index.scene, found.events)
+    changes = tuple(_told(index, each, numbers) for each in events)
     shown: dict[int, list[PhotoDifference]] = {}
-    for each in found.events:
+    for each in events:
         for region in each.regions:
             number = numbers[region.view]
             camera = views[region.view].comparison.posed.camera
@@ -68,6 +72,19 @@ def scene_changes(
             kind = "changed" if each.kind == "changed" else region.kind
             shown.setdefault(number, []).append(PhotoDifference(kind, box, each.probability))
     return changes, found.seen, {number: tuple(own) for number, own in shown.items()}
+
+
+def _where_looked(scene: Scene, events: Sequence[Change]) -> list[Change]:
+    """The events without those of things at places that no two photos of the scene have in their pictures: they may
+    have been there before."""
+
+    def looked(event: Change) -> bool:
+        if event.after is None:
+            return True
+        middle = event.after.mean(axis=0)
+        return sum(shows(posed, middle) for posed in scene.cameras) >= min(_LOOKED, len(scene.cameras))
+
+    return [event for event in events if looked(event)]
 
 
 def _boxes(index: SceneIndex) -> tuple[dict[int, F64], F64 | None]:

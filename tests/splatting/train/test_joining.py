@@ -30,6 +30,7 @@ _SETTINGS = TrainingSettings(
     iterations=150, time_budget_s=None, max_gaussians=500, max_side=64, evaluations=0, held_out_every=0
 )
 _UNLABELED = Labelling(Dictionary(()), ())
+_NOWHERE = np.zeros((0, 3))
 _FIELDS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 
@@ -92,11 +93,11 @@ def test_where_nothing_was_gaussians_are_made_and_the_photos_are_reproduced(make
     # Nothing is behind a part of the scene's own floor, so that the photos of the gap show less than half of anything.
     away = scene.means[:, 0] > -0.2
     gap = Gaussians(**{name: array[away] for name, array in vars(scene).items()})
-    born, nearest = born_gaussians(gap, views, np.ones(len(gap), np.bool_), 10_000, _SETTINGS)
+    born, nearest = born_gaussians(gap, views, np.ones(len(gap), np.bool_), 10_000, _SETTINGS, _NOWHERE)
     assert len(born) > 10 and np.isfinite(born.means).all() and (nearest < len(gap)).all()
     ahead = born.means @ views[0].viewmat.numpy()[2, :3] + views[0].viewmat.numpy()[2, 3]
     assert (ahead > 0).all()
-    few, _ = born_gaussians(gap, views, np.ones(len(gap), np.bool_), 7, _SETTINGS)
+    few, _ = born_gaussians(gap, views, np.ones(len(gap), np.bool_), 7, _SETTINGS, _NOWHERE)
     assert len(few) == 7
     names = [capture.views[number].posed.name for number in new]
     continued = _joined(gap, capture, names, 150)
@@ -110,7 +111,7 @@ def test_a_scene_that_nothing_of_is_seen_gets_no_gaussians(make_world: MakeWorld
     capture, _ = make_world(3)
     scene = _trained(capture, 3)
     views = load_views(capture, _UNLABELED, (0,), 64, (1.0,))
-    made, nearest = born_gaussians(scene, views, np.zeros(len(scene), np.bool_), 100, _SETTINGS)
+    made, nearest = born_gaussians(scene, views, np.zeros(len(scene), np.bool_), 100, _SETTINGS, _NOWHERE)
     assert len(made) == len(nearest) == 0
 
 
