@@ -107,6 +107,33 @@ def test_where_nothing_was_gaussians_are_made_and_the_photos_are_reproduced(make
         assert _psnr(after, capture, number) > _psnr(gap, capture, number) + 1, number
 
 
+def test_what_photos_agree_on_is_made_where_it_is_nearer_than_the_scene_and_nowhere_else(make_world: MakeWorld) -> None:
+    capture, _ = make_world(8)
+    scene = _trained(capture, 8)
+    (view,) = load_views(capture, _UNLABELED, (2,), 64, (1.0,))
+    camera, rows = view.frames[-1].camera, np.ones(len(scene), np.bool_)
+    pose = capture.views[2].posed.world_from_camera
+    ray = pose[:3, :3] @ camera.rays(np.array([camera.cx]), np.array([camera.cy]))[0]
+    near, far = (pose[:3, 3] + away * ray for away in (0.3, 50.0))
+    assert len(born_gaussians(scene, (view,), rows, 100, _SETTINGS, np.stack([far]))[0]) == len(
+        born_gaussians(scene, (view,), rows, 100, _SETTINGS, _NOWHERE)[0]
+    )
+    born, _ = born_gaussians(scene, (view,), rows, 100, _SETTINGS, np.stack([near, near + 0.01 * ray]))
+    off = np.linalg.norm(born.means - near, axis=1)
+    assert (off < 0.3 * 2 / camera.fx).sum() == 1
+
+
+def test_what_no_photo_of_before_shows_begins_nearly_clear(make_world: MakeWorld, tmp_path: Path) -> None:
+    whole, _ = make_world(8)
+    scene = _trained(whole, 8)
+    capture = _narrow(replace(whole, views=whole.views[:2]), 0, tmp_path)
+    old, new = (max_contribution(scene, load_views(capture, _UNLABELED, (each,), 64, (1.0,))) for each in (0, 1))
+    unknown, known = (new >= 1) & (old < 0.01), (new >= 1) & (old > 1) & (old > new)
+    after = _joined(scene, capture, [capture.views[1].posed.name], 1).trained.gaussians.logit_opacities[: len(scene)]
+    assert unknown.sum() > 10 and known.sum() > 10
+    assert (after[unknown] < -3).all() and (after[known] > scene.logit_opacities[known] - 0.5).all()
+
+
 def test_a_scene_that_nothing_of_is_seen_gets_no_gaussians(make_world: MakeWorld) -> None:
     capture, _ = make_world(3)
     scene = _trained(capture, 3)
