@@ -192,9 +192,8 @@ def _rooms(document: Document) -> Iterator[Row]:
     for name, row in (*document["rows"].items(), ("mean", document["mean"])):
         cells = [f"{row[each]:.2f}" for each in ("recall_50", "recall_75", "precision", "mean_iou", "clicks_miou")]
         for part, whole in (("given_right", "given"), ("stated_right", "stated"), ("known", "knowable")):
-            told = (
-                f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if f"names_{whole}" in row else "–"
-            )  # not counted
+            counted = f"names_{whole}" in row
+            told = f"{row[f'names_{part}']} of {row[f'names_{whole}']}" if counted else "–"
             cells.append(f"{row[f'names_{part}_share']:.0%}" if name == "mean" and told != "–" else told)
         yield name, *cells, f"{row['outside_box']:.1%}"
 
@@ -228,16 +227,10 @@ def _absence(document: Document) -> Iterator[Row]:
 
 
 def _questions(document: Document) -> Iterator[Row]:
-    parts = {
-        "doll": "a doll on a bed",
-        "mending": "sample, half by which answers were mended",
-        "scored": "sample, other half",
-    }
-    for name, when in (
-        ("unseen", "before anything was changed by it"),
-        ("named", "its main thing named by hand"),
-        ("validation", "now"),
-    ):
+    halves = {"mending": "sample, half by which answers were mended", "scored": "sample, other half"}
+    parts = {"doll": "a doll on a bed", **halves}
+    times = {"unseen": "before anything was changed by it", "named": "its main thing named by hand"}
+    for name, when in {**times, "validation": "now"}.items():
         row = document["rows"].get(name)
         for part, tally in () if row is None else row["by_part"].items():
             yield f"{parts[part]}, {when}", f"{tally['right']} of {tally['questions']}"
@@ -253,10 +246,8 @@ def _relations(document: Document) -> Iterator[Row]:
 def _standing(document: Document) -> Iterator[Row]:
     yield "poses answered", f"{document['answered']:,} of {document['sent']:,}"
     yield "poses passed over for a newer one", str(document["dropped"])
-    yield (
-        "latency: median, 95 %, longest",
-        ", ".join(f"{document[f'{each}_ms']:.0f} ms" for each in ("p50", "p95", "max")),
-    )
+    latencies = ", ".join(f"{document[f'{each}_ms']:.0f} ms" for each in ("p50", "p95", "max"))
+    yield "latency: median, 95 %, longest", latencies
     yield "longest pause between two answers", f"{document['longest_gap_s']:.2f} s"
     memory = document["server_mib"]
     yield "memory of the server, before and after", f"{memory['start']:.0f} and {memory['end']:.0f} MiB"
@@ -265,14 +256,10 @@ def _standing(document: Document) -> Iterator[Row]:
 def _serve(document: Document) -> Iterator[Row]:
     phases = {row["phase"]: row for row in document["rows"]}
     rest, many = phases["overhead of rest"], phases["50 clients"]
-    yield (
-        "a small question: in process, REST, gRPC (median)",
-        ", ".join(f"{rest['p50_ms'][each]:.1f} ms" for each in ("in_process", "rest", "grpc")),
-    )
-    yield (
-        "50 clients at once",
-        f"{many['count'] / many['seconds']:.0f} answers a second, 99 % within {many['p99_ms']:.0f} ms",
-    )
+    medians = ", ".join(f"{rest['p50_ms'][each]:.1f} ms" for each in ("in_process", "rest", "grpc"))
+    yield "a small question: in process, REST, gRPC (median)", medians
+    rate = f"{many['count'] / many['seconds']:.0f} answers a second"
+    yield "50 clients at once", f"{rate}, 99 % within {many['p99_ms']:.0f} ms"
     cold = phases["a cold scene of 1M Gaussians"]["seconds"]
     yield "first answer of a scene of a million Gaussians", f"{max(cold):.1f} s"
     growth = phases["mixed requests"]
