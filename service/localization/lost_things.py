@@ -26,6 +26,7 @@ _BORDER_PX, _RING_PX, _MEAN_PX = 5, 13, 9
 _ENOUGH = 0.05
 _LEAST_STEP = 1e-3
 _TOUCHING = np.ones((15, 15), np.uint8)
+"""Pixels: what is 7 away still touches."""
 STEPS = 2.5
 """Times the scene's step of color at a border that the photos' is from which on something stands there that the scene
 has not: a gap between books is dark, and steps as much as the book did; what is new on a plain surface steps five times
@@ -164,7 +165,8 @@ def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[Lat
 
 
 def _step(picture: F32, own: Bools, free: Bools) -> float:
-    """The mean difference, 0..1, between a region's colors and those around it, along its border, of local means.
+    """The difference, 0..1, between a region's colors and those around it, of local means, that three quarters of its
+    border exceed: a thing has a border all around, and a pattern has edges somewhere on any.
 
     Args:
         picture: float32 [H, W, 3].

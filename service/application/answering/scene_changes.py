@@ -28,6 +28,7 @@ _WIDE = 0.35
 """Things as long along two axes, as a share of the place, are what others stand on, or the room itself."""
 _MARGIN = 0.1
 _LOOKED = 2
+"""Photos of the scene that have to have a place in their pictures."""
 _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 Seen = tuple[tuple[SceneChange, ...], tuple[int, ...], Mapping[int, tuple[PhotoDifference, ...]]]
