@@ -44,7 +44,7 @@ def chromium(*, webgl: bool = True) -> Iterator[Browser]:
     path = shutil.which("chromium")
     if path is None:
         pytest.skip("no chromium in this machine: apt-get install chromium")
-    expect.set_options(timeout=20_000)
+    expect.set_options(timeout=PATIENCE_MS)
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=list(_SOFTWARE_WEBGL if webgl else _NO_WEBGL))
         yield browser

@@ -7,7 +7,6 @@ from pathlib import Path
 from playwright.sync_api import Browser, expect
 
 from fastsplat.service.library.local_scene import LocalScene
-from tests.web.browser import PATIENCE_MS
 from tests.web.places import Place
 
 
@@ -26,11 +25,11 @@ def test_a_cell_shows_the_scene_and_answers(place: Place, webgl_browser: Browser
         page.on("pageerror", lambda error: trouble.append(str(error)))
         page.goto(notebook.as_uri())
         frame = page.frame_locator("iframe")
-        expect(frame.locator("canvas[data-shown=plain]")).to_be_visible(timeout=PATIENCE_MS)
+        expect(frame.locator("canvas[data-shown=plain]")).to_be_visible()
         frame.get_by_role("searchbox").fill("mug")
         frame.get_by_role("button", name="Ask", exact=True).click()
         expect(frame.locator(".verdict.here")).to_be_visible()
-        expect(frame.locator("canvas[data-shown=answer]")).to_be_visible(timeout=PATIENCE_MS)
+        expect(frame.locator("canvas[data-shown=answer]")).to_be_visible()
         assert trouble == []
     finally:
         context.close()

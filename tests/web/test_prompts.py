@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit
-from tests.web.browser import PATIENCE_MS, visiting
+from tests.web.browser import visiting
 from tests.web.places import Place
 
 _MADE = re.compile(r"Thing 4 has \d+ Gaussians")
@@ -34,7 +34,7 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
         expect(page.get_by_text("Click the part that is a thing of its own.")).to_be_visible()
         visit.check_accessible()
         canvas.click(position=ball)
-        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE)
         visit.check_accessible()
         expect(page.locator(".thing-card h2").first).to_have_text("Thing 4, no name")
         piece = _owner(place, own) == 4
@@ -42,8 +42,8 @@ def test_a_thing_is_split_by_a_click_refined_and_undone(place: Place, browser: B
         assert overlap > 0.6, overlap
         canvas.click(position={"x": ball["x"] + 15, "y": ball["y"] + 10})
         expect(page.get_by_role("button", name="Done")).to_be_disabled()
-        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
-        expect(page.get_by_role("button", name="Done")).to_be_enabled(timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE)
+        expect(page.get_by_role("button", name="Done")).to_be_enabled()
         made = next(version for version in place.service.versions.all(own) if version.current)
         assert made.parent == merged.version and made.edits[0].prompt is not None
         assert len(made.edits[0].prompt.pixels) == 2  # in place of the first one
@@ -65,7 +65,7 @@ def test_what_is_missing_is_added_by_keyboard_alone(place: Place, browser: Brows
         middle = page.get_by_role("button", name="Take what is in the middle")
         middle.focus()
         page.keyboard.press("Enter")
-        expect(page.locator(".tool-note")).to_contain_text(_MADE, timeout=PATIENCE_MS)
+        expect(page.locator(".tool-note")).to_contain_text(_MADE)
         page.get_by_role("button", name="Done").click()
         expect(page.locator(".tool-note")).to_have_count(0)
         expect(page.locator(".thing-list li")).to_have_count(3)
