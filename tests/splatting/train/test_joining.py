@@ -121,6 +121,12 @@ def test_what_photos_agree_on_is_made_where_it_is_nearer_than_the_scene_and_nowh
     born, _ = born_gaussians(scene, (view,), rows, 100, _SETTINGS, np.stack([near, near + 0.01 * ray]))
     off = np.linalg.norm(born.means - near, axis=1)
     assert (off < 0.3 * 2 / camera.fx).sum() == 1
+    settings, names = continuation_settings(_SETTINGS, scene, steps=1, hold_out=False), [capture.views[2].posed.name]
+    counts = [
+        len(join_photos(scene, capture, names, settings, silent, places=places).trained.gaussians)
+        for places in (np.stack([near]), _NOWHERE)
+    ]
+    assert counts[0] == counts[1] + 1
 
 
 def test_what_no_photo_of_before_shows_begins_nearly_clear(make_world: MakeWorld, tmp_path: Path) -> None:
