@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.formats.kept_capture import kept_capture
 from fastsplat.service.capture.photos.scene_photos import photo_folder
 from fastsplat.service.capture.types import Capture
@@ -102,7 +102,7 @@ def train_further(
     )
     if joined:
         places = agreed_places(
-            [(view.posed, _pixels(view.image_path)) for view in capture.views if view.posed.name in joined]
+            [(view.posed, load_rgb(view.image_path)) for view in capture.views if view.posed.name in joined]
         )
         continued = join_photos(
             scene.gaussians, capture, joined, training, progress, checkpoint_dir, places=places, watch=watch
@@ -119,11 +119,6 @@ def train_further(
             hint="Train for more steps, with a larger preset; or the photos do not give more.",
         )
     return continued
-
-
-def _pixels(path: Path) -> NDArray[np.uint8]:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))
 
 
 def merged_scene(current: Scene, base: Scene, continued: Continued) -> Scene | None:

@@ -28,13 +28,12 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from PIL import Image
 
 from benchmarks.provenance import begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.rooms.__main__ import with_things
@@ -44,6 +43,7 @@ from benchmarks.things.cropped import cropped, hidden_labels
 from benchmarks.things.discovered import settings_by_steps, timed, trained_scene
 from fastsplat.service.application.answering.landmark_cache import photos_of
 from fastsplat.service.application.answering.localized_photos import LocalizedPictures, localized_photos
+from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.capture.formats.kept_capture import kept_lenses
 from fastsplat.service.capture.photos.scene_photos import photo_folder, write_observed_photos, write_photos
 from fastsplat.service.capture.settings import PhotoSettings
@@ -133,14 +133,9 @@ def _measured(dataset: Dataset | None, capture: Capture) -> tuple[Sequence[TrueV
         return sorted((view for view in dataset.test if view.posed), key=lambda view: view.name), capture
     names = [view.posed.name for view in capture.views]
     out = validation_names(names, [view.posed.world_from_camera for view in capture.views])
-    views = [TrueView(view.posed.name, view.posed, _pixels(view.image_path)) for view in capture.views]
+    views = [TrueView(view.posed.name, view.posed, load_rgb(view.image_path)) for view in capture.views]
     rest = subset(capture, tuple(name for name in names if name not in out))
     return [view for view in views if view.name in out], rest
-
-
-def _pixels(path: Path) -> NDArray[np.uint8]:
-    with Image.open(path) as image:
-        return np.asarray(image.convert("RGB"))
 
 
 def _nearest(capture: Capture, measured: TrueView, count: int) -> set[str]:
@@ -193,17 +188,17 @@ def _observed(
 
     located, placing = timed(locate)
     answers = located.answer.photos
-    there = [number for number, photo in enumerate(answers) if photo.camera is not None]
+    there = {number: photo.camera for number, photo in enumerate(answers) if photo.camera is not None}
     observed = [
-        ObservedPhoto(f"{_OBSERVED}/{place}", answers[number].camera, answers[number].differences)  # type: ignore[arg-type]
-        for place, number in enumerate(there)
+        ObservedPhoto(f"{_OBSERVED}/{place}", camera, answers[number].differences)
+        for place, (number, camera) in enumerate(there.items())
     ]
     now = datetime.now(UTC)
     kept = Observation("", _OBSERVED, now, "received", tuple(observed), (), located.answer.changes, (), False, "")
     pictures = [picture for number in there if (picture := located.pictures[number]) is not None]
     write_observed_photos(pictures, version, _OBSERVED, PhotoSettings())
     write_scene(replace(scene, observations=(kept,)), version / "artefact")
-    off = [_off(views[number].posed, answers[number].camera) for number in there]
+    off = [_off(views[number].posed, camera) for number, camera in there.items()]
     size = float(np.ptp(np.stack([view.posed.world_from_camera[:3, 3] for view in capture.views]), axis=0).max())
     return version, {
         **{f"landmarks_{key}": value for key, value in found.items()},
@@ -214,8 +209,7 @@ def _observed(
     }
 
 
-def _off(truth: PosedCamera, told: PosedCamera | None) -> float:
-    assert told is not None
+def _off(truth: PosedCamera, told: PosedCamera) -> float:
     return float(np.linalg.norm(truth.world_from_camera[:3, 3] - told.world_from_camera[:3, 3]))
 
 
@@ -230,7 +224,7 @@ def _joined(version: Path, folder: Path, settings: Settings) -> tuple[Scene, dic
     job = Job("joined", 1, version, folder, SceneOptions(), settings, order=order, version="1", base=(version, "1"))
     for stage in ("training", "merging"):
         job.result(stage).mkdir()
-        stages[stage] = timed(lambda stage=stage: STAGES[stage](job, job.result(stage), silent))[1]  # type: ignore[misc]
+        stages[stage] = timed(partial(STAGES[stage], job, job.result(stage), silent))[1]
     after = read_scene(job.result("merging") / "artefact")
     result = json.loads((job.result("merging") / "summary.json").read_text())["result"]
     with np.load(job.result("training") / "rows.npz") as rows:

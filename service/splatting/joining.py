@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from fastsplat.service.capture.types import Capture
+from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import Progress
 from fastsplat.service.perception.types import Labelling
@@ -33,7 +33,7 @@ from fastsplat.service.splatting.pruning import max_contribution
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.settings import TrainingSettings
-from fastsplat.service.splatting.training_views import TrainingView, load_views
+from fastsplat.service.splatting.training_views import TrainingView, load_views, training_size
 from fastsplat_contract.camera import Camera
 
 _LEAST_PIXELS = 1.0
@@ -44,8 +44,8 @@ _SPACING = 4
 _OPACITY = 0.5
 _CLEAR = 0.02
 """Opacity that is left to what no photo of before shows."""
-_HARDLY = 0.03
-"""Of the pixels that a Gaussian fills in a new photo: what fills so few in all of before is not known from these."""
+_UNSEEN = 0.01
+"""As `_LEAST_PIXELS`, in every photo of before: less is not seen at all, however small these show what is near now."""
 _BEFORE = 0.9
 """Of a depth: what is nearer than this is another surface."""
 _SINGLE_TREE = 4  # FLANN_INDEX_KDTREE_SINGLE
@@ -59,7 +59,7 @@ def join_photos(
     progress: Progress,
     checkpoint_dir: Path | None = None,
     *,
-    places: NDArray[np.float64] | None = None,
+    places: NDArray[np.float64],
     watch: TrainingWatch = UNWATCHED,
 ) -> Continued:
     """The scene with what some more photos show of it: half of the steps are theirs, the others keep the rest true.
@@ -79,21 +79,18 @@ def join_photos(
     Raises:
         FastSplatError: as `continue_training`.
     """
-    numbers = range(len(capture.views))
-    new = [number for number in numbers if capture.views[number].posed.name in joined]
-    old = [number for number in numbers if number not in new]
+    new = [number for number, view in enumerate(capture.views) if view.posed.name in joined]
+    old = [view for view in capture.views if view.posed.name not in joined]
     settings = settings.model_copy(update={"max_sh_degree": gaussians.sh_degree})
     unlabeled = Labelling(Dictionary(()), ())
-    views, known = (load_views(capture, unlabeled, tuple(own), settings.max_side, (1.0,)) for own in (new, old))
-    shown, known_shown = (_shown(gaussians, own, settings) for own in (views, known))
+    views = load_views(capture, unlabeled, tuple(new), settings.max_side, (1.0,))
     views = with_colors_of(gaussians, views, settings)
-    changed = shown >= _LEAST_PIXELS
-    if known:
-        gaussians = _cleared(gaussians, changed & (known_shown < np.maximum(_LEAST_PIXELS, _HARDLY * shown)))
+    changed = _shown(gaussians, [capture.views[number] for number in new], settings) >= _LEAST_PIXELS
+    if old:
+        gaussians = _cleared(gaussians, changed & (_shown(gaussians, old, settings) < _UNSEEN))
     # As many for a photo as the scene has for one of its own.
     most = len(gaussians) * len(new) // max(1, len(capture.views) - len(new))
-    agreed = np.zeros((0, 3)) if places is None else places
-    born, origins = born_gaussians(gaussians, views, changed, most, settings, agreed)
+    born, origins = born_gaussians(gaussians, views, changed, most, settings, places)
     begin = appended_gaussians(gaussians, born)
     weight = max(1, round((len(capture.views) - len(new)) / len(new)))
     repeated = replace(capture, views=(*capture.views, *(capture.views[number] for number in new * (weight - 1))))
@@ -103,9 +100,16 @@ def join_photos(
     return replace(continued, origins=rows[continued.origins])
 
 
-def _shown(gaussians: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings) -> NDArray[np.float64]:
-    device = device_of(settings.backend)
-    return max_contribution(gaussians, tuple(view.to(device) for view in views), settings.backend)
+def _shown(gaussians: Gaussians, views: Sequence[View], settings: TrainingSettings) -> NDArray[np.float64]:
+    """float64 [G], the pixels that each fills in the view that shows it best."""
+    cameras = (
+        (
+            torch.from_numpy(view.posed.camera_from_world().astype(np.float32)),
+            training_size(view.posed.camera, settings.max_side),
+        )
+        for view in views
+    )
+    return max_contribution(gaussians, cameras, settings.backend)
 
 
 def _cleared(gaussians: Gaussians, rows: NDArray[np.bool_]) -> Gaussians:

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.rendering import accumulate_weights
 from fastsplat.service.splatting.raster.types import Backend
-from fastsplat.service.splatting.training_views import TrainingView
+from fastsplat_contract.camera import Camera
 
 MAX_EVAL_VIEWS = 8
 """Held-out views that a pruned scene is measured on, at most."""
@@ -45,18 +46,23 @@ class PruneResult:
 
 @torch.no_grad()
 def max_contribution(
-    gaussians: Gaussians, views: tuple[TrainingView, ...], backend: Backend = "cpu"
+    gaussians: Gaussians, views: Iterable[tuple[Tensor, Camera]], backend: Backend = "cpu"
 ) -> NDArray[np.float64]:
-    """[G]: max_views Σ_pixels w, the pixels that a Gaussian fills in the view that shows it best, at the views'
-    smallest size; 0 for one that no view shows. (Mini-Splatting, Fang and Wang 2024, ranks by the sum over views, which
-    would prune first what few views show.)"""
+    """[G]: max_views Σ_pixels w, the pixels that a Gaussian fills in the view that shows it best; 0 for one that no
+    view shows. (Mini-Splatting, Fang and Wang 2024, ranks by the sum over views, which would prune first what few views
+    show.)
+
+    Args:
+        gaussians: G of them.
+        views: of each float32 [4, 4], camera-from-world, and the camera.
+        backend: which rasterizer.
+    """
     device = device_of(backend)
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
     most = np.zeros(len(gaussians))
-    for view in views:
-        camera = view.frames[0].camera
+    for viewmat, camera in views:
         ones = torch.ones(camera.height, camera.width, 1, device=device)
-        filled = accumulate_weights(splats, view.viewmat, camera, ones, backend=backend)[:, 0]
+        filled = accumulate_weights(splats, viewmat.to(device), camera, ones, backend=backend)[:, 0]
         most = np.maximum(most, filled.double().cpu().numpy())
     return most
 

@@ -69,7 +69,8 @@ def test_what_no_view_shows_contributes_nothing(world) -> None:
     scene = _gaussians(3)
     scene.means[:] = [[0, 0, 0.2], [0, 0, 500.0], [0, 0, 0.2]]
     scene.logit_opacities[:] = [3, 3, -20]
-    weight = max_contribution(scene, views)
+    cameras = [(view.viewmat, view.frames[0].camera) for view in views]
+    weight = max_contribution(scene, cameras)
     assert weight[0] > 1 and weight[1] == 0 == weight[2]
     assert isinstance(views[0].frames[0].camera, Camera)
-    assert weight == pytest.approx(np.max([max_contribution(scene, (view,)) for view in views], axis=0))
+    assert weight == pytest.approx(np.max([max_contribution(scene, [camera]) for camera in cameras], axis=0))
