@@ -40,6 +40,7 @@ BENCHMARKS = {
     ),
     "changes": Benchmark("what changed in drawn rooms, told by ten photos of another day", _TEST),
     "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
+    "estimates": Benchmark("seconds of a job as estimated before, and as it said while it ran (FOLDER[:COUNT] ...)"),
     "flipped_bits": Benchmark(
         "how reading ends when random bits of stored files flip", module="robustness.flipped_bits"
     ),

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, write_results
-from fastsplat.service.application.service import open_service
+from benchmarks.whole_jobs import run_job
 from fastsplat.service.settings import Settings
 from fastsplat_contract.operations import SceneOptions
 
@@ -62,27 +59,8 @@ def _upload(data: str) -> dict[str, bytes]:
 
 
 def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[str, Any]:
-    worker = subprocess.Popen(
-        [Path(sys.executable).parent / "fastsplat", "worker"],
-        env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},
-        cwd=ROOT,
-        start_new_session=True,
-    )
-    try:
-        with open_service(settings) as service:
-            with service.new_upload() as upload:
-                for name, content in files.items():
-                    upload.write(name, [content])
-                operation = service.create_scene(upload, "", "", SceneOptions(time_budget_s=seconds))
-            load = os.getloadavg()[0]
-            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
-                time.sleep(0.3)
-            if now.state != "SUCCEEDED":
-                raise SystemExit(f"the job {now.state}: {now.error}")
-            quality = service.get_scene(operation.scene_id).quality
-    finally:
-        worker.terminate()
-        worker.wait(timeout=60)
+    job = run_job(files, SceneOptions(time_budget_s=seconds), settings)
+    quality = job.quality
     stages = {stage: round(quality["stage_seconds"][stage], 2) for stage in _STAGES}
     actual = sum(stages.values())
     figures = {name: round(quality[name], 3) for name in ("psnr", "iterations", "gaussians") if name in quality}
@@ -91,7 +69,7 @@ def _job(files: dict[str, bytes], seconds: float, settings: Settings) -> dict[st
         "error": round(actual / seconds - 1, 4),
         "stages": stages,
         **figures,
-        "load": round(load, 1),
+        "load": round(job.load, 1),
         "tradeoffs": quality["tradeoffs"],
     }
 

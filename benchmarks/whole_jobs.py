@@ -1,0 +1,76 @@
+"""Whole jobs through a worker process, as a user would post them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.provenance import ROOT
+from fastsplat.service.application.service import open_service
+from fastsplat.service.settings import Settings
+from fastsplat_contract.operations import Operation, SceneOptions
+
+_POLL_S = 0.3
+
+
+@dataclass(frozen=True)
+class DoneJob:
+    """A job that succeeded.
+
+    Attributes:
+        quality: of its scene, with the `stage_seconds` of the stages' own clocks.
+        seconds: from its posting to its end.
+        load: the machine's load average over the last minute when it was posted.
+    """
+
+    quality: Mapping[str, Any]
+    seconds: float
+    load: float
+
+
+def run_job(
+    files: Mapping[str, bytes],
+    options: SceneOptions,
+    settings: Settings,
+    watch: Callable[[Operation], None] = lambda operation: None,
+) -> DoneJob:
+    """Post files to a data folder for which a worker is started, and wait for the scene.
+
+    Args:
+        files: of the upload, by name.
+        options: of the scene.
+        settings: of all rooms, with the data folder.
+        watch: is given the job about three times a second while it runs.
+
+    Raises:
+        SystemExit: the job did not succeed.
+    """
+    worker = subprocess.Popen(
+        [Path(sys.executable).parent / "fastsplat", "worker"],
+        env={**os.environ, "FASTSPLAT_DATA_DIR": str(settings.data_dir)},
+        cwd=ROOT,
+        start_new_session=True,
+    )
+    try:
+        with open_service(settings) as service:
+            with service.new_upload() as upload:
+                for name, content in files.items():
+                    upload.write(name, [content])
+                operation = service.create_scene(upload, "", "", options)
+            load, posted = os.getloadavg()[0], time.monotonic()
+            while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
+                watch(now)
+                time.sleep(_POLL_S)
+            seconds = time.monotonic() - posted
+            if now.state != "SUCCEEDED":
+                raise SystemExit(f"the job {now.state}: {now.error}")
+            return DoneJob(service.get_scene(operation.scene_id).quality, seconds, load)
+    finally:
+        worker.terminate()
+        worker.wait(timeout=60)
