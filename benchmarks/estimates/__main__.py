@@ -15,6 +15,7 @@ import json
 import math
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,7 @@ def _measured(photos: list[Path], options: argparse.Namespace) -> dict[str, Any]
         "stages_estimated_s": {stage: round(seconds, 1) for stage, seconds in estimate.items()},
         "stages_actual_s": {stage: round(seconds, 1) for stage, seconds in job.quality["stage_seconds"].items()},
         "time_left": _time_left(told, job.seconds),
-        "speed": {"steps": round(speed.steps, 2), "serial": round(speed.serial, 2)},
+        "speed": {name: round(times, 2) for name, times in asdict(speed).items()},
         **{name: job.quality[name] for name in ("registered_images", "iterations", "psnr") if name in job.quality},
         "load": round(job.load, 1),
         **provenance(start, settings=options, chosen_on=NOT_CHOSEN),

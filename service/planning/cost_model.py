@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from statistics import mean
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.splatting.densify import planned_count
@@ -26,6 +27,7 @@ _STEPS_A_VIEW, _ENOUGH_STEPS = 10, 1_200
 _SMALLEST_SIDE, _FEWEST_GAUSSIANS = 120, 2_000
 _SIDE_FACTOR, _GAUSSIANS_FACTOR, _LEVELS = 0.84, 0.72, 14  # each level reduces resolution and Gaussians once more
 _PERCEPTION_SHARE, _FEWEST_VIEWS = 0.4, 3
+_DRAWN_A_VIEW = 6  # in times that a training step takes
 _LEAST_SHARE = 0.1  # of the budget is optimized, however little is left beside loading and writing
 
 
@@ -36,10 +38,12 @@ class Speed:
     Attributes:
         steps: of rendering and differentiating, on all threads.
         serial: of everything else, which runs on one thread.
+        networks: of detectors and segmenters, on all threads.
     """
 
     steps: float = 1.0
     serial: float = 1.0
+    networks: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -181,8 +185,7 @@ def fit_training(
             break
     optimize = max(left, _LEAST_SHARE * time_budget_s)
     reduced = reduced.ending_after(optimize)
-    optimized = _optimize_seconds(reduced, rate)
-    steps = min(settings.iterations, max(1, int(rate * optimized)))
+    optimized, steps = _optimized(reduced, scene, speed)
     parts = {"spent": spent_s, "load": load, "optimize": optimized, "finish": finish, "tail": tail_s}
     seconds = sum(parts.values())
     return TrainingPlan(reduced, seconds, parts, steps, _tradeoffs(settings, reduced, scene, time_budget_s, seconds))
@@ -190,16 +193,21 @@ def fit_training(
 
 def run_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
     """Seconds that a whole run of `settings` takes on a machine: loading, optimization, measuring and writing."""
-    optimize = _optimize_seconds(settings, steps_per_second(settings, scene) * speed.steps)
+    optimize, _ = _optimized(settings, scene, speed)
     return load_seconds(scene) / speed.serial + optimize + finish_seconds(settings, scene, speed)
 
 
-def _optimize_seconds(settings: TrainingSettings, rate: float) -> float:
-    """Seconds until a run of so many steps a second ends by either of its bounds, see `schedule.run_progress`."""
-    seconds = settings.iterations / rate
-    if settings.time_budget_s is None:
-        return seconds
-    return min(seconds, max(settings.time_budget_s, settings.min_iterations / rate))
+def _optimized(settings: TrainingSettings, scene: SceneSize, speed: Speed) -> tuple[float, int]:
+    """Seconds and steps until a run ends by one of its bounds, see `schedule.run_progress`. Where steps decide how far
+    it has come, and not the clock, most of its seconds go to the late ones, which take longest."""
+    mean_s = mean(_steps_of_run(settings, scene)) / speed.steps
+    clock_s, bound = settings.time_budget_s, settings.iterations
+    if clock_s is None or bound * mean_s <= clock_s:
+        return bound * mean_s, bound
+    least = min(settings.min_iterations, bound)
+    if least * mean_s > clock_s:
+        return least * mean_s, least
+    return clock_s, min(bound, max(1, int(steps_per_second(settings, scene) * speed.steps * clock_s)))
 
 
 def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = _REFERENCE) -> float:
@@ -224,17 +232,22 @@ def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1)
 
 def steps_per_second(settings: TrainingSettings, scene: SceneSize) -> float:
     """Mean over a run of `settings`, bounded by time, on the reference machine; schedules as in training."""
+    return mean(1 / seconds for seconds in _steps_of_run(settings, scene))
+
+
+def _steps_of_run(settings: TrainingSettings, scene: SceneSize) -> list[float]:
+    """Seconds of a step at evenly spaced shares of a run."""
     start = max(1, min(scene.points, settings.max_gaussians))
     width, height = _size(settings, scene)
     scales = image_scales(settings)
     channels = 0 if settings.label_mode == "evidence" else code_size(scene.labels, settings.code_size)
-    rates = []
+    steps = []
     for index in range(_SHARES):
         share = (index + 0.5) / _SHARES
         count = planned_count(share, start, settings.max_gaussians, settings.densify_from, settings.full_count_at)
         pixels = width * height * scales[image_level(share, settings)] ** 2
-        rates.append(1 / step_seconds(round(pixels), count, channels, settings.max_sh_degree))
-    return sum(rates) / len(rates)
+        steps.append(step_seconds(round(pixels), count, channels, settings.max_sh_degree))
+    return steps
 
 
 def load_seconds(scene: SceneSize) -> float:
@@ -268,15 +281,25 @@ def measure_seconds(settings: TrainingSettings, scene: SceneSize) -> float:
     return held_out * measured + pruning + evidence + refit
 
 
-def export_seconds(labels: int) -> float:
-    """Embedding the dictionary of so many labels and writing the scene."""
-    return 1.0 + 0.01 * labels
+def export_seconds(
+    settings: TrainingSettings, scene: SceneSize, labels: int, views: int, proposed: int, speed: Speed
+) -> float:
+    """The last stage: the dictionary of so many labels embedded and the scene written; and things, if views tell of
+    them: their masks lifted and grouped, codes fitted to them, what each looks like encoded. Those draw all Gaussians
+    again and again, which takes most of it; scenes of many large and clear ones take twice as long.
 
-
-def things_seconds(views: int, proposed: int) -> float:
-    """Lifting the masks of so many views, grouping them, fitting codes to them, and encoding what each thing looks
-    like; and proposing the masks of `proposed` of them first, with a detector and a segmenter that take all cores."""
-    return 0.9 + 0.4 * views + 1.5 * proposed
+    Args:
+        settings: of the training. scene: that it trained.
+        labels: in the dictionary. views: that tell of things; 0: none are looked for.
+        proposed: views whose masks a segmenter proposes first.
+        speed: of the machine.
+    """
+    written = (1.0 + 0.01 * labels) / speed.serial
+    if not views:
+        return written
+    width, height = _size(settings, scene)
+    drawn = _DRAWN_A_VIEW * step_seconds(round(width * height), settings.max_gaussians, 0) / speed.steps
+    return written + (1.3 + 0.2 * views) / speed.serial + views * drawn + 1.5 * proposed / speed.networks
 
 
 def _at_level(settings: TrainingSettings, scene: SceneSize, level: int) -> TrainingSettings:

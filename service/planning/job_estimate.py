@@ -16,7 +16,6 @@ from fastsplat.service.planning.cost_model import (
     Speed,
     export_seconds,
     run_seconds,
-    things_seconds,
 )
 from fastsplat.service.settings import Settings
 
@@ -64,11 +63,10 @@ def later_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[st
     width, height = _reduced(photos, settings.capture.max_side)
     size = SceneSize(count, width, height, _POINTS_A_PHOTO * count, labels=0)
     seen = min(perception.proposal_views or count, count)
-    export = export_seconds(USUAL_LABELS) + things_seconds(seen, 0)
     return {
-        "perception": cost.seconds(min(perception.max_views or count, count)) / speed.steps,
+        "perception": cost.seconds(min(perception.max_views or count, count)) / speed.networks,
         "training": run_seconds(settings.training, size, speed),
-        "export": export / speed.serial,
+        "export": export_seconds(settings.training, size, USUAL_LABELS, seen, 0, speed),
     }
 
 

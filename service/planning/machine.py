@@ -23,8 +23,9 @@ from fastsplat.service.splatting.raster.rendering import rasterize
 from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
-_STEP_S, _IMAGE_S = 0.0077, 0.0030
-"""Seconds of a round of each kind on the quiet reference machine."""
+_STEP_S, _IMAGE_S, _NETWORK_S = 0.0077, 0.0012, 0.0060
+"""Seconds of a round of each kind on the quiet reference machine. Images and networks were chosen by whole jobs on a
+machine without AVX-512 (`benchmarks.estimates`): so much slower than the cost model's seconds its stages were."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
@@ -32,16 +33,18 @@ _SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
 
 
 def machine_speed(backend: Backend = "cpu") -> Speed:
-    """The speed of this machine as a multiple of the reference machine's. Takes a second.
+    """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
 
     A round of `steps` does what an optimization step does: 8,000 Gaussians with 11 channels rendered to 240×180 pixels,
-    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. The mean counts, so that
-    other work on the machine slows the figures as it will slow the run.
+    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. A round of `networks` is
+    what those that look consist of: a convolution, and a product of matrices with GELU. The mean counts, so that other
+    work on the machine slows the figures as it will slow the run.
     """
     threads = torch.get_num_threads()
+    networks = _NETWORK_S / _mean(_network())
     torch.set_num_threads(1)  # as in training
     try:
-        return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()))
+        return Speed(_STEP_S / _mean(_step(backend)), _IMAGE_S / _mean(_image()), networks)
     finally:
         torch.set_num_threads(threads)
 
@@ -110,6 +113,19 @@ def _image() -> Callable[[], None]:
             cv2.resize(np.asarray(opened.convert("RGB")), (320, 240), interpolation=cv2.INTER_AREA)
 
     return image
+
+
+def _network() -> Callable[[], None]:
+    random = torch.Generator().manual_seed(0)
+    image, kernels = torch.rand(1, 64, 64, 64, generator=random), torch.rand(64, 64, 3, 3, generator=random)
+    tokens, weight = torch.rand(1_024, 320, generator=random), torch.rand(320, 1_280, generator=random)
+
+    @torch.inference_mode()
+    def network() -> None:
+        torch.nn.functional.conv2d(image, kernels, padding=1)
+        torch.nn.functional.gelu(tokens @ weight)
+
+    return network
 
 
 def _workload() -> tuple[Splats, torch.Tensor, torch.Tensor]:

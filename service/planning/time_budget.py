@@ -20,7 +20,6 @@ from fastsplat.service.planning.cost_model import (
     export_seconds,
     fit_training,
     scene_size,
-    things_seconds,
     views_within_budget,
 )
 from fastsplat.service.planning.machine import machine_speed, perception_cost
@@ -135,17 +134,14 @@ def clock_tradeoff(
 
 
 def whole_export_seconds(capture: Capture, settings: Settings, labels: int, speed: Speed) -> float:
-    """Seconds of the export stage on a machine, the discovery of things among them."""
-    return (export_seconds(labels) + _things_seconds(capture, settings)) / speed.serial
-
-
-def _things_seconds(capture: Capture, settings: Settings) -> float:
-    """What discovery takes after training; where label maps came with the capture, nobody has looked for masks yet."""
-    given_labels = capture.given_labels is not None
+    """Seconds of the export stage on a machine, the discovery of things among them; where label maps came with the
+    capture, nobody has looked for masks yet."""
+    given_labels, views = capture.given_labels is not None, len(capture.views)
+    seen = min(settings.perception.proposal_views or views, views)
     if given_labels and not settings.discovery.proposes(given_labels=True):
-        return 0.0
-    views = min(settings.perception.proposal_views or len(capture.views), len(capture.views))
-    return things_seconds(views, views if given_labels else 0)
+        seen = 0
+    proposed = seen if given_labels else 0
+    return export_seconds(settings.training, scene_size(capture, labels), labels, seen, proposed, speed)
 
 
 def with_tradeoffs(progress: Progress, tradeoffs: Sequence[str]) -> Progress:

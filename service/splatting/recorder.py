@@ -22,6 +22,9 @@ from fastsplat.service.splatting.training_views import Frame, TrainingView
 _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
 _MEAN_OF = 50
+_SPEED_OF = 40
+"""The speed of a run is that of its last so many reports, 20 s where steps are fast: later steps draw more Gaussians on
+larger images than the first."""
 
 
 class Recorder:
@@ -57,7 +60,7 @@ class Recorder:
         self._draft, self._drafts_at = draft, drafts_at
         self._losses: deque[float] = deque(maxlen=_MEAN_OF)
         self._psnr, self._speed = math.nan, 0.0
-        self._first = (0, 0.0)
+        self._reports: deque[tuple[int, float]] = deque(maxlen=_SPEED_OF)
         self._reported = self._saved = 0.0
 
     @property
@@ -72,7 +75,7 @@ class Recorder:
 
     def start(self, state: SplatState, elapsed_s: float, progress: float) -> None:
         """Before the first step."""
-        self._first = (state.iteration, elapsed_s)
+        self._reports.append((state.iteration, elapsed_s))
         self._reported = self._saved = time.monotonic()
         self.report(state, elapsed_s, progress)
 
@@ -95,8 +98,9 @@ class Recorder:
             release_free_memory()
             self._reported = -math.inf
         if now - self._reported >= _REPORT_EVERY_S:
-            iteration, elapsed_s = self._first
+            iteration, elapsed_s = self._reports[0]
             self._speed = (state.iteration - iteration) / max(step.elapsed_s - elapsed_s, 1e-9)
+            self._reports.append((state.iteration, step.elapsed_s))
             self.report(state, step.elapsed_s, step.progress)
             self._reported = now
         if self._previews is not None:

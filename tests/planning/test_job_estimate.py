@@ -20,13 +20,14 @@ photo_sets = st.builds(PhotoSet, st.integers(2, 1_000), st.integers(100, 8_000),
 @given(photo_sets, st.floats(0.1, 10))
 def test_more_photos_and_larger_ones_take_longer_and_faster_machines_are_faster(photos: PhotoSet, speed: float) -> None:
     chosen = Settings()
-    here = job_seconds(photos, chosen, Speed(speed, speed))
+    measured = Speed(speed, speed, speed)
+    here = job_seconds(photos, chosen, measured)
     assert list(here) == ["capture", "perception", "training", "export"] and min(here.values()) > 0
-    more = job_seconds(replace(photos, count=photos.count + 40), chosen, Speed(speed, speed))
-    larger = job_seconds(replace(photos, width=2 * photos.width, height=2 * photos.height), chosen, Speed(speed, speed))
+    more = job_seconds(replace(photos, count=photos.count + 40), chosen, measured)
+    larger = job_seconds(replace(photos, width=2 * photos.width, height=2 * photos.height), chosen, measured)
     assert all(more[stage] >= here[stage] for stage in here) and more["capture"] > here["capture"]
     assert larger["capture"] > here["capture"]
-    faster = job_seconds(photos, chosen, Speed(2 * speed, 2 * speed))
+    faster = job_seconds(photos, chosen, Speed(2 * speed, 2 * speed, 2 * speed))
     assert all(faster[stage] <= here[stage] for stage in here)
     assert faster["capture"] == pytest.approx(here["capture"] / 2)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 from fastsplat.service.planning.presets import chosen_settings
@@ -55,7 +56,7 @@ class JobEstimates:
 
         with self._lock:
             if self._speed is None or time.monotonic() - self._measured_at > _AGAIN_S:
-                new, old = machine_speed(self._settings.training.backend), self._speed or Speed(0.0, 0.0)
-                self._speed = Speed(max(new.steps, old.steps), max(new.serial, old.serial))
+                new, old = machine_speed(self._settings.training.backend), self._speed or Speed(0.0, 0.0, 0.0)
+                self._speed = Speed(*map(max, astuple(new), astuple(old)))
                 self._measured_at = time.monotonic()
             return self._speed
