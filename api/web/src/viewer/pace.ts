@@ -1,6 +1,6 @@
 import { nextScale } from "./pictureScale";
 
-const MOST_MS = 60; // more than fifteen pictures a second
+const MOST_MS = 50; // twenty pictures a second: with what the page computes beside them, fifteen
 const QUICK_MS = 15; // of a coarse picture: these graphics are no software
 const POLL_MS = 4;
 const FIRST_SCALE = 0.5;
