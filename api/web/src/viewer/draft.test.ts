@@ -1,7 +1,7 @@
 import { describe, expect, test } from "vitest";
 
 import { DepthRange } from "./depthRange";
-import { draftOf, ofRows } from "./draft";
+import { draftOf, ofRows, thinner } from "./draft";
 import { fewerBands } from "./harmonics";
 import { random } from "./random.fixture";
 import type { SplatColumns } from "./spz";
@@ -105,4 +105,20 @@ test("depths are those of the Gaussians in view, without outliers", () => {
   expect(near).toBeGreaterThan(2.49);
   expect(far).toBeLessThan(3);
   expect(far).toBeGreaterThan(near);
+});
+
+test("a thinner draft is of the first one's Gaussians, and never too thin", () => {
+  const made = splat(40_000, 0);
+  const level = new Float32Array(made.count).fill(-3);
+  const alike = ["opacity", "scale_0", "scale_1", "scale_2"].map((name) => [name, level] as const);
+  const given = { count: made.count, columns: new Map([...made.columns, ...alike]) };
+  const first = draftOf(given);
+  if (!first) throw new Error("so many need a draft");
+  const second = thinner(first, 0.5);
+  expect(Math.abs((second?.splat.count ?? 0) / first.splat.count - 0.5)).toBeLessThan(0.1);
+  expect([...(second?.rows ?? [])].every((row) => first.rows.includes(row))).toBe(true);
+  const places = [...(second?.rows ?? [])].map((row) => given.columns.get("x")?.[row]);
+  expect([...(second?.splat.columns.get("x") ?? [])]).toEqual(places);
+  expect(thinner(first, 1e-3)?.splat.count).toBeGreaterThan(5_000);
+  expect(thinner(first, 0.9)).toBeNull();
 });

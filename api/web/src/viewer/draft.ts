@@ -2,6 +2,7 @@ import type { SplatColumns } from "./spz";
 
 /** Gaussians of a draft: a third of the splat's, between these. */
 const [LEAST, MOST] = [12_000, 60_000];
+const FEWEST = 6_000;
 const [SAMPLES, ROUNDS] = [10_000, 60];
 const SOLID = 0.99; // the largest opacity that a Gaussian of a draft gets
 
@@ -66,6 +67,12 @@ export function draftOf(
     }
   });
   return { rows: Uint32Array.from(rows), splat: { count: rows.length, columns: own } };
+}
+
+/** A draft of a draft: about a share of its Gaussians, never fewer than `FEWEST`; null where those are hardly fewer. */
+export function thinner(draft: Draft, share: number): Draft | null {
+  const thin = draftOf(draft.splat, Math.max(FEWEST, share * draft.splat.count));
+  return thin && { ...thin, rows: thin.rows.map((row) => draft.rows[row] ?? 0) };
 }
 
 /** By which covers are multiplied to be shares, at most 1 each, that sum up to about `most`. */

@@ -10,6 +10,9 @@ import type { AppBase } from "playcanvas";
 
 import type { SplatColumns } from "./spz";
 
+/** What belongs to each Gaussian beside its own columns. */
+export type Stream = "splatState" | "splatTint";
+
 /** Gaussians in the engine: one splat with our two streams, a state and a tint of each. */
 export class Layer {
   readonly #entity = new Entity("splat");
@@ -41,7 +44,7 @@ export class Layer {
     this.recolor();
   }
 
-  fill(stream: "splatState" | "splatTint", values: Uint8Array): void {
+  fill(stream: Stream, values: Uint8Array): void {
     const texture = this.#resource.getTexture(stream);
     if (!texture) return;
     (texture.lock() as Uint8Array).set(values);

@@ -1,4 +1,4 @@
-import { nextScale } from "./pictureScale";
+import { nextScale, SMALLEST } from "./pictureScale";
 
 const MOST_MS = 50; // twenty pictures a second: with what the page computes beside them, fifteen
 const QUICK_MS = 15; // of a coarse picture: these graphics are no software
@@ -14,7 +14,11 @@ export class Pace {
   #slow: boolean | null = null; // until a picture tells
   #scale = FIRST_SCALE;
 
-  constructor(private readonly gl: WebGL2RenderingContext) {}
+  /** @param tooSlow hears which share of the Gaussians would be quick enough, where the smallest pictures are not. */
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    private readonly tooSlow: (share: number) => void,
+  ) {}
 
   /** Whether the last full picture, or one that is still being made, takes too long for a camera that moves. */
   get isSlow(): boolean {
@@ -49,6 +53,7 @@ export class Pace {
       this.#fence = null;
       const milliseconds = performance.now() - this.#begun;
       if (coarse) {
+        if (this.#scale <= SMALLEST && milliseconds > MOST_MS) this.tooSlow(MOST_MS / milliseconds);
         this.#scale = nextScale(this.#scale, milliseconds, MOST_MS);
         if (milliseconds < QUICK_MS) this.#slow ??= false; // until a full picture tells otherwise
       } else this.#slow = milliseconds > MOST_MS;

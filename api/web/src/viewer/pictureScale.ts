@@ -1,4 +1,4 @@
-const SMALLEST = 0.25;
+export const SMALLEST = 0.25;
 
 /**
  * The sides of the next picture while the camera moves, as a share of the full ones: a picture of half the pixels where

@@ -14,9 +14,11 @@ import {
 
 import { DEPTH_STOPS } from "./colors";
 import { DepthRange } from "./depthRange";
-import { draftOf, ofRows } from "./draft";
+import type { Draft } from "./draft";
+import { draftOf, ofRows, thinner } from "./draft";
 import type { Tint } from "./glow";
 import { DIMMED, TINTS } from "./glow";
+import type { Stream } from "./layer";
 import { Layer } from "./layer";
 import type { Motion } from "./motions";
 import { matrixOf, turnOf } from "./motions";
@@ -93,11 +95,12 @@ export class SplatView {
   readonly #camera: Entity;
   readonly #pace: Pace;
   #full: Layer | null = null;
-  #draft: Layer | null = null;
+  #draft: (Draft & { layer: Layer }) | null = null;
   #coarse = false;
   #scale = 1;
   #count = 0;
-  #draftRows = new Uint32Array();
+  readonly #uniforms = new Map<string, number | number[]>();
+  readonly #streams = new Map<Stream, readonly [values: Uint8Array, width: number]>();
   #view: LookAt | null = null;
   #depthRange: DepthRange | null = null;
   #columns: ReadonlyMap<string, Float32Array> = new Map();
@@ -130,7 +133,7 @@ export class SplatView {
     this.#app.root.addChild(this.#camera);
     // The order of the splats comes from a worker; the picture is due again when it has arrived.
     this.#app.systems.gsplat?.on("frame:request", () => this.redraw());
-    this.#pace = new Pace(gl);
+    this.#pace = new Pace(gl, (share) => this.#thinDraft(share));
     this.#app.on("postrender", () => {
       if (this.#full) this.#pace.drawn(this.#coarse);
     });
@@ -144,12 +147,9 @@ export class SplatView {
     this.#columns = splat.columns;
     this.#count = splat.count;
     this.#full = new Layer(this.#app, splat, MODIFIER);
+    this.#streams.clear();
     const draft = draftOf(splat);
-    if (draft) {
-      this.#draft = new Layer(this.#app, draft.splat, MODIFIER);
-      this.#draft.shown = false;
-      this.#draftRows = draft.rows;
-    }
+    if (draft) this.#addDraft(draft);
     this.#set("uDimmed", 1);
     this.#set("uColors", COLORINGS.own);
     this.#set("uEye", [0, 0, 0]);
@@ -159,6 +159,24 @@ export class SplatView {
     if (draft)
       this.#showCoarse(true); // drawn soon, and the engine is ready for it when the camera moves
     else this.#resize();
+  }
+
+  #addDraft(draft: Draft): void {
+    const layer = new Layer(this.#app, draft.splat, MODIFIER);
+    layer.shown = false;
+    for (const [name, value] of this.#uniforms) layer.set(name, value);
+    for (const [stream, [values, width]] of this.#streams) layer.fill(stream, ofRows(values, draft.rows, width));
+    this.#draft = { ...draft, layer };
+  }
+
+  /** Goes on with a share of the draft's Gaussians, where even small pictures of all of them take too long. */
+  #thinDraft(share: number): void {
+    const [before, after] = [this.#draft, this.#draft && thinner(this.#draft, share)];
+    if (!before || !after) return;
+    this.#addDraft(after);
+    if (this.#draft) this.#draft.layer.shown = before.layer.shown;
+    before.layer.destroy();
+    this.redraw();
   }
 
   /** Shows a state of each Gaussian (see `states.ts`), by row; with `dimmed`, those without one recede. */
@@ -218,8 +236,9 @@ export class SplatView {
   }
 
   #set(name: string, value: number | number[]): void {
+    this.#uniforms.set(name, value);
     this.#full?.set(name, value);
-    this.#draft?.set(name, value);
+    this.#draft?.layer.set(name, value);
   }
 
   /** Shows the selected Gaussians moved, or where they are. */
@@ -235,9 +254,10 @@ export class SplatView {
     this.#set("uTurn", [turn.x, turn.y, turn.z, turn.w]);
   }
 
-  #fill(stream: "splatState" | "splatTint", values: Uint8Array, width: number): void {
+  #fill(stream: Stream, values: Uint8Array, width: number): void {
+    this.#streams.set(stream, [values, width]);
     this.#full?.fill(stream, values);
-    if (this.#draft) this.#draft.fill(stream, ofRows(values, this.#draftRows, width));
+    if (this.#draft) this.#draft.layer.fill(stream, ofRows(values, this.#draft.rows, width));
   }
 
   /** Draws all Gaussians in full resolution, or the draft (of a small scene all of them) in less of it. */
@@ -246,7 +266,7 @@ export class SplatView {
     if (!this.#full || (this.#coarse === coarse && this.#scale === scale)) return;
     [this.#coarse, this.#scale] = [coarse, scale];
     if (this.#draft) {
-      this.#draft.shown = coarse;
+      this.#draft.layer.shown = coarse;
       this.#full.shown = !coarse;
     }
     this.#app.scene.gsplat.alphaClipForward = coarse ? FAINT.moving : FAINT.resting;
@@ -320,7 +340,7 @@ export class SplatView {
 
   #removeSplat(): void {
     this.#full?.destroy();
-    this.#draft?.destroy();
+    this.#draft?.layer.destroy();
     this.#full = this.#draft = null;
     [this.#coarse, this.#scale] = [false, 1];
   }
