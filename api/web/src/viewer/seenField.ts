@@ -67,8 +67,8 @@ export class SeenField {
     let photos = 0;
     const end = starts[sample + 1] ?? 0;
     for (let at = starts[sample] ?? 0; at < end && photos < enough; at++) {
-      const [a = 0, b = 0, c = 0, far = 0] = sightings.subarray(4 * at, 4 * at + 4);
-      if (a * x + b * y + c * z >= ALIKE && distance >= NEAREST * far) photos += 1;
+      const along = x * (sightings[4 * at] ?? 0) + y * (sightings[4 * at + 1] ?? 0) + z * (sightings[4 * at + 2] ?? 0);
+      if (along >= ALIKE && distance >= NEAREST * (sightings[4 * at + 3] ?? 0)) photos += 1;
     }
     return photos >= enough;
   }

@@ -5,6 +5,7 @@ const SAMPLES = 12_000;
 const FAINT = -1; // logit of an opacity of 0.27
 const WIDEST = 4; // cells: how far around its middle a sample of a surface covers
 const SIGMAS = 1.25; // a square of so many to each side has about the area that a Gaussian covers
+const NEAREST = 1e-6; // scene units: what is less deep is not before the camera
 const BEFORE = 0.85; // of a surface's depth: fog is nearer, and what is not, the surface's own
 
 /** Where surfaces are, by a sample of the Gaussians: [3 count] and [count], scene units. */
@@ -93,7 +94,7 @@ export function cellOf(
   const y = (positions[3 * sample + 1] ?? 0) - eye[1];
   const z = (positions[3 * sample + 2] ?? 0) - eye[2];
   const depth = x * forward[0] + y * forward[1] + z * forward[2];
-  if (depth <= 1e-6) return null;
+  if (depth <= NEAREST) return null;
   const column = ((x * right[0] + y * right[1] + z * right[2]) / depth) * camera.fx + camera.cx;
   const row = ((x * down[0] + y * down[1] + z * down[2]) / depth) * camera.fy + camera.cy;
   return { column: Math.floor(column), row: Math.floor(row), depth };
@@ -104,39 +105,58 @@ export function gridOf(surfaces: Surfaces, camera: GridCamera): Grid {
   const { width, height } = camera;
   const nearest = new Int32Array(width * height).fill(-1);
   const depths = new Float32Array(width * height).fill(Infinity);
-  forCells(surfaces, camera, WIDEST, (cell, sample, depth) => {
-    if (depth >= (depths[cell] ?? 0)) return;
-    depths[cell] = depth;
-    nearest[cell] = sample;
+  forPatches(surfaces, camera, WIDEST, (sample, depth, _share, top, bottom, left, right) => {
+    for (let row = top; row <= bottom; row++)
+      for (let cell = row * width + left; cell <= row * width + right; cell++)
+        if (depth < (depths[cell] ?? 0)) {
+          depths[cell] = depth;
+          nearest[cell] = sample;
+        }
   });
   return { nearest, depths };
 }
 
 /** Of each cell, −log of the share of the light that the fog before the surface there lets through. */
 export function hazeOf(fog: Fog, camera: GridCamera, { depths }: Grid): Float32Array {
+  const { width } = camera;
   const haze = new Float32Array(depths.length);
-  forCells(fog, camera, camera.width, (cell, sample, depth, share) => {
-    if (depth < BEFORE * (depths[cell] ?? 0)) haze[cell] = (haze[cell] ?? 0) + share * (fog.densities[sample] ?? 0);
+  const limits = depths.map((depth) => BEFORE * depth);
+  forPatches(fog, camera, width, (sample, depth, share, top, bottom, left, right) => {
+    const density = share * (fog.densities[sample] ?? 0);
+    for (let row = top; row <= bottom; row++)
+      for (let cell = row * width + left; cell <= row * width + right; cell++)
+        if (depth < (limits[cell] ?? 0)) haze[cell] = (haze[cell] ?? 0) + density;
   });
   return haze;
 }
 
-/** Calls with each cell that a sample covers, its depth, and which share of each of these cells it covers. */
-function forCells(
-  samples: Surfaces,
-  camera: GridCamera,
+/**
+ * Calls with the cells that each sample covers: its depth, which share of each of these cells it covers, and the first and
+ * last row and column of those in the picture. Every frame of a moving camera waits for this, so nothing is allocated.
+ */
+function forPatches(
+  { count, positions, radii }: Surfaces,
+  { position, right, down, forward, width, height, fx, fy, cx, cy }: GridCamera,
   widest: number,
-  told: (cell: number, sample: number, depth: number, share: number) => void,
+  told: (sample: number, depth: number, share: number, top: number, bottom: number, left: number, end: number) => void,
 ): void {
-  const { width, height } = camera;
-  for (let sample = 0; sample < samples.count; sample++) {
-    const at = cellOf(samples, sample, camera);
-    if (!at) continue;
-    const radius = (camera.fx * (samples.radii[sample] ?? 0)) / at.depth;
+  const [ex, ey, ez] = position;
+  const [rx, ry, rz] = right;
+  const [dx, dy, dz] = down;
+  const [wx, wy, wz] = forward;
+  for (let sample = 0; sample < count; sample++) {
+    const x = (positions[3 * sample] ?? 0) - ex;
+    const y = (positions[3 * sample + 1] ?? 0) - ey;
+    const z = (positions[3 * sample + 2] ?? 0) - ez;
+    const depth = x * wx + y * wy + z * wz;
+    if (depth <= NEAREST) continue;
+    const column = Math.floor(((x * rx + y * ry + z * rz) / depth) * fx + cx);
+    const row = Math.floor(((x * dx + y * dy + z * dz) / depth) * fy + cy);
+    const radius = (fx * (radii[sample] ?? 0)) / depth;
     const reach = Math.min(widest, Math.floor(radius));
-    const share = Math.min(1, ((2 * radius) / (2 * reach + 1)) ** 2);
-    for (let row = Math.max(0, at.row - reach); row <= Math.min(height - 1, at.row + reach); row++)
-      for (let column = Math.max(0, at.column - reach); column <= Math.min(width - 1, at.column + reach); column++)
-        told(row * width + column, sample, at.depth, share);
+    const [top, bottom] = [Math.max(0, row - reach), Math.min(height - 1, row + reach)];
+    const [left, end] = [Math.max(0, column - reach), Math.min(width - 1, column + reach)];
+    if (top <= bottom && left <= end)
+      told(sample, depth, Math.min(1, ((2 * radius) / (2 * reach + 1)) ** 2), top, bottom, left, end);
   }
 }
