@@ -4,6 +4,7 @@ const MOST_MS = 50; // twenty pictures a second: with what the page computes bes
 const QUICK_MS = 15; // of a coarse picture: these graphics are no software
 const POLL_MS = 4;
 const FIRST_SCALE = 0.5;
+const SURE = 3; // slow pictures in a row
 
 /** How long the graphics take for a picture, by fences in WebGL's queue: frames alone do not tell, they only wait in it. */
 export class Pace {
@@ -13,6 +14,7 @@ export class Pace {
   #coarse = false;
   #slow: boolean | null = null; // until a picture tells
   #scale = FIRST_SCALE;
+  #tooLong: number[] = [];
 
   /** @param tooSlow hears which share of the Gaussians would be quick enough, where the smallest pictures are not. */
   constructor(
@@ -53,12 +55,20 @@ export class Pace {
       this.#fence = null;
       const milliseconds = performance.now() - this.#begun;
       if (coarse) {
-        if (this.#scale <= SMALLEST && milliseconds > MOST_MS) this.tooSlow(MOST_MS / milliseconds);
+        this.#count(milliseconds);
         this.#scale = nextScale(this.#scale, milliseconds, MOST_MS);
         if (milliseconds < QUICK_MS) this.#slow ??= false; // until a full picture tells otherwise
       } else this.#slow = milliseconds > MOST_MS;
     };
     this.#timer = window.setTimeout(look, POLL_MS);
+  }
+
+  /** Counts slow ones of the smallest pictures: one alone may have waited for something else. */
+  #count(milliseconds: number): void {
+    this.#tooLong = this.#scale <= SMALLEST && milliseconds > MOST_MS ? [...this.#tooLong, milliseconds] : [];
+    if (this.#tooLong.length < SURE) return;
+    this.tooSlow(MOST_MS / Math.min(...this.#tooLong));
+    this.#tooLong = [];
   }
 
   stop(): void {
