@@ -34,9 +34,9 @@ _LEAST_LEFT_S, _FROM, _GOAL = 10.0, 0.2, 0.25
 def main() -> None:
     """Command line."""
     parser = parser_of(__doc__)
-    parser.add_argument("folders", nargs="+", metavar="FOLDER[:COUNT]")
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER[:COUNT]")
     for words in (options := parser.parse_args()).folders:
-        folder, _, count = words.partition(":")
+        folder, _, count = str(words).partition(":")
         name = Path(folder).parent.name if Path(folder).name == "images" else Path(folder).name
         row = _measured(_photos(Path(folder), int(count or 0)), options)
         put_row(RESULTS / "estimates.json", f"{name} {row['photos']}", row)
