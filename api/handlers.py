@@ -185,16 +185,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             bodies=change_examples.SOUGHT,
         ),
         Handler(
-            calls.TRAIN_MORE,
-            lambda service, asked: service.training.order(asked.scene_id, asked),
-            bodies=change_examples.TRAINED,
-        ),
-        Handler(
-            calls.WITHDRAW_PHOTOS,
-            lambda service, asked: service.withdrawal.order(asked.scene_id, asked),
-            bodies=change_examples.WITHDRAWN,
-        ),
-        Handler(
             calls.GET_OPERATION,
             lambda service, asked: service.get_operation(asked.operation_id),
             example=scene_examples.OPERATION,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -112,24 +112,6 @@ class MadeScene:
     def result(self) -> dict[str, Any] | None:
         """As `CreateSceneResult`; None where nothing was edited."""
         return {"carried": len(self.carried), "lost": list(self.lost)} if self.edited else None
-
-
-def replaced_result(made: MadeScene, version: str, photos: Sequence[str], removed: Collection[str]) -> dict[str, Any]:
-    """A `WithdrawPhotosResult` as JSON.
-
-    Args:
-        made: in the place of all versions of before.
-        version: its name.
-        photos: names of those that are gone.
-        removed: names of the versions that go.
-    """
-    return {
-        "version": version,
-        "photos": list(photos),
-        "removed": sorted(removed),
-        "carried": len(made.carried),
-        "lost": list(made.lost),
-    }
 
 
 def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, find: Callable[[str], Path]) -> MadeScene:

@@ -24,8 +24,6 @@ from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
-from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 Bodies = Mapping[str, tuple[str, Any]]
 """Bodies of one type by name, with a summary each."""
@@ -161,16 +159,6 @@ ALIGNED: Bodies = {
 }
 ALIGNED_TO: Bodies = {
     "last month": ("where another capture of the place is", AlignToIn("the-other-scenes-id", "a-name-for-this-order")),
-}
-TRAINED: Bodies = {
-    "steps": (
-        "another thousand steps with larger pictures",
-        TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
-    ),
-    "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
-}
-WITHDRAWN: Bodies = {
-    "photos": ("without a photo that shows a letter", WithdrawPhotosIn(("front.png",), "a-fifth-name-of-your-choice")),
 }
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
 RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}

@@ -23,7 +23,6 @@ from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
 from fastsplat_contract.thing_sheets import ThingSheet
-from fastsplat_contract.train_more_messages import PresetName
 
 _EDITS = 100
 """In one request, as the server takes them."""
@@ -279,52 +278,6 @@ class ThingCalls(TableCalls):
         """
         sought = (texts,) if isinstance(texts, str) else tuple(texts)
         return self.call(calls.LOOK_AGAIN, requests.LookAgainRequest(scene_id, sought, request_id or uuid.uuid4().hex))
-
-    def train_more(
-        self,
-        scene_id: str,
-        *,
-        seconds: float | None = None,
-        steps: int | None = None,
-        preset: PresetName | None = None,
-        observations: Sequence[str] = (),
-        request_id: str = "",
-    ) -> Operation:
-        """Train a scene further, from its current version; the job is queued, durably, on return.
-
-        Once it has succeeded, `Operation.train_more` says what came of it, and the scene has a new version with the
-        same things and names. A job whose result would be worse by photos that it does not see fails, and changes
-        nothing.
-
-        Args:
-            scene_id: which scene.
-            seconds: of optimization.
-            steps: of optimization, instead of seconds; with neither the preset's time.
-            preset: size of the pictures and number of Gaussians; by default the server's.
-            observations: ids, of `observe`, whose photos join the scene's own: what they show is trained, and nothing
-                else; with neither seconds nor steps as long as their number needs.
-            request_id: the same id returns the same operation; by default a new one.
-        """
-        request = requests.TrainMoreRequest(
-            scene_id, seconds, steps, preset, tuple(observations), request_id or uuid.uuid4().hex
-        )
-        return self.call(calls.TRAIN_MORE, request)
-
-    def withdraw_photos(self, scene_id: str, photos: str | Sequence[str], *, request_id: str = "") -> Operation:
-        """Make a scene anew without some of its photos; the job is queued, durably, on return.
-
-        Once it has succeeded, no file of the server has a pixel of them any more, and all versions of before are
-        deleted; `Operation.withdraw_photos` says which, and which edits could not be made again. Until then the scene
-        is as it was.
-
-        Args:
-            scene_id: which scene.
-            photos: their names, as the scene's cameras have them.
-            request_id: the same id returns the same operation; by default a new one.
-        """
-        names = (photos,) if isinstance(photos, str) else tuple(photos)
-        asked = requests.WithdrawPhotosRequest(scene_id, names, request_id or uuid.uuid4().hex)
-        return self.call(calls.WITHDRAW_PHOTOS, asked)
 
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""

@@ -88,12 +88,10 @@ from fastsplat_contract.requests import (
     RetryOperationRequest,
     RevokeKeyRequest,
     SuggestNamesRequest,
-    TrainMoreRequest,
     UndoEditRequest,
     UpdateSceneRequest,
     WaitOperationRequest,
     WatchOperationRequest,
-    WithdrawPhotosRequest,
 )
 from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.server_status import ServerStatus
@@ -191,16 +189,6 @@ LIST_VERSIONS = Call(
 LOOK_AGAIN = Call(
     "LookAgain", "scenes", LookAgainRequest, Operation, EDIT, f"POST {_SCENE}:lookAgain",
     "Search a scene for more names with the server's open-set detector: an operation that makes a version.",
-    status=202)
-TRAIN_MORE = Call(
-    "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
-    "Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then\n"
-    "join them: an operation that makes a version.",
-    status=202)
-WITHDRAW_PHOTOS = Call(
-    "WithdrawPhotos", "scenes", WithdrawPhotosRequest, Operation, ADMIN, f"POST {_SCENE}:withdrawPhotos",
-    "Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a\n"
-    "pixel of them any more, and all versions of before are deleted; until then the scene is as it was.",
     status=202)
 
 GET_OPERATION = Call(

@@ -17,9 +17,7 @@ from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 MAX_VIEWS = 16
 _FROM_0 = {"minimum": 0}
@@ -179,16 +177,6 @@ class ListVersionsRequest(Request, OfScene):
 @dataclass(frozen=True)
 class LookAgainRequest(LookAgainIn, OfScene):
     """What a scene is searched for once more."""
-
-
-@dataclass(frozen=True)
-class TrainMoreRequest(TrainMoreIn, OfScene):
-    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
-
-
-@dataclass(frozen=True)
-class WithdrawPhotosRequest(WithdrawPhotosIn, OfScene):
-    """Which photos a scene is to be made anew without."""
 
 
 @dataclass(frozen=True)

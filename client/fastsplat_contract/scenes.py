@@ -23,7 +23,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "align", "look_again", "train_more", "observe", "suggest",
+    "scale", "align", "look_again", "observe", "suggest",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -257,8 +257,8 @@ class Edit(Request):
             "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
             "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
             "puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names that "
-            "things may have, which can be asked for and which nothing bears until a person gives them. look_again, "
-            "train_more and observe: stand in the versions that such calls have made, and are no edits to send"
+            "things may have, which can be asked for and which nothing bears until a person gives them. look_again "
+            "and observe: stand in the versions that such calls have made, and are no edits to send"
         ),
     ]
     label: Annotated[str | None, OneOf("target")] = None

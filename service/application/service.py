@@ -41,9 +41,7 @@ from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
-from fastsplat.service.application.jobs.further_training import FurtherTraining
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
-from fastsplat.service.application.jobs.photo_withdrawal import PhotoWithdrawal
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
@@ -123,8 +121,6 @@ class SceneService:
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""
-        self.training = FurtherTraining(store, settings, scenes, self._quotas, project)
-        self.withdrawal = PhotoWithdrawal(store, settings, scenes, self._quotas, project)
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,

@@ -73,8 +73,6 @@ class NewVersion:
     """A version whose folder is in place, to become the current one; without a `scaling`, an `alignment` or a `quality`
     it has its parent's.
 
-    One that is `beside` the current version, and made of another one, does not become the current one.
-
     Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
     version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
     """
@@ -93,7 +91,6 @@ class NewVersion:
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
     things: int | None = None
-    beside: bool = False
     max_versions: int | None = None
 
 
@@ -102,7 +99,7 @@ _ALL = select(scene_versions, (_ROWS.version == scenes.c.version).label("current
     scenes, scenes.c.id == _ROWS.scene_id
 )
 """In one statement, so that which one is current is of the same moment."""
-_NO_COLUMNS = ("names", "beside", "max_versions", "current")
+_NO_COLUMNS = ("names", "max_versions", "current")
 _TICK_S = 1e-6
 
 
@@ -261,9 +258,9 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
 
     Raises:
         ConflictError: the scene has another current version by now.
-        NotFoundError: the scene was deleted, or has no version any more that this one is `beside` of.
+        NotFoundError: the scene was deleted.
     """
-    scene = locked_scene(connection, new.scene_id, "" if new.beside else new.parent)
+    scene = locked_scene(connection, new.scene_id, new.parent)
     # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
     unsaid = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.quality.is_(None))
     connection.execute(unsaid.values(quality=dict(scene.quality)))
@@ -271,22 +268,18 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
     if not records:
         records = {scene.version: trained_version(scene)}
         connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-    if new.beside and new.parent not in records:
-        raise no_version(new.parent)
-    parent = records[new.parent] if new.beside else scene
     new = replace(
         new,
-        scaling=new.scaling or parent.scaling,
-        alignment=new.alignment or parent.alignment,
-        quality=new.quality or parent.quality,
+        scaling=new.scaling or scene.scaling,
+        alignment=new.alignment or scene.alignment,
+        quality=new.quality or scene.quality,
     )
     values = {
         **version_row(new), "request_id": new.request_id or None, "created_at": time.time(),
         "number": max(record.number for record in records.values()) + 1,
     }  # fmt: skip
     connection.execute(insert(scene_versions).values(values))
-    if not new.beside:
-        _point(connection, scene, new)
+    _point(connection, scene, new)
     record_names(connection, scene.id, new.parent, new.version, new.names)
     removed = () if new.max_versions is None else _prune(connection, scene.id, new.version, new.max_versions)
     return versions_of(connection, scene.id)[new.version], removed

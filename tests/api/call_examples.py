@@ -24,8 +24,6 @@ from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
-from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 from tests.api.made_scene import turned
 
 _PIXEL = Pixel(24.0, 18.0)
@@ -103,8 +101,6 @@ EXAMPLES = (
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
     Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
-    Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
-    Example("WithdrawPhotos", WithdrawPhotosIn(("front.png",), "gone"), "own"),
     Example("UndoEdit", {}, "edited"),
     Example("RedoEdit", {"version": "1"}, "undone"),
     Example("RestoreVersion", {"version": "1"}, "edited"),
@@ -233,8 +229,6 @@ EXAMPLES = (
         )
     ),
     _bad("AlignToScene", AlignToIn("e0"), "other.scene", "NOT_FOUND"),
-    _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
-    _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
     _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer
     _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),

@@ -67,7 +67,7 @@ def _least_role(name: str) -> str | None:
             return "editor"
         if "Project" in rpc:
             return "operator"
-        if rpc.startswith(("Delete", "Agree", "Withdraw")) or rpc.endswith(("Key", "Keys", "Log")):
+        if rpc.startswith(("Delete", "Agree")) or rpc.endswith(("Key", "Keys", "Log")):
             return "admin"
         return "reader" if _LOOKING.match(rpc) or rpc == "ServerReflectionInfo" else "editor"
     method, path = name.split(" ")
@@ -75,7 +75,7 @@ def _least_role(name: str) -> str | None:
         return "operator"
     if (
         path.startswith(("/v1/keys", "/v1/namer"))
-        or path.endswith(("/log", ":withdrawPhotos"))
+        or path.endswith("/log")
         or (method == "DELETE" and "/uploads" not in path)
     ):
         return "admin"

@@ -138,8 +138,6 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
         ids = place.ids(training=name in _OF_TRAINING)
         if name == "redo_edit":
             place.service.versions.undo(ids["scene_id"])
-        if name == "train_more":  # other examples have changed what is seen
-            place.service.versions.restore(ids["scene_id"], "1")
         if name == "get_goal":  # of a scene whose z is up
             upright = add_upright_scene(place.service, place._settings)
             ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}

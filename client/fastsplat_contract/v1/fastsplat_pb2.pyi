@@ -26,9 +26,7 @@ class OperationKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     OPERATION_KIND_UNSPECIFIED: _ClassVar[OperationKind]
     OPERATION_KIND_CREATE_SCENE: _ClassVar[OperationKind]
     OPERATION_KIND_LOOK_AGAIN: _ClassVar[OperationKind]
-    OPERATION_KIND_TRAIN_MORE: _ClassVar[OperationKind]
     OPERATION_KIND_ASK_NAMER: _ClassVar[OperationKind]
-    OPERATION_KIND_WITHDRAW_PHOTOS: _ClassVar[OperationKind]
 
 class WorkerState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -177,7 +175,6 @@ class EditAction(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EDIT_ACTION_LOOK_AGAIN: _ClassVar[EditAction]
     EDIT_ACTION_SCALE: _ClassVar[EditAction]
     EDIT_ACTION_ALIGN: _ClassVar[EditAction]
-    EDIT_ACTION_TRAIN_MORE: _ClassVar[EditAction]
     EDIT_ACTION_SUGGEST: _ClassVar[EditAction]
     EDIT_ACTION_OBSERVE: _ClassVar[EditAction]
 
@@ -406,9 +403,7 @@ OPERATION_STATE_CANCELLED: OperationState
 OPERATION_KIND_UNSPECIFIED: OperationKind
 OPERATION_KIND_CREATE_SCENE: OperationKind
 OPERATION_KIND_LOOK_AGAIN: OperationKind
-OPERATION_KIND_TRAIN_MORE: OperationKind
 OPERATION_KIND_ASK_NAMER: OperationKind
-OPERATION_KIND_WITHDRAW_PHOTOS: OperationKind
 WORKER_STATE_UNSPECIFIED: WorkerState
 WORKER_STATE_NONE: WorkerState
 WORKER_STATE_WAITING: WorkerState
@@ -503,7 +498,6 @@ EDIT_ACTION_ADD: EditAction
 EDIT_ACTION_LOOK_AGAIN: EditAction
 EDIT_ACTION_SCALE: EditAction
 EDIT_ACTION_ALIGN: EditAction
-EDIT_ACTION_TRAIN_MORE: EditAction
 EDIT_ACTION_SUGGEST: EditAction
 EDIT_ACTION_OBSERVE: EditAction
 THING_SIDE_UNSPECIFIED: ThingSide
@@ -677,7 +671,7 @@ class CreateSceneHeader(_message.Message):
     def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ...) -> None: ...
 
 class Operation(_message.Message):
-    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "train_more", "left_out", "again_after", "draft", "create_scene", "ask_namer", "withdraw_photos")
+    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_namer")
     class LeftOutEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -701,13 +695,11 @@ class Operation(_message.Message):
     FINISH_REQUESTED_FIELD_NUMBER: _ClassVar[int]
     PREVIEW_FIELD_NUMBER: _ClassVar[int]
     PLACED_FIELD_NUMBER: _ClassVar[int]
-    TRAIN_MORE_FIELD_NUMBER: _ClassVar[int]
     LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
     AGAIN_AFTER_FIELD_NUMBER: _ClassVar[int]
     DRAFT_FIELD_NUMBER: _ClassVar[int]
     CREATE_SCENE_FIELD_NUMBER: _ClassVar[int]
     ASK_NAMER_FIELD_NUMBER: _ClassVar[int]
-    WITHDRAW_PHOTOS_FIELD_NUMBER: _ClassVar[int]
     id: str
     scene_id: str
     state: OperationState
@@ -724,14 +716,12 @@ class Operation(_message.Message):
     finish_requested: bool
     preview: PreviewInfo
     placed: PlacedInfo
-    train_more: TrainMoreResult
     left_out: _containers.ScalarMap[str, str]
     again_after: AgainAfter
     draft: DraftInfo
     create_scene: CreateSceneResult
     ask_namer: NamerResult
-    withdraw_photos: WithdrawPhotosResult
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., train_more: _Optional[_Union[TrainMoreResult, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ..., withdraw_photos: _Optional[_Union[WithdrawPhotosResult, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ...) -> None: ...
 
 class StageProgress(_message.Message):
     __slots__ = ("stage", "fraction", "message", "seconds", "metrics")
@@ -809,34 +799,6 @@ class FoundName(_message.Message):
     probability: float
     def __init__(self, thing_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
-class TrainMoreResult(_message.Message):
-    __slots__ = ("version", "trained_from", "current", "steps", "seconds", "gaussians_before", "gaussians", "psnr_before", "psnr", "joined", "left_out", "unchanged")
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    TRAINED_FROM_FIELD_NUMBER: _ClassVar[int]
-    CURRENT_FIELD_NUMBER: _ClassVar[int]
-    STEPS_FIELD_NUMBER: _ClassVar[int]
-    SECONDS_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIANS_BEFORE_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
-    PSNR_BEFORE_FIELD_NUMBER: _ClassVar[int]
-    PSNR_FIELD_NUMBER: _ClassVar[int]
-    JOINED_FIELD_NUMBER: _ClassVar[int]
-    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
-    UNCHANGED_FIELD_NUMBER: _ClassVar[int]
-    version: str
-    trained_from: str
-    current: bool
-    steps: int
-    seconds: float
-    gaussians_before: int
-    gaussians: int
-    psnr_before: float
-    psnr: float
-    joined: _containers.RepeatedScalarFieldContainer[str]
-    left_out: _containers.RepeatedScalarFieldContainer[str]
-    unchanged: int
-    def __init__(self, version: _Optional[str] = ..., trained_from: _Optional[str] = ..., current: _Optional[bool] = ..., steps: _Optional[int] = ..., seconds: _Optional[float] = ..., gaussians_before: _Optional[int] = ..., gaussians: _Optional[int] = ..., psnr_before: _Optional[float] = ..., psnr: _Optional[float] = ..., joined: _Optional[_Iterable[str]] = ..., left_out: _Optional[_Iterable[str]] = ..., unchanged: _Optional[int] = ...) -> None: ...
-
 class NamerResult(_message.Message):
     __slots__ = ("suggested", "shown", "refused", "problem", "version")
     SUGGESTED_FIELD_NUMBER: _ClassVar[int]
@@ -850,20 +812,6 @@ class NamerResult(_message.Message):
     problem: str
     version: str
     def __init__(self, suggested: _Optional[int] = ..., shown: _Optional[int] = ..., refused: _Optional[int] = ..., problem: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
-
-class WithdrawPhotosResult(_message.Message):
-    __slots__ = ("version", "photos", "removed", "carried", "lost")
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    PHOTOS_FIELD_NUMBER: _ClassVar[int]
-    REMOVED_FIELD_NUMBER: _ClassVar[int]
-    CARRIED_FIELD_NUMBER: _ClassVar[int]
-    LOST_FIELD_NUMBER: _ClassVar[int]
-    version: str
-    photos: _containers.RepeatedScalarFieldContainer[str]
-    removed: _containers.RepeatedScalarFieldContainer[str]
-    carried: int
-    lost: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, version: _Optional[str] = ..., photos: _Optional[_Iterable[str]] = ..., removed: _Optional[_Iterable[str]] = ..., carried: _Optional[int] = ..., lost: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class PreviewInfo(_message.Message):
     __slots__ = ("number", "step", "seconds", "gaussians", "psnr", "view", "width", "height")
@@ -1842,32 +1790,6 @@ class LookAgainRequest(_message.Message):
     texts: _containers.RepeatedScalarFieldContainer[str]
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., request_id: _Optional[str] = ...) -> None: ...
-
-class TrainMoreRequest(_message.Message):
-    __slots__ = ("scene_id", "seconds", "steps", "preset", "request_id", "observations")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    SECONDS_FIELD_NUMBER: _ClassVar[int]
-    STEPS_FIELD_NUMBER: _ClassVar[int]
-    PRESET_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    seconds: float
-    steps: int
-    preset: str
-    request_id: str
-    observations: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, scene_id: _Optional[str] = ..., seconds: _Optional[float] = ..., steps: _Optional[int] = ..., preset: _Optional[str] = ..., request_id: _Optional[str] = ..., observations: _Optional[_Iterable[str]] = ...) -> None: ...
-
-class WithdrawPhotosRequest(_message.Message):
-    __slots__ = ("scene_id", "photos", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    PHOTOS_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    photos: _containers.RepeatedScalarFieldContainer[str]
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., photos: _Optional[_Iterable[str]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class GetOperationRequest(_message.Message):
     __slots__ = ("operation_id",)

@@ -182,7 +182,7 @@ class Photos:
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
         """The version that is meant, the names of the scene's cameras in order, and the version's folder."""
         version = self._scenes.version(scene_id, version)
-        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).every_camera)
+        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).cameras)
         return version, names, self._scenes.folder(scene_id, version)
 
 
