@@ -47,7 +47,6 @@ BENCHMARKS = {
     "gpu": Benchmark(
         "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
     ),
-    "joined": Benchmark("photos that join a scene, against training anew", _TEST, "things.joined"),
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
     "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a namer suggests", _MODELS),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),

@@ -16,7 +16,6 @@ import { Captures } from "../improve/Captures";
 import { CompareToday } from "../improve/CompareToday";
 import { LookAgain } from "../improve/LookAgain";
 import { NextPhotos } from "../improve/NextPhotos";
-import { TrainMore } from "../improve/TrainMore";
 import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import type { SceneState } from "../state/sceneState";
@@ -92,7 +91,7 @@ export function ScenePanel(properties: Properties) {
             count: state.things.value?.filter((thing) => thing.kind === "thing").length,
             content: <Things {...properties} reload={reload} />,
           },
-          { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} reload={reload} /> },
+          { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} /> },
           { name: "share", title: texts.scene.tabs.share, content: <Share {...properties} /> },
         ]}
       >
@@ -147,7 +146,7 @@ function Things({ state, scene, onFly, reload }: Properties & { reload: () => vo
   );
 }
 
-function Photos({ state, scene, onStand, reload }: Properties & { reload: () => void }) {
+function Photos({ state, scene, onStand }: Properties) {
   return (
     <>
       <SceneFacts scene={scene} />
@@ -155,10 +154,9 @@ function Photos({ state, scene, onStand, reload }: Properties & { reload: () => 
       {!isShared && (
         <>
           <PhotosPanel sceneId={scene.id} ready />
-          <CompareToday state={state} onDone={reload} />
+          <CompareToday state={state} />
           <Captures state={state} />
           <NextPhotos sceneId={scene.id} version={state.version.value} onFly={onStand} />
-          <TrainMore sceneId={scene.id} onDone={reload} />
         </>
       )}
     </>

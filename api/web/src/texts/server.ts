@@ -62,9 +62,7 @@ export const serverTexts = {
     kinds: {
       create_scene: "New scene",
       look_again: "Look again",
-      train_more: "Train further",
       ask_namer: "Names from a model",
-      withdraw_photos: "Withdraw photos",
     },
     states: {
       QUEUED: "Waiting",
