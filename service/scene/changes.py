@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Scene
 
-CHANGING = ("recolor", "remove", "move", "duplicate", "insert")
-"""Edits after which a scene shows what its photos do not."""
-
 
 def changed_views(quality: Mapping[str, Any]) -> tuple[str, ...]:
     """The actions by which a version came to show what its photos do not, each once.
