@@ -62,7 +62,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_SCENES,
-            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token, asked.place),
+            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
             example=scene_examples.SCENES,
         ),
         Handler(
@@ -153,11 +153,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()
             ),
             bodies=change_examples.ALIGNED,
-        ),
-        Handler(
-            calls.ALIGN_TO_SCENE,
-            lambda service, asked: service.shared_frame.align(asked.scene_id, asked, caller_id()),
-            bodies=change_examples.ALIGNED_TO,
         ),
         Handler(
             calls.UNDO_EDIT,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_contract.align_messages import AlignIn, AlignToIn
+from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
@@ -158,9 +158,6 @@ ALIGNED: Bodies = {
         "by a rigid motion",
         AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
     ),
-}
-ALIGNED_TO: Bodies = {
-    "last month": ("where another capture of the place is", AlignToIn("the-other-scenes-id", "a-name-for-this-order")),
 }
 TRAINED: Bodies = {
     "steps": (

@@ -330,12 +330,6 @@ class ThingCalls(TableCalls):
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
 
-    def align_to(self, scene_id: str, other: str, *, request_id: str = "") -> SceneVersion:
-        """Put a scene into the frame of another scene of the same place, whose units are meters, by its own photos, as
-        a new version; `Scene.alignment` says how well the surfaces of both fit."""
-        asked = requests.AlignToSceneRequest(scene_id, other, request_id or uuid.uuid4().hex)
-        return self.call(calls.ALIGN_TO_SCENE, asked)
-
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""
         return self.call(calls.UNDO_EDIT, requests.UndoEditRequest(scene_id, version))

@@ -46,7 +46,6 @@ from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.requests import (
     AlignSceneRequest,
-    AlignToSceneRequest,
     AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
@@ -171,9 +170,6 @@ ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
     deprecated="EditScene with the action align")
-ALIGN_TO_SCENE = Call(
-    "AlignToScene", "scenes", AlignToSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:alignTo",
-    "Put a scene into the frame of another scene of the same place, by its own photos, as a new version.")
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",

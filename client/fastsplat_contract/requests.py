@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fastsplat_contract.align_messages import AlignIn, AlignToIn
+from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import SuggestIn
@@ -86,14 +86,6 @@ class GetSceneRequest(Request, OfScene):
 class ListScenesRequest(Request, InPages):
     """Which page of scenes."""
 
-    place: Annotated[
-        str,
-        Field(
-            description="id of a finished scene: only the captures of its place, which are the finished scenes in its "
-            "frame, itself among them, the newest photos first; empty: all scenes"
-        ),
-    ] = ""
-
 
 @dataclass(frozen=True)
 class UpdateSceneRequest(SceneUpdate, OfScene):
@@ -149,11 +141,6 @@ class AskNamerRequest(Request, OfScene):
 @dataclass(frozen=True)
 class AlignSceneRequest(AlignIn, OfScene):
     """A new version of a scene in the frame of a map."""
-
-
-@dataclass(frozen=True)
-class AlignToSceneRequest(AlignToIn, OfScene):
-    """A new version of a scene in the frame of another scene of the same place."""
 
 
 @dataclass(frozen=True)

@@ -58,11 +58,6 @@ class SceneRecord:
     things: int | None = None
 
     @property
-    def frame(self) -> str:
-        """The name of the frame that it lies in: a map's, another scene's id, or its own."""
-        return str((self.alignment or {}).get("frame") or self.id)
-
-    @property
     def every_camera(self) -> Sequence[Mapping[str, Any]]:
         """The cameras, then those of photos that have joined the scene in its current version."""
         return (*self.cameras, *self.quality.get(JOINED_CAMERAS, ()))

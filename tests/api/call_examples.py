@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastsplat_contract.align_messages import AlignToIn
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.edit_previews import PreviewEditIn
 from fastsplat_contract.exports import ExportRequest
@@ -232,7 +231,6 @@ EXAMPLES = (
             (("x",) * 1001, "texts", "LIMIT_EXCEEDED"),
         )
     ),
-    _bad("AlignToScene", AlignToIn("e0"), "other.scene", "NOT_FOUND"),
     _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
     _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
     _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer

@@ -126,7 +126,7 @@ def _sent(place: _Place, name: str, body: Any, ids: dict[str, str]) -> httpx.Res
     sorted(
         set(_OPERATIONS)
         - _TUS
-        - {"create_scene", "localize", "observe_scene", "align_to_scene"}
+        - {"create_scene", "localize", "observe_scene"}
         - {"add_name_pack", "export_name_pack"}  # they need the detector's file: see test_name_packs
     ),
 )

@@ -1118,14 +1118,12 @@ class GetSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("page_size", "page_token", "place")
+    __slots__ = ("page_size", "page_token")
     PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
     PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FIELD_NUMBER: _ClassVar[int]
     page_size: int
     page_token: str
-    place: str
-    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ..., place: _Optional[str] = ...) -> None: ...
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListScenesResponse(_message.Message):
     __slots__ = ("scenes", "next_page_token")
@@ -1785,16 +1783,6 @@ class AlignSceneRequest(_message.Message):
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
-class AlignToSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "other", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    OTHER_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    other: str
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., other: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
-
 class UndoEditRequest(_message.Message):
     __slots__ = ("scene_id", "version")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -1972,7 +1960,7 @@ class WatchOperationRequest(_message.Message):
     def __init__(self, operation_id: _Optional[str] = ...) -> None: ...
 
 class QueryRequest(_message.Message):
-    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view", "newest_capture")
+    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXTS_FIELD_NUMBER: _ClassVar[int]
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
@@ -1987,7 +1975,6 @@ class QueryRequest(_message.Message):
     MASK3D_ENCODING_FIELD_NUMBER: _ClassVar[int]
     ASKER_FIELD_NUMBER: _ClassVar[int]
     ASKER_VIEW_FIELD_NUMBER: _ClassVar[int]
-    NEWEST_CAPTURE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     texts: _containers.RepeatedScalarFieldContainer[str]
     cameras: _containers.RepeatedCompositeFieldContainer[PosedCamera]
@@ -2002,8 +1989,7 @@ class QueryRequest(_message.Message):
     mask3d_encoding: Mask3dEncoding
     asker: Pose
     asker_view: str
-    newest_capture: bool
-    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ..., newest_capture: _Optional[bool] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("scene_id", "text", "verdict", "explanation", "matches", "probability", "label_set", "coverage", "decided_by", "threshold", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")

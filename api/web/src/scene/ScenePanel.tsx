@@ -12,7 +12,6 @@ import { SceneTools, ThingTools } from "../change/ThingTools";
 import { ToolNote } from "../change/ToolNote";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { CleanUpPanel } from "../improve/CleanUpPanel";
-import { Captures } from "../improve/Captures";
 import { CompareToday } from "../improve/CompareToday";
 import { LookAgain } from "../improve/LookAgain";
 import { NextPhotos } from "../improve/NextPhotos";
@@ -156,7 +155,6 @@ function Photos({ state, scene, onStand, reload }: Properties & { reload: () => 
         <>
           <PhotosPanel sceneId={scene.id} ready />
           <CompareToday state={state} onDone={reload} />
-          <Captures state={state} />
           <NextPhotos sceneId={scene.id} version={state.version.value} onFly={onStand} />
           <TrainMore sceneId={scene.id} onDone={reload} />
         </>
