@@ -323,11 +323,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=admin_examples.KEY,
         ),
         Handler(
-            calls.EXPIRE_KEY,
-            lambda service, asked: service.keys.expire(caller_role(), asked.key_id, asked.lifetime_s),
-            bodies=admin_examples.LIFETIMES,
-        ),
-        Handler(
             calls.ESTIMATE_JOB,
             lambda service, asked: service.estimates.estimate(asked),
             computes=True,
@@ -355,25 +350,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=admin_examples.KNOWN_NAMES,
         ),
         Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
-        Handler(calls.DELETE_KNOWN_NAMES, lambda service, asked: service.known_names.forget_all()),
-        Handler(
-            calls.CHECK_KNOWN_NAMES,
-            lambda service, asked: service.known_names.check(asked.pack),
-            example=admin_examples.NAMES_CHECK,
-            bodies=admin_examples.CHECKS,
-        ),
-        Handler(
-            calls.EXPORT_NAME_PACK,
-            lambda service, asked: service.known_names.export_pack(asked.license),
-            example=admin_examples.NAME_PACK,
-            bodies=admin_examples.PACK_LICENSES,
-        ),
-        Handler(
-            calls.ADD_NAME_PACK,
-            lambda service, asked: service.known_names.add_pack(asked.pack),
-            example=admin_examples.KNOWN_PACK,
-            bodies=admin_examples.PACKS,
-        ),
     )
 }
 """By the name of the RPC."""

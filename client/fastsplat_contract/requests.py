@@ -11,7 +11,6 @@ from typing import Annotated
 from pydantic import Field
 
 from fastsplat_contract.align_messages import AlignIn
-from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
@@ -332,11 +331,6 @@ class RevokeKeyRequest(Request, OfKey):
 
 
 @dataclass(frozen=True)
-class ExpireKeyRequest(LifetimeIn, OfKey):
-    """Until when a key that is valid shall be."""
-
-
-@dataclass(frozen=True)
 class ListKnownNamesRequest(Request, InPages):
     """Which page of known names."""
 
@@ -345,9 +339,4 @@ class ListKnownNamesRequest(Request, InPages):
 class DeleteKnownNameRequest(Request):
     """Which name to suggest no more."""
 
-    name_id: Annotated[str, Field(description="which name")]
-
-
-@dataclass(frozen=True)
-class DeleteKnownNamesRequest(Request):
-    """Suggest no name any more."""
+    name_id: Annotated[str, Field(description="which name; `all`: every name of the project")]

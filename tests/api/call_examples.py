@@ -12,7 +12,6 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.edit_previews import PreviewEditIn
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.known_names import NamePack, PackedName
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
@@ -34,7 +33,6 @@ _SPLIT = Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=
 _NEAR = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(1.5, 9.0, 9.0))
 _CROP = Edit("remove", filter=GaussianFilter(box=_NEAR, outside=True))
 _LOOSE = Edit("remove", filter=GaussianFilter(isolation_above=1.2))
-_PACK = NamePack("CC0-1.0", "picodet_416", "0" * 64, (PackedName("mug", b"\x00\x3c"),))
 UP = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 
 
@@ -168,12 +166,7 @@ EXAMPLES = (
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
         for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
     ),
-    _bad("ListScenes", {"place": "0" * 32}, "scene", "NOT_FOUND"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
-    Example("CheckKnownNames", {}, "named"),
-    _bad("ExportNamePack", {"license": "CC0-1.0"}, "names"),  # what is known there has no descriptor
-    _bad("AddNamePack", {"pack": _PACK}, "picodet_416", "MODEL_UNAVAILABLE"),
-    _bad("AddNamePack", {"pack": _PACK._replace(license="a\0")}, "pack.license"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),

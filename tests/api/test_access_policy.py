@@ -189,9 +189,9 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
     error = guarded.call(name, str(rule.role), guarded.ids_for(name, own=rule.role != "reader"))
     if error is not None:  # nothing to undo, a capture without files, a scene whose z is not up, no namer, no detector
         expected = dict.fromkeys(("UndoEdit", "RedoEdit", "CreateProject"), "ALREADY_EXISTS")
-        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer", "AddNamePack"), "FAILED_PRECONDITION")
+        expected |= dict.fromkeys(("AskNamer", "AgreeToNamer"), "FAILED_PRECONDITION")
         assert error.code().name == expected.get(name, "INVALID_ARGUMENT"), name
-        assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene", "ExportNamePack")
+        assert name in (*expected, "CreateScene", "RestoreVersion", "GetGoal", "ObserveScene")
     if "suggester" in rule.also:
         assert guarded.call(name, "suggester", guarded.ids_for(name, own=True)) is None
     if "uploader" in rule.also and not about_one(name):

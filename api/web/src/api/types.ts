@@ -8,7 +8,6 @@ export type Assessment = Schemas["Assessment"];
 export type Edit = Schemas["Edit"];
 export type KeyList = Schemas["KeyList"];
 export type KnownName = Schemas["KnownName"];
-export type KnownNamesCheck = Schemas["KnownNamesCheck"];
 export type KnownNameList = Schemas["KnownNameList"];
 export type Match = Schemas["Match"];
 export type Measurement = Schemas["Measurement"];

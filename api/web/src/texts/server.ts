@@ -98,8 +98,6 @@ export const serverTexts = {
     names: "Known names",
     namesHelp:
       "What people named in the scenes of this project. It is suggested for things of other scenes that look alike.",
-    knownAgain: (right: number, borne: number, suggested: number) =>
-      `Elsewhere: found ${right} of ${borne}, right ${right} of ${suggested}`,
     noNames: "Nobody has named anything yet.",
     forget: "Forget",
     forgetOf: (name: string) => `Forget ${name}`,
