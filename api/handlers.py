@@ -138,8 +138,8 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.ASK_NAMER,
-            lambda service, asked: service.namer.ask(asked.scene_id, caller_id()),
-            example=scene_examples.NAMED_BY_NAMER,
+            lambda service, asked: service.namer.order(asked.scene_id, asked.request_id),
+            bodies=change_examples.NAMER_ASKED,
         ),
         Handler(
             calls.AGREE_TO_NAMER,

@@ -16,7 +16,7 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
-from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
+from fastsplat_contract.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
 from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
@@ -169,6 +169,7 @@ TRAINED: Bodies = {
 WITHDRAWN: Bodies = {
     "photos": ("without a photo that shows a letter", WithdrawPhotosIn(("front.png",), "a-fifth-name-of-your-choice")),
 }
+NAMER_ASKED: Bodies = {"all": ("about all things without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
 RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}
 RESTORED: Bodies = {"trained": ("back to the scene as it was trained", RestoreIn("1"))}

@@ -15,7 +15,7 @@ from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus, SuggestedName
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus, SuggestedName
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
@@ -27,7 +27,6 @@ from fastsplat_contract.train_more_messages import PresetName
 
 _EDITS = 100
 """In one request, as the server takes them."""
-_NAMER_S = 600.0
 """Of the server's namer, drawing what it is shown included: as long as the server lets a call run."""
 
 
@@ -159,16 +158,20 @@ class ThingCalls(TableCalls):
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
 
-    def ask_namer(self, scene_id: str) -> NamerResult:
-        """Ask the server's namer about all things without a name, and suggest what it says; see `NamerResult`. The
-        project agrees to the namer's host first, see `agree_to_namer`.
+    def ask_namer(self, scene_id: str, *, request_id: str = "") -> Operation:
+        """Ask the server's namer about all things without a name; the job is queued, durably, on return. Once it has
+        succeeded, `Operation.ask_namer` says what came of it. The project agrees to the namer's host first, see
+        `agree_to_namer`.
+
+        Args:
+            scene_id: which scene.
+            request_id: the same id returns the same operation; by default a new one.
 
         Raises:
             ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project did not agree; nothing was sent.
-            NamerError: it answers nothing usable at all.
+            PermissionDeniedError: the project did not agree.
         """
-        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id), timeout_s=_NAMER_S)
+        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id, request_id or uuid.uuid4().hex))
 
     def agree_to_namer(self, host: str) -> NamerStatus:
         """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer

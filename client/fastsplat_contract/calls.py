@@ -21,7 +21,7 @@ from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKey
 from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.observation_messages import (
     GetObservationRequest,
@@ -152,10 +152,10 @@ SUGGEST_NAMES = Call(
     "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ASK_NAMER = Call(
-    "AskNamer", "scenes", AskNamerRequest, NamerResult, EDIT, f"POST {_SCENE}:askNamer",
-    "Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.\n"
-    "Refused where the server has none, and before the project agreed to its host; minutes may pass.",
-    repeatable=False)
+    "AskNamer", "scenes", AskNamerRequest, Operation, EDIT, f"POST {_SCENE}:askNamer",
+    "Ask the server's namer what the things of a scene without a name are: an operation that suggests what it says.\n"
+    "Refused where the server has none, and before the project agreed to its host.",
+    body_optional=True, status=202)
 ALIGN_SCENE = Call(
     "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
     "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",

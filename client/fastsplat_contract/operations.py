@@ -174,7 +174,7 @@ class Operation(Response):
         OperationKind,
         Field(
             description="create_scene: makes its scene; look_again, train_more: makes a version of its scene; "
-            "ask_namer: the same where the server's namer, asked of a new scene, suggests a name; "
+            "ask_namer: the same where the server's namer suggests a name; "
             "withdraw_photos: makes its scene anew, without some photos"
         ),
     ] = "create_scene"

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.name_suggestions import SuggestIn
+from fastsplat_contract.name_suggestions import AskNamerIn, SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
@@ -133,7 +133,7 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 
 
 @dataclass(frozen=True)
-class AskNamerRequest(Request, OfScene):
+class AskNamerRequest(AskNamerIn, OfScene):
     """The server's namer shall say what the things of which scene are."""
 
 

@@ -34,7 +34,6 @@ from fastsplat.service.application.base.validate import (
     check_splat_options,
 )
 from fastsplat.service.application.editing.observing import Observations
-from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
@@ -42,6 +41,7 @@ from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.further_training import FurtherTraining
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.photo_withdrawal import PhotoWithdrawal
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
@@ -116,7 +116,7 @@ class SceneService:
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
-        self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
+        self.namer = OwnNamer(store, settings, scenes, self._quotas, project)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)

@@ -226,7 +226,7 @@ EXAMPLES = (
     ),
     _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
     _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
-    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer
+    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # where it has one: see test_own_namer
     _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),
     _bad("RedoEdit", {}, "", "CONFLICT"),

@@ -1768,10 +1768,12 @@ class SuggestNamesRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class AskNamerRequest(_message.Message):
-    __slots__ = ("scene_id",)
+    __slots__ = ("scene_id", "request_id")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
+    request_id: str
+    def __init__(self, scene_id: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class AlignSceneRequest(_message.Message):
     __slots__ = ("scene_id", "alignment", "request_id")

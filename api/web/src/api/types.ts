@@ -11,7 +11,6 @@ export type KnownName = Schemas["KnownName"];
 export type KnownNameList = Schemas["KnownNameList"];
 export type Match = Schemas["Match"];
 export type Measurement = Schemas["Measurement"];
-export type NamerResult = Schemas["NamerResult"];
 export type NamerStatus = Schemas["NamerStatus"];
 export type NewKey = Schemas["NewKey"];
 export type NextPhotoList = Schemas["NextPhotoList"];
