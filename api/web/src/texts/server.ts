@@ -32,7 +32,7 @@ export const serverTexts = {
       segmenter: "Cuts things out",
       tagger: "Proposes names",
       reader: "Reads what is written",
-      image_text: "Finds things by their looks",
+      image_text: "Embeds what things look like",
       lexicon: "Knows synonyms and kinds",
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },
