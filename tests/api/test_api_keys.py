@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import threading
 import uuid
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Any, get_args
+from typing import get_args
 
 import grpc
 import pytest
@@ -19,10 +17,9 @@ from fastsplat_client import (
     InvalidInputError,
     NotFoundError,
     PermissionDeniedError,
-    UnauthenticatedError,
 )
 from fastsplat_contract.errors import QuotaError
-from fastsplat_contract.keys import AccessKey, NewKey, Role
+from fastsplat_contract.keys import NewKey, Role
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
@@ -138,34 +135,6 @@ def test_keys_beyond_the_callers_reach_do_not_exist_for_it(place: _Place, of: st
     assert rpc_refusal(refused.value).reason == "NOT_FOUND"
     record = place.service._store.keys.find(key_id)
     assert record is None or record.revoked_at is None
-
-
-@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
-def test_what_a_key_has_under_way_ends_with_it(place: _Place, protocol: str) -> None:
-    """As when the command line revokes it, see test_key_revocation: a stream of health would go on for ever."""
-    key_id, secret = place.new("editor")
-    watched = place.faces.rpc.StreamQuery(
-        iter(_never_ending()), metadata=(("authorization", f"Bearer {secret}"),), timeout=60
-    )
-    _, admin = place.new("admin")
-    metadata = (("authorization", f"Bearer {admin}"),)
-    if protocol == "REST":
-        with place.client(admin) as client:
-            state = client.keys.revoke(key_id).state
-    else:
-        answer = place.faces.rpc.RevokeKey(pb.RevokeKeyRequest(key_id=key_id), metadata=metadata)
-        state = from_proto(AccessKey, answer).state
-    assert state == "REVOKED"
-    with pytest.raises(grpc.RpcError) as ended:
-        list(watched)
-    assert rpc_refusal(ended.value).reason == "UNAUTHENTICATED"
-    with place.client(secret) as client, pytest.raises(UnauthenticatedError):
-        list(client.scenes())
-
-
-def _never_ending() -> Iterator[Any]:
-    threading.Event().wait(120)
-    yield
 
 
 def test_a_key_that_is_over_stays_so(place: _Place) -> None:
