@@ -62,7 +62,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_SCENES,
-            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token, asked.place),
+            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
             example=scene_examples.SCENES,
         ),
         Handler(
@@ -138,8 +138,8 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.ASK_NAMER,
-            lambda service, asked: service.namer.ask(asked.scene_id, caller_id()),
-            example=scene_examples.NAMED_BY_NAMER,
+            lambda service, asked: service.namer.order(asked.scene_id, asked.request_id),
+            bodies=change_examples.NAMER_ASKED,
         ),
         Handler(
             calls.AGREE_TO_NAMER,
@@ -153,11 +153,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()
             ),
             bodies=change_examples.ALIGNED,
-        ),
-        Handler(
-            calls.ALIGN_TO_SCENE,
-            lambda service, asked: service.shared_frame.align(asked.scene_id, asked, caller_id()),
-            bodies=change_examples.ALIGNED_TO,
         ),
         Handler(
             calls.UNDO_EDIT,
@@ -318,11 +313,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=admin_examples.KEY,
         ),
         Handler(
-            calls.EXPIRE_KEY,
-            lambda service, asked: service.keys.expire(caller_role(), asked.key_id, asked.lifetime_s),
-            bodies=admin_examples.LIFETIMES,
-        ),
-        Handler(
             calls.ESTIMATE_JOB,
             lambda service, asked: service.estimates.estimate(asked),
             computes=True,
@@ -350,25 +340,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=admin_examples.KNOWN_NAMES,
         ),
         Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
-        Handler(calls.DELETE_KNOWN_NAMES, lambda service, asked: service.known_names.forget_all()),
-        Handler(
-            calls.CHECK_KNOWN_NAMES,
-            lambda service, asked: service.known_names.check(asked.pack),
-            example=admin_examples.NAMES_CHECK,
-            bodies=admin_examples.CHECKS,
-        ),
-        Handler(
-            calls.EXPORT_NAME_PACK,
-            lambda service, asked: service.known_names.export_pack(asked.license),
-            example=admin_examples.NAME_PACK,
-            bodies=admin_examples.PACK_LICENSES,
-        ),
-        Handler(
-            calls.ADD_NAME_PACK,
-            lambda service, asked: service.known_names.add_pack(asked.pack),
-            example=admin_examples.KNOWN_PACK,
-            bodies=admin_examples.PACKS,
-        ),
     )
 }
 """By the name of the RPC."""

@@ -17,7 +17,6 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
     foxglove,
     localize,
     measure_commands,
-    name_packs,
     version_commands,
 )
 from fastsplat.cli.ask_command import ask

@@ -77,7 +77,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         asker_view: Annotated[
             str | None, Query(description="name of one of the scene's cameras where you stand")
         ] = None,
-        newest_capture: Annotated[bool, Query(description=description_of(QueryIn, "newest_capture"))] = False,
     ) -> Response:
         """Ranked labels for a text, in one scene or in all of the project."""
         question = QueryRequest(
@@ -91,7 +90,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
             asker_view=asker_view,
-            newest_capture=newest_capture,
         )
         return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
 

@@ -15,7 +15,7 @@ from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus, SuggestedName
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus, SuggestedName
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
@@ -26,7 +26,6 @@ from fastsplat_contract.thing_sheets import ThingSheet
 
 _EDITS = 100
 """In one request, as the server takes them."""
-_NAMER_S = 600.0
 """Of the server's namer, drawing what it is shown included: as long as the server lets a call run."""
 
 
@@ -158,16 +157,20 @@ class ThingCalls(TableCalls):
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
 
-    def ask_namer(self, scene_id: str) -> NamerResult:
-        """Ask the server's namer about all things without a name, and suggest what it says; see `NamerResult`. The
-        project agrees to the namer's host first, see `agree_to_namer`.
+    def ask_namer(self, scene_id: str, *, request_id: str = "") -> Operation:
+        """Ask the server's namer about all things without a name; the job is queued, durably, on return. Once it has
+        succeeded, `Operation.ask_namer` says what came of it. The project agrees to the namer's host first, see
+        `agree_to_namer`.
+
+        Args:
+            scene_id: which scene.
+            request_id: the same id returns the same operation; by default a new one.
 
         Raises:
             ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project did not agree; nothing was sent.
-            NamerError: it answers nothing usable at all.
+            PermissionDeniedError: the project did not agree.
         """
-        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id), timeout_s=_NAMER_S)
+        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id, request_id or uuid.uuid4().hex))
 
     def agree_to_namer(self, host: str) -> NamerStatus:
         """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer
@@ -282,12 +285,6 @@ class ThingCalls(TableCalls):
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
-
-    def align_to(self, scene_id: str, other: str, *, request_id: str = "") -> SceneVersion:
-        """Put a scene into the frame of another scene of the same place, whose units are meters, by its own photos, as
-        a new version; `Scene.alignment` says how well the surfaces of both fit."""
-        asked = requests.AlignToSceneRequest(scene_id, other, request_id or uuid.uuid4().hex)
-        return self.call(calls.ALIGN_TO_SCENE, asked)
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

@@ -171,7 +171,7 @@ class Operation(Response):
         OperationKind,
         Field(
             description="create_scene: makes its scene; look_again: makes a version of its scene; "
-            "ask_namer: the same where the server's namer, asked of a new scene, suggests a name"
+            "ask_namer: the same where the server's namer suggests a name"
         ),
     ] = "create_scene"
     look_again: Annotated[

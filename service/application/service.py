@@ -34,14 +34,13 @@ from fastsplat.service.application.base.validate import (
     check_splat_options,
 )
 from fastsplat.service.application.editing.observing import Observations
-from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
-from fastsplat.service.application.editing.shared_frame import SharedFrame
 from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
+from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
@@ -115,9 +114,8 @@ class SceneService:
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
-        self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
+        self.namer = OwnNamer(store, settings, scenes, self._quotas, project)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
-        self.shared_frame = SharedFrame(store, settings, scenes, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""
@@ -341,21 +339,17 @@ class SceneService:
         self._scenes.version(scene_id, "")
         return camera_file(scene_of(self._store.scenes.scene(scene_id)).cameras, file_format)
 
-    def list_scenes(self, page_size: int = 0, page_token: str = "", place: str = "") -> SceneList:
+    def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
 
         Args:
             page_size: at most this many; 0 for the server's default, larger values than its limit are cut to it.
             page_token: "" for the first page, then what the page before returned.
-            place: only the captures of the place of this scene, see `Captures.page`, whose errors this raises, too.
 
         Raises:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        if place:
-            captures, token = self.answers.captures.page(place, size, page_token)
-            return SceneList(summaries_of(captures), token)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         return SceneList(summaries_of(records[:size]), _next(records, size))
 

@@ -76,7 +76,7 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     """What an open-set detector looks for when the user names nothing: the classes that the closed-set detector detects
     in the capture (the tag list if there are none), or the tag list at once."""
     image_text: str = ""
-    """Finds things by their looks where no name answers: a model of pictures and texts. Empty: none does."""
+    """Embeds pictures of the things of new scenes: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")

@@ -133,12 +133,6 @@ class KeyRepository:
         with transaction(self._engine) as connection:
             connection.execute(this_key.values(expires_at=expires_at))
 
-    def expire(self, key_id: str, now: float, expires_at: float) -> bool:
-        """Set when a key expires. False if it is not valid at time `now`."""
-        this_key = update(api_keys).where(api_keys.c.id == key_id, _valid(now))
-        with transaction(self._engine) as connection:
-            return bool(connection.execute(this_key.values(expires_at=expires_at)).rowcount)
-
     def revoke(self, key_id: str, now: float) -> None:
         """Revoke a key; one that is revoked stays so.
 

@@ -53,11 +53,6 @@ class SceneRecord:
     alignment: Mapping[str, Any] | None = None
     things: int | None = None
 
-    @property
-    def frame(self) -> str:
-        """The name of the frame that it lies in: a map's, another scene's id, or its own."""
-        return str((self.alignment or {}).get("frame") or self.id)
-
     def __post_init__(self) -> None:
         require(
             f"scene {self.id}",

@@ -14,7 +14,6 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
-    Text,
     UniqueConstraint,
     false,
 )
@@ -145,20 +144,6 @@ known_names = Table(
     # Printed tags on it: [number, probability] of each.
     Column("tags", JSON, nullable=False, default=list, server_default="[]"),
     Index("known_names_of_version", "scene_id", "version"),
-)
-
-# Names that were learnt elsewhere, with what such things look like: [name, base64 of the appearance] of each.
-name_packs = Table(
-    "name_packs",
-    metadata,
-    Column("id", String(40), primary_key=True),
-    Column("license", Text, nullable=False),
-    Column("model", String(200), nullable=False),
-    Column("digest", String(64), nullable=False),
-    Column("names", JSON, nullable=False),
-    Column("count", Integer, nullable=False),
-    Column("added_at", Double, nullable=False),
-    _project(),
 )
 
 # Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.

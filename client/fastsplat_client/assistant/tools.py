@@ -92,9 +92,9 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     )
 
 
-def list_scenes(client: Client, place: str = "") -> Scenes:
-    """The scenes of the project, newest first; those of the place of one, the newest photos first."""
-    every = list(client.scenes(place=resolve_scene(client, place).id if place else ""))
+def list_scenes(client: Client) -> Scenes:
+    """The scenes of the project, newest first."""
+    every = list(client.scenes())
     shown = [
         SceneInList(
             each.id,
@@ -171,13 +171,10 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
     )
 
 
-def find(client: Client, text: str, scene: str, newest_capture: bool = False) -> Found:
-    """What answers a text in plain words, or that nothing does; in the scene, or of the captures of its place in the
-    newest that knows."""
+def find(client: Client, text: str, scene: str) -> Found:
+    """What answers a text in plain words, or that nothing does."""
     shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text, newest_capture=newest_capture)
-    if answer.scene_id != shown.id:
-        shown = client.scene(answer.scene_id)
+    answer = _ask(client, shown.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
     return Found(
         scene=shown.id,

@@ -1066,14 +1066,12 @@ class GetSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("page_size", "page_token", "place")
+    __slots__ = ("page_size", "page_token")
     PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
     PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FIELD_NUMBER: _ClassVar[int]
     page_size: int
     page_token: str
-    place: str
-    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ..., place: _Optional[str] = ...) -> None: ...
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListScenesResponse(_message.Message):
     __slots__ = ("scenes", "next_page_token")
@@ -1718,10 +1716,12 @@ class SuggestNamesRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class AskNamerRequest(_message.Message):
-    __slots__ = ("scene_id",)
+    __slots__ = ("scene_id", "request_id")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
+    request_id: str
+    def __init__(self, scene_id: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class AlignSceneRequest(_message.Message):
     __slots__ = ("scene_id", "alignment", "request_id")
@@ -1732,16 +1732,6 @@ class AlignSceneRequest(_message.Message):
     alignment: Alignment
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., request_id: _Optional[str] = ...) -> None: ...
-
-class AlignToSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "other", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    OTHER_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    other: str
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., other: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class UndoEditRequest(_message.Message):
     __slots__ = ("scene_id", "version")
@@ -1894,7 +1884,7 @@ class WatchOperationRequest(_message.Message):
     def __init__(self, operation_id: _Optional[str] = ...) -> None: ...
 
 class QueryRequest(_message.Message):
-    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view", "newest_capture")
+    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXTS_FIELD_NUMBER: _ClassVar[int]
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
@@ -1909,7 +1899,6 @@ class QueryRequest(_message.Message):
     MASK3D_ENCODING_FIELD_NUMBER: _ClassVar[int]
     ASKER_FIELD_NUMBER: _ClassVar[int]
     ASKER_VIEW_FIELD_NUMBER: _ClassVar[int]
-    NEWEST_CAPTURE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     texts: _containers.RepeatedScalarFieldContainer[str]
     cameras: _containers.RepeatedCompositeFieldContainer[PosedCamera]
@@ -1924,8 +1913,7 @@ class QueryRequest(_message.Message):
     mask3d_encoding: Mask3dEncoding
     asker: Pose
     asker_view: str
-    newest_capture: bool
-    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ..., newest_capture: _Optional[bool] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
     __slots__ = ("scene_id", "text", "verdict", "explanation", "matches", "probability", "label_set", "coverage", "decided_by", "threshold", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")
@@ -2683,14 +2671,6 @@ class RevokeKeyRequest(_message.Message):
     key_id: str
     def __init__(self, key_id: _Optional[str] = ...) -> None: ...
 
-class ExpireKeyRequest(_message.Message):
-    __slots__ = ("key_id", "lifetime_s")
-    KEY_ID_FIELD_NUMBER: _ClassVar[int]
-    LIFETIME_S_FIELD_NUMBER: _ClassVar[int]
-    key_id: str
-    lifetime_s: float
-    def __init__(self, key_id: _Optional[str] = ..., lifetime_s: _Optional[float] = ...) -> None: ...
-
 class EstimateJobRequest(_message.Message):
     __slots__ = ("photos", "width", "height", "preset")
     PHOTOS_FIELD_NUMBER: _ClassVar[int]
@@ -2865,14 +2845,12 @@ class ListKnownNamesRequest(_message.Message):
     def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListKnownNamesResponse(_message.Message):
-    __slots__ = ("names", "next_page_token", "packs")
+    __slots__ = ("names", "next_page_token")
     NAMES_FIELD_NUMBER: _ClassVar[int]
     NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    PACKS_FIELD_NUMBER: _ClassVar[int]
     names: _containers.RepeatedCompositeFieldContainer[KnownName]
     next_page_token: str
-    packs: _containers.RepeatedCompositeFieldContainer[KnownPack]
-    def __init__(self, names: _Optional[_Iterable[_Union[KnownName, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., packs: _Optional[_Iterable[_Union[KnownPack, _Mapping]]] = ...) -> None: ...
+    def __init__(self, names: _Optional[_Iterable[_Union[KnownName, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
 class KnownName(_message.Message):
     __slots__ = ("id", "name", "scene_id", "version", "thing_id", "named_at", "picture")
@@ -2892,93 +2870,11 @@ class KnownName(_message.Message):
     picture: bytes
     def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., scene_id: _Optional[str] = ..., version: _Optional[str] = ..., thing_id: _Optional[int] = ..., named_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., picture: _Optional[bytes] = ...) -> None: ...
 
-class KnownPack(_message.Message):
-    __slots__ = ("id", "license", "model", "names", "added_at")
-    ID_FIELD_NUMBER: _ClassVar[int]
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    MODEL_FIELD_NUMBER: _ClassVar[int]
-    NAMES_FIELD_NUMBER: _ClassVar[int]
-    ADDED_AT_FIELD_NUMBER: _ClassVar[int]
-    id: str
-    license: str
-    model: str
-    names: int
-    added_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., license: _Optional[str] = ..., model: _Optional[str] = ..., names: _Optional[int] = ..., added_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
-
 class DeleteKnownNameRequest(_message.Message):
     __slots__ = ("name_id",)
     NAME_ID_FIELD_NUMBER: _ClassVar[int]
     name_id: str
     def __init__(self, name_id: _Optional[str] = ...) -> None: ...
-
-class DeleteKnownNamesRequest(_message.Message):
-    __slots__ = ()
-    def __init__(self) -> None: ...
-
-class CheckKnownNamesRequest(_message.Message):
-    __slots__ = ("pack",)
-    PACK_FIELD_NUMBER: _ClassVar[int]
-    pack: NamePack
-    def __init__(self, pack: _Optional[_Union[NamePack, _Mapping]] = ...) -> None: ...
-
-class NamePack(_message.Message):
-    __slots__ = ("license", "model", "digest", "names")
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    MODEL_FIELD_NUMBER: _ClassVar[int]
-    DIGEST_FIELD_NUMBER: _ClassVar[int]
-    NAMES_FIELD_NUMBER: _ClassVar[int]
-    license: str
-    model: str
-    digest: str
-    names: _containers.RepeatedCompositeFieldContainer[PackedName]
-    def __init__(self, license: _Optional[str] = ..., model: _Optional[str] = ..., digest: _Optional[str] = ..., names: _Optional[_Iterable[_Union[PackedName, _Mapping]]] = ...) -> None: ...
-
-class PackedName(_message.Message):
-    __slots__ = ("name", "appearance")
-    NAME_FIELD_NUMBER: _ClassVar[int]
-    APPEARANCE_FIELD_NUMBER: _ClassVar[int]
-    name: str
-    appearance: bytes
-    def __init__(self, name: _Optional[str] = ..., appearance: _Optional[bytes] = ...) -> None: ...
-
-class CheckKnownNamesResponse(_message.Message):
-    __slots__ = ("kinds", "borne", "suggested", "right")
-    KINDS_FIELD_NUMBER: _ClassVar[int]
-    BORNE_FIELD_NUMBER: _ClassVar[int]
-    SUGGESTED_FIELD_NUMBER: _ClassVar[int]
-    RIGHT_FIELD_NUMBER: _ClassVar[int]
-    kinds: _containers.RepeatedCompositeFieldContainer[KindCheck]
-    borne: int
-    suggested: int
-    right: int
-    def __init__(self, kinds: _Optional[_Iterable[_Union[KindCheck, _Mapping]]] = ..., borne: _Optional[int] = ..., suggested: _Optional[int] = ..., right: _Optional[int] = ...) -> None: ...
-
-class KindCheck(_message.Message):
-    __slots__ = ("name", "examples", "borne", "suggested", "right")
-    NAME_FIELD_NUMBER: _ClassVar[int]
-    EXAMPLES_FIELD_NUMBER: _ClassVar[int]
-    BORNE_FIELD_NUMBER: _ClassVar[int]
-    SUGGESTED_FIELD_NUMBER: _ClassVar[int]
-    RIGHT_FIELD_NUMBER: _ClassVar[int]
-    name: str
-    examples: int
-    borne: int
-    suggested: int
-    right: int
-    def __init__(self, name: _Optional[str] = ..., examples: _Optional[int] = ..., borne: _Optional[int] = ..., suggested: _Optional[int] = ..., right: _Optional[int] = ...) -> None: ...
-
-class ExportNamePackRequest(_message.Message):
-    __slots__ = ("license",)
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    license: str
-    def __init__(self, license: _Optional[str] = ...) -> None: ...
-
-class AddNamePackRequest(_message.Message):
-    __slots__ = ("pack",)
-    PACK_FIELD_NUMBER: _ClassVar[int]
-    pack: NamePack
-    def __init__(self, pack: _Optional[_Union[NamePack, _Mapping]] = ...) -> None: ...
 
 class CreateSceneRequest(_message.Message):
     __slots__ = ("header", "file", "chunk")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
-from fastsplat.service.application.answering.captures import Captures
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels, rendering_cost
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
@@ -53,13 +52,10 @@ class Answers:
         self._memory = memory
         self._known_names = known_names
         self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
-        self.captures = Captures(store, scenes, self._all_scenes, self._of_scene)
-        """Of places."""
 
     def query(self, request: QueryRequest) -> QueryOut:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first:
-        then those that were not asked are named, too, damaged ones or too many. With `newest_capture` as
-        `Captures.query`.
+        then those that were not asked are named, too, damaged ones or too many.
 
         Cameras, views and versions belong to one scene.
 
@@ -72,8 +68,6 @@ class Answers:
             CancelledError: nobody waits for the answer any more.
         """
         query = self._check(request)
-        if request.newest_capture:
-            return self.captures.query(query, request)
         if request.scene_id:
             return QueryOut(self._of_scene(query, request))
         return self._all_scenes.query(query, request)

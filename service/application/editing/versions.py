@@ -85,7 +85,6 @@ class Versions:
         request_id: str = "",
         looked_at: str = "",
         author: str = "",
-        digest: str = "",
     ) -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
@@ -99,8 +98,6 @@ class Versions:
             request_id: the same id with the same edits returns the version that they made; "" for none.
             looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
             author: the id of the key by which this is asked for; "" for none.
-            digest: of what was asked for, where the edits were computed from it and would come out otherwise the next
-                time; "": the edits' own.
 
         Raises:
             NotFoundError: there is no such scene, version, label, object or thing.
@@ -115,7 +112,7 @@ class Versions:
         rows = check_edits(edits)
         check_texts(looked_at, "version")
         self._prompted.check(edits)
-        digest = digest or hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+        digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
         with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
             for remaining in reversed(range(_TRIES)):

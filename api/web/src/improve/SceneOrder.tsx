@@ -13,13 +13,14 @@ import "./improve.css";
 const PAUSE_MS = 2_000;
 
 interface FollowProps {
-  words: { title: string; help: string; submit: string; running: string };
+  words: { title: string; running: string };
   /** What came of it, once there is something to say. */
   result: (operation: Operation) => ComponentChildren;
   onDone: () => void;
 }
 
 interface Props extends FollowProps {
+  words: FollowProps["words"] & { help: string; submit: string };
   sceneId: string;
   /** The call that queues the job, as in `v1/scenes/{scene_id}:{call}`. */
   call: string;
@@ -67,7 +68,8 @@ export function SceneOrder({ sceneId, call, body, children, ...follow }: Props) 
   );
 }
 
-function Outcome({ operationId, words, result, onDone }: FollowProps & { operationId: string }) {
+/** A job on a finished scene, followed to its end. */
+export function Outcome({ operationId, words, result, onDone }: FollowProps & { operationId: string }) {
   const announced = useRef(false);
   const [busy, setBusy] = useState(false);
   const [problem, setProblem] = useState<unknown>(null);

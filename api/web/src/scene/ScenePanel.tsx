@@ -12,9 +12,9 @@ import { SceneTools, ThingTools } from "../change/ThingTools";
 import { ToolNote } from "../change/ToolNote";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { CleanUpPanel } from "../improve/CleanUpPanel";
-import { Captures } from "../improve/Captures";
 import { CompareToday } from "../improve/CompareToday";
 import { LookAgain } from "../improve/LookAgain";
+import { NamerPanel } from "../improve/NamerPanel";
 import { NextPhotos } from "../improve/NextPhotos";
 import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
@@ -23,7 +23,6 @@ import { SharedThing } from "../take/SharedThing";
 import { SharePanel } from "../take/SharePanel";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
-import { NamerPanel } from "../things/NamerPanel";
 import { ThingList } from "../things/ThingList";
 import { ThingPanel } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
@@ -155,7 +154,6 @@ function Photos({ state, scene, onStand }: Properties) {
         <>
           <PhotosPanel sceneId={scene.id} ready />
           <CompareToday state={state} />
-          <Captures state={state} />
           <NextPhotos sceneId={scene.id} version={state.version.value} onFly={onStand} />
         </>
       )}

@@ -95,18 +95,6 @@ export const jobsTexts = {
     undo: "Undo this comparison",
     undone: "The comparison is undone.",
   },
-  captures: {
-    title: "Another capture of this place",
-    help: "A scene of the same place, of another day, is put where that one is, by its own photos. Both are then listed here by date, and a question can be asked of the newest that saw the spot.",
-    list: "Captures of this place, the newest first",
-    of: (day: string, name: string) => (name ? `${day} · ${name}` : day),
-    shown: "on show",
-    other: "The other scene",
-    choose: "Choose a scene",
-    submit: "Put this scene where that one is",
-    aligned: "This scene is where the other one is.",
-    none: "There is no other finished scene: make one of photos of another day.",
-  },
   nextPhotos: {
     title: "Where to stand next",
     none: "No place to stand at would add much.",

@@ -3,21 +3,21 @@ import { useState } from "preact/hooks";
 import { agreeToNamer, askNamer } from "../api/namerCalls";
 import { mayDo } from "../api/roles";
 import { serverStatus } from "../api/serverCalls";
-import type { NamerResult } from "../api/types";
+import type { Operation } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
+import { Outcome } from "./SceneOrder";
 
 /** The server's namer: to which host pictures would go, the project's agreement, and what it said. */
 export function NamerPanel({ state }: { state: SceneState }) {
   const { value: status, reload } = useLoaded(serverStatus, []);
-  const [asking, setAsking] = useState(false);
-  const [told, setTold] = useState<NamerResult | null>(null);
+  const [started, setStarted] = useState<Operation | null>(null);
   const [failure, setFailure] = useState<unknown>(null);
   const namer = status?.namer;
   const unnamed = state.things.value?.some((thing) => !thing.name);
-  if (!namer || (!unnamed && !told)) return null;
+  if (!namer || (!unnamed && !started)) return null;
   const { host, model, agreed } = namer;
   const agree = (to: string) => {
     setFailure(null);
@@ -25,14 +25,7 @@ export function NamerPanel({ state }: { state: SceneState }) {
   };
   const ask = () => {
     setFailure(null);
-    setTold(null);
-    setAsking(true);
-    askNamer(state.sceneId)
-      .then(setTold, setFailure)
-      .finally(() => {
-        setAsking(false);
-        void state.refresh();
-      });
+    askNamer(state.sceneId).then(setStarted, setFailure);
   };
   return (
     <section class="things" aria-labelledby="namer-title">
@@ -41,22 +34,36 @@ export function NamerPanel({ state }: { state: SceneState }) {
       {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.namer.adminAgrees}</p>}
       <div class="buttons">
         {agreed && (
-          <button type="button" disabled={asking || state.busy.value} onClick={ask}>
-            {asking ? texts.namer.asking : texts.namer.ask(model)}
+          <button type="button" disabled={state.busy.value} onClick={ask}>
+            {texts.namer.ask(model)}
           </button>
         )}
         {mayDo(status.role, "admin") && (
-          <button type="button" disabled={asking} onClick={() => agree(agreed ? "" : host)}>
+          <button type="button" onClick={() => agree(agreed ? "" : host)}>
             {agreed ? texts.namer.takeBack : texts.namer.agree(host)}
           </button>
         )}
       </div>
-      {told && (
-        <p class="note" role="status">
-          {texts.namer.told(told.suggested, told.shown, told.refused)} {told.problem}
-        </p>
+      {started && (
+        <Outcome
+          key={started.id}
+          operationId={started.id}
+          words={texts.namer}
+          result={outcome}
+          onDone={() => void state.refresh()}
+        />
       )}
       {failure !== null && <ErrorNote error={failure} />}
     </section>
+  );
+}
+
+function outcome({ ask_namer: told }: Operation) {
+  return (
+    told && (
+      <p>
+        {texts.namer.told(told.suggested, told.shown, told.refused)} {told.problem}
+      </p>
+    )
   );
 }
