@@ -38,6 +38,7 @@ class Handler(Generic[Q, A]):
         call: which.
         ask: asks the service, as its caller has it; runs on a thread.
         computes: whether it is a question or a picture, see `Threads.answer`.
+        renders: whether it renders, or takes as long.
         example: what it answers, for the API's description; once for each type of answers.
         bodies: what may stand in REST's body, each with a summary; once for each type of bodies.
     """
@@ -45,12 +46,13 @@ class Handler(Generic[Q, A]):
     call: Call[Q, A]
     ask: Callable[[SceneService, Q], A]
     computes: bool = False
+    renders: bool = False
     example: A | None = None
     bodies: Bodies = field(default_factory=dict)
 
     async def run(self, threads: Threads, function: Callable[[], R]) -> R:
         """The result of a function that asks, on a thread of those that such calls have."""
-        return await (threads.answer(function) if self.computes else threads.call(function))
+        return await (threads.answer(function, self.renders) if self.computes else threads.call(function))
 
 
 HANDLERS: Mapping[str, Handler[Any, Any]] = {
@@ -123,6 +125,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.PREVIEW_EDIT,
             lambda service, asked: service.versions.preview(asked.scene_id, asked.edits, asked.version),
             computes=True,
+            renders=True,
             example=change_examples.EDIT_PREVIEW,
             bodies=change_examples.PREVIEWED,
         ),
@@ -211,14 +214,14 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             lambda service, asked: service.jobs.placed_cameras(asked.operation_id),
             example=job_watching_examples.PLACED,
         ),
-        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True),
+        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True, renders=True),
         Handler(calls.DOWNLOAD_CAMERAS, lambda service, asked: service.camera_file(asked.scene_id, asked.format)),
         Handler(
             calls.DOWNLOAD_MASK_PLY,
             lambda service, asked: service.answers.mask_ply(asked.scene_id, asked.text, asked.version),
             computes=True,
         ),
-        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True),
+        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True, renders=True),
         Handler(
             calls.DOWNLOAD_THING_IDS,
             lambda service, asked: service.answers.thing_ids(asked.scene_id, asked.version),
@@ -233,6 +236,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LIST_NEXT_PHOTOS,
             lambda service, asked: service.photos.next_photos(asked.scene_id, asked.version),
             computes=True,
+            renders=True,
             example=change_examples.NEXT_PHOTOS,
         ),
         Handler(
@@ -255,6 +259,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LOCALIZE,
             lambda service, asked: service.localizing.localize(asked),
             computes=True,
+            renders=True,
             example=localize_examples.LOCALIZATION,
         ),
         Handler(
@@ -281,6 +286,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, asked.things, asked.text, asked.max_views, asked.version
             ),
             computes=True,
+            renders=True,
             example=scene_examples.BEST_VIEWS,
         ),
         Handler(
@@ -289,6 +295,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, asked.version, asked.page_size, asked.page_token
             ),
             computes=True,
+            renders=True,
             example=scene_examples.THING_SHEET,
         ),
         Handler(

@@ -71,7 +71,7 @@ class SceneServicer:
             return list(messages_of_query(answered))
 
         async with guarded(context, "Query"):
-            for message in await self._threads.answer(asked):
+            for message in await self._threads.answer(asked, background=pb.OUTPUT_MASK2D in request.outputs):
                 yield message
 
     async def StreamQuery(

@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.application.admin.project_names import KnownNames
-from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
+from fastsplat.service.application.answering.costs import check_encodings
 from fastsplat.service.application.answering.mask_encodings import encoded_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.language.query_text import TextQuery, check_query
-from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
+from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
@@ -158,11 +157,9 @@ class Photos:
             )
             if not thing_ids or not index.scene.cameras:
                 return BestViewList((), read_version)
-            count, gaussians = max_views or _USUAL_VIEWS, len(index.scene.gaussians)
-            posed = small_view(index.scene.cameras[0])
-            charge(rendering_cost([posed] * min(count + CANDIDATES, len(index.scene.cameras)), 1, gaussians))
-            with self._memory.reserve(picture_bytes("thing_map", posed, gaussians), "things"):
-                best = best_thing_views(index, thing_ids, count)
+            size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+            with self._memory.reserve(size, "things"):
+                best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
             return BestViewList(
                 tuple(
                     BestView(

@@ -22,7 +22,6 @@ from fastsplat.service.application.editing.version_rows import (
     dictionary_rows,
     version_of,
 )
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.names_by_looks import described
@@ -141,9 +140,8 @@ class Versions:
         check_texts(version, "version")
 
         def read(index: SceneIndex, read_version: str) -> EditPreview:
-            from fastsplat.service.query.edits.previews import preview_cost, preview_of  # scipy loads with the first
+            from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
 
-            charge(preview_cost(index, edits))
             with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
                 return preview_of(index, read_version, edits)
 
