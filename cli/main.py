@@ -14,7 +14,6 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
     create_commands,
     edit_commands,
     export,
-    foxglove,
     localize,
     measure_commands,
     name_packs,
