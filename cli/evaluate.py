@@ -18,7 +18,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 
 from fastsplat.cli.settings import load_settings
-from fastsplat.service.application.base.optional_packages import TORCHMETRICS, needed
+from fastsplat.service.common.optional_packages import TORCHMETRICS, needed
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
 from fastsplat_contract.operations import PresetName

@@ -14,7 +14,6 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
     create_commands,
     edit_commands,
     export,
-    foxglove,
     localize,
     measure_commands,
     version_commands,
@@ -25,7 +24,6 @@ from fastsplat.cli.check import check
 from fastsplat.cli.demo.command import demo
 from fastsplat.cli.doctor import doctor
 from fastsplat.cli.evaluate import evaluate
-from fastsplat.cli.health import health
 from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app
 from fastsplat.cli.local_commands import train, view
@@ -64,7 +62,7 @@ for _name, _group in {
 service_command(app)(ask)
 service_command(app)(status)
 service_command(app, json=False)(mcp)
-for _command in (demo, train, view, serve_command, check, tags, evaluate, doctor, health, backup, restore):
+for _command in (demo, train, view, serve_command, check, tags, evaluate, doctor, backup, restore):
     app.command()(_command)
 
 

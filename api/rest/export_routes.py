@@ -34,8 +34,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
         )
-        weak = "" if FORMATS[export.format].repeatable else "W/"
-        headers = {"ETag": weak + etag_of(exact), "Cache-Control": "private, no-cache"}
+        headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
         content = await while_connected(request, threads.answer(lambda: service.exports.file(exact), background=True))

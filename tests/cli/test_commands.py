@@ -39,7 +39,7 @@ LONG = "a name that nobody should give, 名前 " * 10
 """More letters than any terminal has columns."""
 _SERVICE = {"--server", "--key-file", "--ca", "--data", "--project"}
 _GROUPS = ("scenes", "things", "jobs", "keys", "projects")
-_ENDLESS = {("scenes", "foxglove"), ("mcp",)}
+_ENDLESS = {("mcp",)}
 """They go on until they are stopped, and print no value."""
 
 

@@ -114,19 +114,10 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
 
     @server.tool(annotations=_READS)
     async def find(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Found:
-        """Is there such a thing, and what is it called here? Also by kind and use ("something to drink from"), and over
-        time, where photos of other days are kept ("what moved since Monday?", "when was the mug last seen?")."""
+        """Is there such a thing, what is it called here, where is it, how many are there ("cups on the table")? Also by
+        kind and use ("something to drink from"), and over time, where photos of other days are kept ("what moved since
+        Monday?", "when was the mug last seen?")."""
         return await answered(context, lambda client: tools.find(client, text, scene))
-
-    @server.tool(annotations=_READS)
-    async def where_is(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Where:
-        """Where a thing is, with 95 % bounds, its size, and the photos that show it best; nothing if it is not here."""
-        return await answered(context, lambda client: tools.where_is(client, text, scene))
-
-    @server.tool(annotations=_READS)
-    async def count(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Count:
-        """How many there are, with their ids: of a name ("mugs"), or by all that is said ("cups on the table")."""
-        return await answered(context, lambda client: tools.count(client, text, scene))
 
     @server.tool(annotations=_READS)
     async def relations(

@@ -311,7 +311,6 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_SOG: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MCAP: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MAP: _ClassVar[ExportFormat]
-    EXPORT_FORMAT_RERUN: _ClassVar[ExportFormat]
 
 class NextPhotoReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -589,7 +588,6 @@ EXPORT_FORMAT_CAMERAS: ExportFormat
 EXPORT_FORMAT_SOG: ExportFormat
 EXPORT_FORMAT_MCAP: ExportFormat
 EXPORT_FORMAT_MAP: ExportFormat
-EXPORT_FORMAT_RERUN: ExportFormat
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason
 NEXT_PHOTO_REASON_GAP: NextPhotoReason
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason

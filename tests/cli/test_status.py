@@ -1,4 +1,4 @@
-"""`fastsplat health`: well, or why not."""
+"""`fastsplat status --here`: well, or why not."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def health(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable
     def call(role: str, port: int = 1) -> Result:
         monkeypatch.setenv("FASTSPLAT_HTTP_PORT", str(port))
         load_settings.cache_clear()
-        return CliRunner().invoke(app, ["health", role])
+        return CliRunner().invoke(app, ["status", "--here", role])
 
     monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path))
     yield call

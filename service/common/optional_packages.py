@@ -24,9 +24,10 @@ class OptionalPackage:
     extra: str
 
 
-FOXGLOVE = OptionalPackage("mcap-protobuf-support", frozenset({"mcap", "mcap_protobuf"}), "foxglove")
+ASSISTANT = OptionalPackage("mcp", frozenset({"mcp", "mcp_types"}), "assistant")
+LZFSE = OptionalPackage("lzfse", frozenset({"lzfse"}), "phones")
+MCAP = OptionalPackage("foxglove-sdk", frozenset({"foxglove"}), "robots")
 TORCHMETRICS = OptionalPackage("torchmetrics", frozenset({"torchmetrics"}), "evaluation")
-RERUN = OptionalPackage("rerun-sdk", frozenset({"rerun", "rerun_bindings", "pyarrow"}), "rerun")
 
 
 @contextmanager
