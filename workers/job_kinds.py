@@ -20,7 +20,7 @@ class Sources(NamedTuple):
     """What a job reads, on this machine.
 
     Attributes:
-        folder: the admitted upload's; of a job on a finished scene, that of its current version.
+        folder: the validated upload's; of a job on a finished scene, that of its current version.
         version: of a job on a finished scene: whose folder it is.
         base: of a job that begins with a certain version: that version's folder and name.
     """
@@ -91,7 +91,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         scaling=summary.get("scaling"),
         alignment=summary.get("alignment"),
         quality=summary.get("quality"),
-        things=summary.get("things"),
+        things=summary["things"],
         beside=summary.get("beside", False),
         max_versions=job.max_versions,
     )

@@ -38,8 +38,7 @@ JOINED_CAMERAS = "joined_cameras"
 @dataclass(frozen=True)
 class SceneRecord:
     """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
-    is a draft, or what one was edited to. `things` is None where nobody has counted them. Times are seconds since 1970,
-    UTC."""
+    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
 
     id: str
     name: str
@@ -55,7 +54,7 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    things: int | None = None
+    things: int = 0
 
     @property
     def frame(self) -> str:
@@ -82,7 +81,7 @@ class SceneRecord:
             quality=is_object(self.quality) and are_objects(self.quality.get(JOINED_CAMERAS, ()), "name"),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            things=self.things is None or isinstance(self.things, int),
+            things=isinstance(self.things, int),
         )
 
 
@@ -209,8 +208,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job stores about its scene; the artefact itself is a folder of this version. `things` is None
-    where the job's trainer, of an earlier release, did not count them."""
+    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
 
     version: str
     gaussians: int
@@ -218,7 +216,7 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
-    things: int | None = None
+    things: int
 
 
 @dataclass(frozen=True)

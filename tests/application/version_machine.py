@@ -233,7 +233,7 @@ class VersionMachine(RuleBasedStateMachine):
         record = store.scenes.scene(self.scene_id)
         summary = {
             "result": {}, "parent": call.parent, "gaussians": record.gaussians,
-            "dictionary": list(record.dictionary), "beside": call.beside,
+            "things": record.things, "dictionary": list(record.dictionary), "beside": call.beside,
         }  # fmt: skip
         (folder / "summary.json").write_text(json.dumps(summary))
         return job

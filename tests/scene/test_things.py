@@ -89,26 +89,6 @@ def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Sc
     assert not (tmp_path / "v1" / "things.safetensors").exists()
 
 
-def test_a_scene_of_the_third_schema_has_no_things(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    write_scene(make_scene(evidence=True), tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = {**json.loads(path.read_text()), "schema": 3}
-    del body["things"]
-    path.write_text(_sealed(body))
-    read = read_scene(tmp_path / "v1")
-    assert read.things is None and read.evidence is not None
-
-
-def test_a_scene_of_the_tenth_schema_has_things_and_no_groups(scene: Scene, tmp_path: Path) -> None:
-    write_scene(scene, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = {**json.loads(path.read_text()), "schema": 10}
-    del body["things"]["groups"]
-    path.write_text(_sealed(body))
-    read = read_scene(tmp_path / "v1").things
-    assert scene.things is not None and read is not None and (read.table, read.groups) == (scene.things.table, ())
-
-
 def test_neither_surfaces_nor_things_without_gaussians_count(scene: Scene) -> None:
     things = scene.things
     assert things is not None

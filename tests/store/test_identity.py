@@ -68,7 +68,7 @@ def _make(store: Store, scene_id: str) -> None:
     work.mkdir(parents=True)
     (work / "scene.ply").write_text(scene_id)
     store.blobs.publish(work, scene_id, "v1")
-    store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {}))
+    store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {}, 0))
 
 
 def _scenes(place: Path) -> list[str]:

@@ -18,7 +18,7 @@ from fastsplat.service.store.schema import metadata
 from fastsplat.service.store.store import Store, open_store
 from fastsplat_contract.errors import ConflictError, DatabaseError, InvalidInputError, NotFoundError
 
-SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
+SUMMARY = SceneSummary("v1", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ from fastsplat.service.store.store import Store, open_store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
-_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
+_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 _TRIALS = 6
 """So many times writers race; without a lock, two of them are acknowledged nearly each time."""
 
@@ -46,7 +46,7 @@ def _scene(store: Store, number: int = 1) -> str:
 def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None, beside: bool = False) -> NewVersion:
     """A version whose request id says nothing of its age, as those of clients do."""
     return NewVersion(
-        scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), max_versions=max_versions, beside=beside
+        scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), 0, max_versions=max_versions, beside=beside
     )  # fmt: skip
 
 
@@ -109,7 +109,7 @@ _LINEAGES = {
 def _end_job(store: Store, scene_id: str, name: str) -> None:
     claim = store.jobs.claim(f"job of {scene_id}")
     assert claim is not None
-    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), ()), {})
+    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 
 @pytest.mark.parametrize(("one", "other"), [*(("publish", other) for other in _WRITES), ("end of a job", "step_back")])

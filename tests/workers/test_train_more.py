@@ -50,7 +50,7 @@ def _edited_elsewhere(deployment: Deployment, scene_id: str, name: str) -> None:
     store = deployment.service._store
     parent = store.scenes.scene(scene_id)
     shutil.copytree(store.blobs.version(scene_id, parent.version), store.blobs.version(scene_id, name))
-    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, []))
+    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, [], 0))
 
 
 def test_it_survives_a_killed_worker_and_what_was_edited_meanwhile_stays(training: Deployment) -> None:

@@ -11,11 +11,10 @@ from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
 from fastsplat_contract.errors import InvalidInputError
 
-VALIDATED = ".admitted"
+VALIDATED = ".validated"
 """Name of the validated folder, inside the raw upload's, so that both are removed together."""
 FILES = "files"
-_MANIFEST = "admitted.json"
-# Both names are of the first release, whose data folders can be opened still.
+_MANIFEST = "validated.json"
 
 
 @dataclass(frozen=True)
