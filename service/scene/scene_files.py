@@ -112,7 +112,7 @@ def read_scene(folder: Path) -> Scene:
 
     Raises:
         NotFoundError: no such folder, or it was removed just now.
-        SceneSchemaError: written under a schema this version does not know.
+        SceneSchemaError: written under another schema.
         SceneFileError: any other damage; the message names the file.
     """
     try:

@@ -344,7 +344,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
 
 def versions_of(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
     """All rows of a scene by version, oldest first; none if it was never edited."""
-    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number, _ROWS.created_at))
+    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number))
     return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
 
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import shutil
 from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +23,7 @@ from fastsplat_contract.errors import (
     SceneFileError,
     SceneSchemaError,
 )
+from tests.scene.conftest import sealed
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
@@ -219,12 +218,6 @@ def test_files_of_two_scenes_do_not_mix(make_scene: Callable[..., Scene], tmp_pa
         read_scene(tmp_path / "mixed-evidence")
 
 
-def _sealed(body: dict[str, Any]) -> str:
-    """`scene.json` with a digest that fits it."""
-    body.pop("sha256", None)
-    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
-
-
 @pytest.mark.parametrize("confidence", [-0.1, 1.5, "0.5", None])
 def test_a_confidence_that_is_none_is_damage(
     make_scene: Callable[..., Scene], tmp_path: Path, confidence: object
@@ -233,15 +226,9 @@ def test_a_confidence_that_is_none_is_damage(
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text())
     body["dictionary"][1]["confidence"] = confidence
-    path.write_text(_sealed(body))
+    path.write_text(sealed(body))
     with pytest.raises(SceneFileError, match="confidence"):
         read_scene(tmp_path / "v1")
-
-
-def test_a_scene_whose_names_later_rules_take_for_one_is_read(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    write_scene(make_scene(labels=("dice", "die")), tmp_path / "v1")
-    dictionary = read_scene(tmp_path / "v1").dictionary
-    assert [dictionary.id_of(name) for name in ("dice", "die")] == [1, 2]
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from sqlalchemy import update
 
 from fastsplat.service.store.records import NewJob, SceneSummary
-from fastsplat.service.store.schema import scene_versions
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import ConflictError, NotFoundError
@@ -185,13 +183,3 @@ def test_versions_go_in_the_transaction_that_deletes_their_scene(stores: tuple[S
     stores[0].versions.publish(_new(scene_id, "first", "trained"))
     stores[0].scenes.delete_scene(scene_id)
     assert not stores[1].versions.known(scene_id, "first") and not stores[1].versions.known(scene_id, "trained")
-
-
-def test_rows_without_a_number_of_their_own_are_kept_apart(stores: tuple[Store, Store]) -> None:
-    store, scene_id = stores[0], _scene(stores[0])
-    for parent, name in (("trained", "a"), ("a", "b"), ("b", "c")):
-        store.versions.publish(_new(scene_id, name, parent))
-    with store.engine.begin() as connection:
-        connection.execute(update(scene_versions).where(scene_versions.c.number > 1).values(number=3))
-    store.versions.publish(_new(scene_id, "d", "c"))
-    assert store.versions.of(store.scenes.scene(scene_id))[-1].version == "d"

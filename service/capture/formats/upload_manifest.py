@@ -80,7 +80,7 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    stored["depth_sizes"] = {path: tuple(size) for path, size in stored.get("depth_sizes", {}).items()}
+    stored["depth_sizes"] = {path: tuple(size) for path, size in stored["depth_sizes"].items()}
     manifest, files = UploadManifest(**stored), validated / FILES
     photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
     for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):
