@@ -88,7 +88,7 @@ class ClaimedJob:
     def upload(self) -> Path:
         """Folder of the validated upload, on this machine."""
         folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
-        return folder / str(self.claim.operation.options["admitted"])
+        return folder / str(self.claim.operation.options["validated"])
 
     @patient
     def current_version(self) -> tuple[Path, str]:
@@ -175,7 +175,7 @@ class ClaimedJob:
 
     @patient
     def note_photos(self) -> None:
-        """Write what became of the photos, if the capture stage has said so: workers of earlier releases have not."""
+        """Write what became of the photos, if the capture stage has said so."""
         path = self.folder / "capture" / PHOTOS
         if path.is_file():
             self._jobs.record_photos(self.claim, json.loads(path.read_text()))

@@ -20,7 +20,7 @@ class Sources(NamedTuple):
     """What a job reads, on this machine.
 
     Attributes:
-        folder: the admitted upload's; of a job on a finished scene, that of its current version.
+        folder: the validated upload's; of a job on a finished scene, that of its current version.
         version: of a job on a finished scene: whose folder it is.
     """
 
@@ -76,7 +76,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         summary["gaussians"],
         summary["dictionary"],
         edits,
-        things=summary.get("things"),
+        things=summary["things"],
         max_versions=job.max_versions,
     )
     job.succeed_with_version(new, result)

@@ -23,7 +23,7 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
-_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality")
+_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
 
     values = json.loads((folder / SUMMARY).read_text())
     of_scene = {name: values[name] for name in _OF_SCENE}
-    summary = SceneSummary(version=version, things=values.get("things"), **of_scene)
+    summary = SceneSummary(version=version, **of_scene)
     carried: list[NewVersion] = []
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").things if rows else None

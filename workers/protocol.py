@@ -21,7 +21,7 @@ class Job:
     Attributes:
         operation_id: whose job this is.
         attempt: counts the trainers of this job; part of the name of everything unfinished.
-        upload: the admitted upload's folder; of a job on a finished scene, the folder of its current version.
+        upload: the validated upload's folder; of a job on a finished scene, the folder of its current version.
         folder: the job's work folder, shared by all attempts.
         options: the user's choices.
         settings: the operator's, with what the user chose.

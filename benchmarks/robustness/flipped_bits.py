@@ -79,7 +79,7 @@ def _make(folder: Path) -> None:
             store.scenes.create(NewJob(f"scene{number}", f"op{number}", "desk", f"r{number}", "d", f"up{number}", {}))
             claim = store.jobs.claim(f"op{number}")
             assert claim is not None
-            store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {"psnr": 30.0}))
+            store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {"psnr": 30.0}, 0))
         service.admin.keys.create("somebody", "admin", None)
     for path in (folder / "data").glob("*-wal"):
         assert not path.stat().st_size

@@ -72,7 +72,7 @@ class SceneSummary(Response):
     ]
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
-    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until getScene counts them")]
+    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until there is a version")]
     captured_at: Annotated[
         datetime | None,
         Field(
@@ -87,9 +87,6 @@ ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "p
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up."""
-
-
-_PLUS_Z = Vector3(0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class SceneVertical(Response):
     deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
     up: Annotated[
         Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
-    ] = _PLUS_Z
+    ]
 
 
 @travels(request=False)

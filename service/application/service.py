@@ -204,7 +204,7 @@ class SceneService:
                 request_id=request_id,
                 request_digest=digest,
                 upload_id=upload.id,
-                options={"admitted": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
+                options={"validated": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
                 priority=options.priority,
                 project=self.project,
             )
@@ -292,7 +292,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._scenes.counted(self._store.scenes.scene(scene_id)), MAX_LISTED)
+        return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
         """Rename a scene, in whatever state it is. Returns it as `get_scene`.

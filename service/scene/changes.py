@@ -1,4 +1,4 @@
-"""What edits have made a scene show that its photos do not: it stands in `Scene.quality`, from this release on."""
+"""What edits have made a scene show that its photos do not: it stands in `Scene.quality`."""
 
 from __future__ import annotations
 

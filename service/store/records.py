@@ -34,8 +34,7 @@ _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 @dataclass(frozen=True)
 class SceneRecord:
     """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
-    is a draft, or what one was edited to. `things` is None where nobody has counted them. Times are seconds since 1970,
-    UTC."""
+    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
 
     id: str
     name: str
@@ -51,7 +50,7 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    things: int | None = None
+    things: int = 0
 
     def __post_init__(self) -> None:
         require(
@@ -68,7 +67,7 @@ class SceneRecord:
             quality=is_object(self.quality),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            things=self.things is None or isinstance(self.things, int),
+            things=isinstance(self.things, int),
         )
 
 
@@ -185,8 +184,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job stores about its scene; the artefact itself is a folder of this version. `things` is None
-    where the job's trainer, of an earlier release, did not count them."""
+    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
 
     version: str
     gaussians: int
@@ -194,7 +192,7 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
-    things: int | None = None
+    things: int
 
 
 @dataclass(frozen=True)

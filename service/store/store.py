@@ -84,8 +84,8 @@ def open_store(
 
     Raises:
         InvalidInputError: a URL cannot be read.
-        ConflictError: database and folder do not belong together, see `service.store.identity`; or a later release
-            wrote the database.
+        ConflictError: database and folder do not belong together, see `service.store.identity`; or this release
+            cannot read the database, see `service.store.migrations`.
         ResourceError: the folder or the database cannot be used.
     """
     try:

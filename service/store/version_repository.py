@@ -27,9 +27,8 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 @dataclass(frozen=True)
 class VersionRecord:
     """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
-    the service layer wrote them; `things` is None where nobody has counted them. `current_at` is when it last ceased to
-    be current (in rows of earlier releases when it last became current), None if it never did. `author` names the key
-    that made it.
+    the service layer wrote them. `current_at` is when it last ceased to be current, None if it never did. `author`
+    names the key that made it.
     """
 
     scene_id: str
@@ -42,12 +41,12 @@ class VersionRecord:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]
+    things: int
     current_at: float | None = None
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    quality: Mapping[str, Any] | None = None
-    things: int | None = None
     current: bool = False
 
     def __post_init__(self) -> None:
@@ -63,8 +62,8 @@ class VersionRecord:
             current_at=self.current_at is None or is_time(self.current_at),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            quality=self.quality is None or is_object(self.quality),
-            things=self.things is None or isinstance(self.things, int),
+            quality=is_object(self.quality),
+            things=isinstance(self.things, int),
         )
 
 
@@ -85,12 +84,12 @@ class NewVersion:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    things: int
     names: VersionNames = field(default_factory=VersionNames)
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
-    things: int | None = None
     max_versions: int | None = None
 
 
@@ -173,14 +172,6 @@ class VersionRepository:
                 f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
             ) from error
 
-    def record_things(self, scene_id: str, version: str, things: int) -> None:
-        """Note how many things a version has that no row says it of."""
-        with self._writing() as connection:
-            here = update(scenes).where(scenes.c.id == scene_id, scenes.c.version == version)
-            connection.execute(here.values(things=things))
-            here = update(scene_versions).where(_ROWS.scene_id == scene_id, _ROWS.version == version)
-            connection.execute(here.values(things=things))
-
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
         """Make the parent of the current version current; returns it.
 
@@ -261,9 +252,6 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         NotFoundError: the scene was deleted.
     """
     scene = locked_scene(connection, new.scene_id, new.parent)
-    # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
-    unsaid = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.quality.is_(None))
-    connection.execute(unsaid.values(quality=dict(scene.quality)))
     records = versions_of(connection, scene.id)
     if not records:
         records = {scene.version: trained_version(scene)}
@@ -349,7 +337,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
 
 def versions_of(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
     """All rows of a scene by version, oldest first; none if it was never edited."""
-    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number, _ROWS.created_at))
+    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number))
     return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
 
 
@@ -372,5 +360,5 @@ def no_version(version: str) -> NotFoundError:
 def trained_version(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
-        quality=scene.quality, things=scene.things, current=True,
+        scene.quality, scene.things, current=True,
     )  # fmt: skip

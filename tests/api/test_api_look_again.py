@@ -47,7 +47,7 @@ def test_what_was_found_is_told_alike(faces: Faces, client: Client, service: Sce
         7,
         1,
     )
-    new = NewVersion(own, queued.id, before.version, "", "", before.gaussians, before.dictionary, [to_plain(edit)])
+    new = NewVersion(own, queued.id, before.version, "", "", before.gaussians, before.dictionary, [to_plain(edit)], 0)
     store.jobs.succeed_with_version(claim, new, to_plain(found))
     done = client.wait(queued.id, timeout_s=60)
     assert done.state == "SUCCEEDED" and done.look_again == found

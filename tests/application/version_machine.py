@@ -229,7 +229,7 @@ class VersionMachine(RuleBasedStateMachine):
         record = store.scenes.scene(self.scene_id)
         summary = {
             "result": {}, "parent": call.parent, "gaussians": record.gaussians,
-            "dictionary": list(record.dictionary),
+            "things": record.things, "dictionary": list(record.dictionary),
         }  # fmt: skip
         (folder / "summary.json").write_text(json.dumps(summary))
         return job

@@ -88,7 +88,7 @@ def test_a_scene_of_the_data_folder_is_found_by_its_id_once_it_is_ready(run, tmp
     assert claim is not None
     write_scene(made_data.scene(), store.blobs.job(operation_id) / "artefact")
     store.blobs.publish(store.blobs.job(operation_id), scene_id, "v1")
-    store.jobs.succeed(claim, SceneSummary("v1", 3, "METRIC", [], [], {}))
+    store.jobs.succeed(claim, SceneSummary("v1", 3, "METRIC", [], [], {}, 0))
     store.close()
     result = run(folder, "--scene", scene_id, "--json", tmp_path / "figures.json")
     assert result.exit_code == 0, result.output

@@ -218,7 +218,13 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
         {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
         for n, e in enumerate(entries, start=1)
     ]
-    summary = {"parent": job.version, "gaussians": len(scene.gaussians), "dictionary": rows, "result": to_plain(result)}
+    summary = {
+        "parent": job.version,
+        "gaussians": len(scene.gaussians),
+        "things": 0,
+        "dictionary": rows,
+        "result": to_plain(result),
+    }
     (folder / "summary.json").write_text(json.dumps(summary))
 
 

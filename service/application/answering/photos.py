@@ -49,7 +49,7 @@ class Photos:
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
-        none for a scene of a release before photos were stored, and where the settings store none.
+        none where the settings store none.
 
         Raises:
             NotFoundError: there is no such scene or version.

@@ -96,7 +96,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         scale=record.scale if record.scaling is None else "METRIC",
         version=record.version,
         label_count=len(record.dictionary),
-        thing_count=record.things,
+        thing_count=record.things if record.version else None,
         captured_at=newest_photo_at(record.quality),
     )
 
