@@ -21,14 +21,14 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import add_split, results_file
 from benchmarks.trade.draw import draw
 from benchmarks.trade.trade_rows import BASE, Row, all_rows
-from fastsplat.service.evaluation.validation_split import Split
 
 _LONGEST_ROW_S = 1_800
-_COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr", "ssim", "miou", "boundary_iou", "ghost_rate")
+_COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr", "ssim", "miou", "boundary_iou")
 _COLUMNS += ("localization", "label_map_ms")
 
 

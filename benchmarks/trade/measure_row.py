@@ -17,11 +17,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.provenance import peak_megabytes
 from benchmarks.trade.bench_captures import SCRATCH, BenchData, load_data, models, training_labels
 from benchmarks.trade.trade_rows import Row
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.scene_files import read_scene, write_scene

@@ -1,4 +1,4 @@
-"""Figures of a scene on test views: the functions of `service.evaluation` over whatever renders the scene."""
+"""Figures of a scene on test views: the functions of `benchmarks.evaluation` over whatever renders the scene."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.evaluation.boundary_iou import boundary_counts
+from benchmarks.evaluation.image_quality import psnr, ssim
+from benchmarks.evaluation.localization import box_of, peak_in_box
+from benchmarks.evaluation.predictions import truth_ids
+from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
+from benchmarks.evaluation.types import Skipped, mean
 from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.formats.image_io import load_rgb
 from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.evaluation.boundary_iou import boundary_counts
-from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
-from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
-from fastsplat.service.evaluation.localization import box_of, peak_in_box
-from fastsplat.service.evaluation.predictions import truth_ids
-from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
-from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.camera import PosedCamera
@@ -34,7 +33,7 @@ class Pictures:
 
 
 def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_only: bool) -> dict[str, float]:
-    """psnr, ssim (zero-padded, as 3DGS), miou, boundary_iou, ghost_rate of the test views at the images' own size.
+    """psnr, ssim, miou, boundary_iou of the test views at the images' own size.
 
     Args:
         pictures: the scene.
@@ -44,19 +43,18 @@ def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_o
     """
     classes = len(data.truth.dictionary)
     to_truth = truth_ids(dictionary, data.truth.dictionary)
-    pixels, edges, ghosts = MaskCounts.zeros(classes), MaskCounts.zeros(classes), GhostCounts(0, 0, 0, 0)
+    pixels, edges = MaskCounts.zeros(classes), MaskCounts.zeros(classes)
     qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
     for position in data.test:
         view = data.capture.views[position]
         target = load_rgb(view.image_path).astype(np.float32) / 255
         image = np.asarray(pictures.colors(view.posed)).astype(np.float32) / 255
-        for name, quality in (("psnr", psnr(image, target)), ("ssim", ssim_zero_padded(image, target))):
+        for name, quality in (("psnr", psnr(image, target)), ("ssim", ssim(image, target))):
             if not isinstance(quality, Skipped):
                 qualities[name].append(quality)
         predicted, truth = to_truth[pictures.labels(view.posed)], data.truth.label_maps[position].astype(np.int64)
         pixels += mask_counts(predicted, truth, classes)
         edges += boundary_counts(predicted, truth, classes)
-        ghosts += ghost_counts(predicted, truth, classes)
     shown = [row for row in _counted(data, prompts_only) if pixels.present()[row]]
     iou = pixels.iou()[shown]
     return {
@@ -64,8 +62,6 @@ def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_o
         "miou": float(iou.mean()),
         "worst_iou": float(iou.min()),
         "boundary_iou": float(np.nan_to_num(edges.iou()[shown]).mean()),
-        "ghost_rate": ghosts.rate(),
-        "ghost_share": ghosts.share_of_pixels(),
     }
 
 

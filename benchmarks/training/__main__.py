@@ -74,7 +74,7 @@ def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alon
     cpu, peak_mb = time.process_time() - cpu_before, peak_megabytes()
     chosen = chosen_on(folder.resolve().name, split)
     about = provenance(start, settings=settings.model_dump(mode="json"), chosen_on=chosen)
-    from fastsplat.service.evaluation.held_out_views import (
+    from benchmarks.evaluation.held_out_views import (
         evaluate_views,  # its libraries are not training's, and not in its peak
     )
 

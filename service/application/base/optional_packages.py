@@ -25,7 +25,6 @@ class OptionalPackage:
 
 
 FOXGLOVE = OptionalPackage("mcap-protobuf-support", frozenset({"mcap", "mcap_protobuf"}), "foxglove")
-TORCHMETRICS = OptionalPackage("torchmetrics", frozenset({"torchmetrics"}), "evaluation")
 RERUN = OptionalPackage("rerun-sdk", frozenset({"rerun", "rerun_bindings", "pyarrow"}), "rerun")
 
 
