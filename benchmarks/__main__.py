@@ -42,9 +42,6 @@ BENCHMARKS = {
     "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
     "estimates": Benchmark("seconds of a job as estimated before, and as it said while it ran (FOLDER[:COUNT] ...)"),
     "evaluate": Benchmark("a data set of one's own (FOLDER): trained, and every metric measured", module="evaluation"),
-    "flipped_bits": Benchmark(
-        "how reading ends when random bits of stored files flip", module="robustness.flipped_bits"
-    ),
     "gpu": Benchmark(
         "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
     ),

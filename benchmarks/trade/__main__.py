@@ -95,7 +95,7 @@ def measured(row: Row, threads: int, split: Split) -> dict[str, Any] | None:
             return None
         figures = json.loads(result.read_text())
     about = {"key": row.key, "data": row.data, "factor": row.factor, "value": row.value}
-    changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception", "query")}
+    changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception")}
     about_run = provenance(start, settings={}, chosen_on=chosen_on(row.data, split))
     made = {name: value for name, value in about_run.items() if name not in ("command", "machine", "settings")}
     return {**about, **{name: value for name, value in changed.items() if value}, **made, **figures}
