@@ -1,8 +1,8 @@
 """Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
 
 Around a splat of another tool pictures are rendered where it has none, and labels are lifted onto it, not trained.
-A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
-benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); benchmarks and
+library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
 
 from __future__ import annotations

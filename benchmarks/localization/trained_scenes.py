@@ -10,15 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.datasets.training import subset, training_capture
+from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import ROOT
 from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from fastsplat.service.evaluation.datasets.training import subset, training_capture
-from fastsplat.service.evaluation.validation_split import Split, validation_names
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import build_scene, capture_folder
 from fastsplat.service.scene.scene_files import read_scene, write_scene

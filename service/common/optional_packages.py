@@ -27,7 +27,6 @@ class OptionalPackage:
 ASSISTANT = OptionalPackage("mcp", frozenset({"mcp", "mcp_types"}), "assistant")
 LZFSE = OptionalPackage("lzfse", frozenset({"lzfse"}), "phones")
 MCAP = OptionalPackage("foxglove-sdk", frozenset({"foxglove"}), "robots")
-TORCHMETRICS = OptionalPackage("torchmetrics", frozenset({"torchmetrics"}), "evaluation")
 
 
 @contextmanager
