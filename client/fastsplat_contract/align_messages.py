@@ -1,4 +1,4 @@
-"""Putting a scene into another frame: a map's, or another capture's of the same place."""
+"""Putting a scene into the frame of another capture of the same place."""
 
 from __future__ import annotations
 
@@ -7,18 +7,7 @@ from typing import Annotated, ClassVar
 
 from pydantic import Field
 
-from fastsplat_contract.places import Alignment
 from fastsplat_contract.wire import Request
-
-
-@dataclass(frozen=True)
-class AlignIn(Request):
-    """A new version of a scene in the frame of a map."""
-
-    proto: ClassVar[str] = "AlignSceneRequest"
-
-    alignment: Alignment
-    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
 
 
 @dataclass(frozen=True)

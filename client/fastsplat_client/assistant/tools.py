@@ -50,7 +50,7 @@ from fastsplat_client.assistant.tool_results import (
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import Scene, SceneObject, SceneSummary
+from fastsplat_contract.scenes import Scene, SceneSummary
 from fastsplat_contract.thing_messages import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
@@ -201,7 +201,7 @@ def count(client: Client, text: str, scene: str) -> Count:
     shown = resolve_scene(client, scene)
     answer = _ask(client, shown.id, text)
     leading = _leading_objects(answer)
-    counted = [each.thing_id for each in leading]
+    counted = [each.id for each in leading]
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
@@ -211,7 +211,7 @@ def count(client: Client, text: str, scene: str) -> Count:
         question=text,
         outcome=answer.outcome,
         probability=answer.probability,
-        label=leading[0].label if leading else "",
+        label=leading[0].name if leading else "",
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
         sentence=answer.sentence,
@@ -269,7 +269,7 @@ def where_is(client: Client, text: str, scene: str) -> Where:
         question=text,
         outcome=answer.outcome,
         probability=answer.probability,
-        label=leading[0].label if leading else "",
+        label=leading[0].name if leading else "",
         sentence=answer.sentence,
         unit=unit_of(shown),
         frame=frame_of(shown),
@@ -380,17 +380,17 @@ def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
     return next((each.name.casefold() for each in things if each.id == thing_id), "")
 
 
-def _leading_objects(answer: Answer) -> list[SceneObject]:
+def _leading_objects(answer: Answer) -> list[SceneThing]:
     leading = next((match.label_id for match in answer.matches if match.relevant), None)
     return [each for each in answer.objects or () if each.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
-    measured = client.measure(scene_id, each.thing_id, version=version)
+def _located(client: Client, scene_id: str, each: SceneThing, version: str) -> WhereAbouts:
+    measured = client.measure(scene_id, each.id, version=version)
     place = measured.places[0]
     return WhereAbouts(
-        each.thing_id,
-        each.label,
+        each.id,
+        each.name,
         point(place.point),
         round(place.plus_minus, 4),
         [known_length(side) for side in measured.sides],

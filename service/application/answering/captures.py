@@ -198,4 +198,4 @@ def _days(captures: Sequence[SceneRecord]) -> Days:
 
 
 def _saying(answer: Answer, sentence: str) -> Answer:
-    return replace(answer, sentence=sentence, explanation=sentence)
+    return replace(answer, sentence=sentence)
