@@ -182,11 +182,7 @@ PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
 THING_SHEET = ThingSheet(
     b"\xff\xd8\xff",
-    (
-        SheetThing(
-            1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED
-        ),
-    ),
+    (SheetThing(1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED),),
     (),
     True,
     "",

@@ -223,8 +223,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return (label for page in pages for label in page.labels)
 
     def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
-        """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
-        of earlier releases."""
+        """What became of each photo of a scene's capture, by name; none before its capture stage is done."""
         pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
         return (photo for page in pages for photo in page.photos)
 
