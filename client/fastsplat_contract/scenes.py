@@ -80,7 +80,7 @@ class SceneSummary(Response):
     ]
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
-    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until getScene counts them")]
+    thing_count: Annotated[int | None, Field(description="surfaces left out; absent without a version")]
     captured_at: Annotated[
         datetime | None,
         Field(

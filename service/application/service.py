@@ -298,7 +298,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._scenes.counted(self._store.scenes.scene(scene_id)), MAX_LISTED)
+        return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
         """Rename a scene, in whatever state it is. Returns it as `get_scene`.

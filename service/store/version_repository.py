@@ -176,14 +176,6 @@ class VersionRepository:
                 f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
             ) from error
 
-    def record_things(self, scene_id: str, version: str, things: int) -> None:
-        """Note how many things a version has that no row says it of."""
-        with self._writing() as connection:
-            here = update(scenes).where(scenes.c.id == scene_id, scenes.c.version == version)
-            connection.execute(here.values(things=things))
-            here = update(scene_versions).where(_ROWS.scene_id == scene_id, _ROWS.version == version)
-            connection.execute(here.values(things=things))
-
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
         """Make the parent of the current version current; returns it.
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import copy
 import threading
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -18,17 +16,13 @@ from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
     InvalidInputError,
-    LimitExceededError,
     NotFoundError,
     NotReadyError,
-    ObjectStoreError,
     SceneFileError,
 )
 from fastsplat_contract.poses import F64
@@ -136,21 +130,6 @@ class OpenScenes:
                 hint="List its versions, or leave the version out for the current one.",
             )
         return version or current
-
-    def counted(self, scene: SceneRecord) -> SceneRecord:
-        """The row of a scene with the number of its version's things. One that has none, as those of earlier releases,
-        gets it for good; where the files cannot be read it stays unknown."""
-        if scene.things is not None or not scene.version:
-            return scene
-        from fastsplat.service.query.things.labeled_things import things_of
-
-        with suppress(NotFoundError, SceneFileError, ObjectStoreError, LimitExceededError):
-            folder = self.folder(scene.id, scene.version)
-            with self._memory.opening(_weigh(folder)):
-                things = thing_count(things_of(read_scene(folder / "artefact")))
-            self._store.versions.record_things(scene.id, scene.version, things)
-            return replace(scene, things=things)
-        return scene
 
     def finished(self, scene_id: str) -> str:
         """The name of the current version of a scene that is no draft.
