@@ -117,7 +117,7 @@ def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], Sc
     for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
         index = ask(scene)
         (answer,) = index.ask(["mug"])
-        assert answer.matches == () and answer.verdict == "absent"
+        assert answer.matches == () and answer.is_absent
         assert not index.gaussian_classes.any() and not index.label_map(front).any()
         assert not index.mask2d(answer, front).mask.any() and not label_gaussians(scene).confidence.any()
 
@@ -192,7 +192,7 @@ def test_names_in_other_scripts_and_emoji_are_labels_like_any_other(
     index = ask(as_evidence(make_scene(labels=names)))
     for label_id, name in enumerate(names, start=1):
         (answer,) = index.ask([name])
-        assert answer.verdict == "exact" and answer.relevant_ids == (label_id,)
+        assert answer.outcome == "here" and answer.relevant_ids == (label_id,)
         assert index.mask3d(answer).tolist() == [label_id == row for row in range(5)]
 
 
@@ -203,4 +203,4 @@ def test_near_duplicates_are_labels_of_their_own_and_duplicates_are_one(
     index = ask(as_evidence(make_scene(labels=("mug", "mug cup", "the mug rack"))))
     for label_id, name in enumerate(("mug", "mug cup", "the mug rack"), start=1):
         (answer,) = index.ask([name])
-        assert answer.matches[0].label_id == label_id and answer.verdict == "exact"
+        assert answer.matches[0].label_id == label_id and answer.outcome == "here"
