@@ -124,7 +124,6 @@ def settings_error(error: ValidationError, settings: type[BaseModel]) -> Invalid
     """The first problem of settings from the environment as an error that names the variable, without its value.
 
     Args:
-        error: what validation says.
         settings: the settings object of the whole service.
     """
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]

@@ -50,13 +50,11 @@ def fit_thing_codes(
     the two differ, where views disagree, say nothing.
 
     Args:
-        things: of the Gaussians.
         gaussians: G of them; their color and geometry are held.
         views: those that have masks.
         settings: the least overlap of a thing with its mask.
         size: D, see `code_size`.
         seed: of the order of views.
-        backend: which rasterizer.
     """
     classes = max((thing.id for thing in things.table), default=0) + 1
     if classes == 1 or not views or not len(gaussians):

@@ -52,7 +52,6 @@ def lift_masks(
         camera: of the masks' size.
         masks: bool [P, H, W].
         valid: bool [H, W]; pixels that are False count for nothing.
-        backend: which rasterizer.
     """
     pieces, members = image_pieces(masks)
     sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)

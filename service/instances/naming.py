@@ -114,7 +114,6 @@ def name_things(
         things: T of them.
         votes: see `count_votes`.
         names: of labels 1..N.
-        source: who votes.
     """
     probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(

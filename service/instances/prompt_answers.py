@@ -81,7 +81,6 @@ def prompted_mask(
 
     Args:
         answer: to one prompt.
-        prompt: which.
         ids: int [H, W], the thing of each pixel, 0 for none.
         inside: bool [H, W], where the thing is that a piece is cut out of; None for a missing thing.
     """
@@ -112,7 +111,6 @@ def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32
 
     Args:
         segmenter: answers prompts.
-        embedding: of the view's picture.
         drawn: float32 [H, W, 3], shares of each pixel: of the piece, known to be none of it, unknown.
     """
     piece, other = drawn[..., 0], drawn[..., 1]

@@ -82,8 +82,6 @@ def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, 
     follow most of their nearest neighbors.
 
     Args:
-        scene: see `PromptedScene`.
-        posed: the view, of the picture's size.
         prompt: in pixels of that size.
         ids: int [H, W] the thing of each pixel of that view, 0 for none.
 

@@ -97,7 +97,6 @@ def refined_membership(
         views: those that have masks.
         size: float32 [G], see `Overlaps`.
         settings: rounds, and the least overlap of a thing with its mask.
-        backend: which rasterizer.
 
     Returns:
         Labels are numbers of things from 1; 0 is no thing.

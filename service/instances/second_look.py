@@ -50,8 +50,6 @@ def shares_seen(
         things: T of them.
         cameras: V views.
         settings: at which size views are looked at.
-        on_view: hears of every view.
-        backend: which rasterizer.
     """
     place = np.full(max((thing.id for thing in things.table), default=0) + 1, len(things.table), np.int64)
     place[[thing.id for thing in things.table]] = np.arange(len(things.table))

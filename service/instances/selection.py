@@ -63,7 +63,6 @@ def select_things(
         candidates: see `find_candidates`.
         gaussians: G of them.
         size: float32 [G], see `Overlaps`.
-        settings: the bounds.
     """
     planes = find_surfaces(candidates, gaussians, size)
 

@@ -93,7 +93,6 @@ def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) 
     """The planes of those things that are surfaces: large and flat.
 
     Args:
-        things: see `Candidate`.
         gaussians: G of them.
         size: float32 [G], see `Overlaps`.
     """
@@ -187,7 +186,6 @@ def surface_kinds(
     table the table is the lowest, and no floor.
 
     Args:
-        surfaces: planes by number.
         centers: float64 [3] of each.
         cameras: float64 [V, 3], where the photos were taken.
         up: unit vector, or None where nothing tells it: then a surface is just that.

@@ -62,7 +62,6 @@ def with_appearances(
         encoder: makes the features; None: things get neither descriptor nor picture.
         max_side: things are drawn at this many pixels on the image's longer side.
         looks: embeds what things look like; None: nothing does.
-        backend: which rasterizer.
     """
     best = _best_sights(things, gaussians, views, max_side, backend)
     features: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}

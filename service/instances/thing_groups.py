@@ -22,10 +22,8 @@ def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, firs
     members are no group, and candidates with the same members are one.
 
     Args:
-        candidates: those that are several things.
         owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
-        first_id: id of the first group.
     """
     weights = size.astype(np.float64)
     whole = np.bincount(owners + 1, weights)[1:]

@@ -86,7 +86,6 @@ def with_reads(
         reader: of lines; None: only codes are read.
         max_side: things are drawn at this many pixels on the image's longer side.
         on_view: hears of every view that was read.
-        backend: which rasterizer.
     """
     owners = _owners(things, gaussians, views, max_side, backend)
     chosen = _views_to_read(owners, [thing.id for thing in things.table])

@@ -68,7 +68,6 @@ def changed_pieces(
     (Laurentini 1994); only before the scene's surfaces, or on them.
 
     Args:
-        comparisons: of the photos.
         differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
         place: float64 [2, 3], which space.
         on_surface: leave out what is before the scene's surfaces: then a piece is a part of these.
@@ -103,7 +102,6 @@ def _carved(
         width: of a cube.
         wide: whether a cube counts as changed where any of its picture is, or where its middle is.
         on_surface: see `changed_pieces`.
-        fewest: photos that have to show it.
     """
     low, high = place
     counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)

@@ -95,7 +95,6 @@ def find_changes(
     the photos have a border as well, something else stands there.
 
     Args:
-        views: the photos that have a place.
         boxes: float64 [2, 3] of each thing, lowest and highest corners, scene units.
         place: float64 [2, 3], what is looked at, as boxes.
         surfaces: ids of floors, walls and tables, which neither go nor come.

@@ -62,7 +62,6 @@ def lost_things(
     of those that at least two photos should show.
 
     Args:
-        views: the photos that have a place.
         boxes: float64 [2, 3] of each thing.
         surfaces: ids of what neither goes nor comes.
     """
@@ -93,7 +92,6 @@ def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) ->
     hides the surface.
 
     Args:
-        views: the photos that have a place.
         lost: things, whose pixels are explained.
         place: float64 [2, 3], which space.
     """
@@ -152,7 +150,6 @@ def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[Lat
     nothing around it is as it was.
 
     Args:
-        rows: of the photos.
         pixels: bool [H, W] of each of these, the region.
         views: all photos.
     """

@@ -127,7 +127,6 @@ def place_photos(
 
     Args:
         photos: each by itself, or together if there are rough poses.
-        landmarks: of the scene.
         geometry: what a camera sees of the scene.
         rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
             none where nothing is known.

@@ -75,7 +75,6 @@ def compared(
 
     Args:
         photo: uint8 [H, W, 3].
-        posed: its camera, of its size.
         geometry: what a camera sees of the scene.
         scale: of gray values that are likely, for Huber's loss; None: by their median.
         valid: bool [H, W], where the photo shows something; None: everywhere.
@@ -109,7 +108,6 @@ def refine_photometrically(
 
     Args:
         photo: uint8 [H, W, 3].
-        posed: its camera, of its size.
         geometry: what a camera sees of the scene.
         valid: bool [H, W], where the photo shows something; None: everywhere.
 

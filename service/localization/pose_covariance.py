@@ -29,7 +29,6 @@ def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estim
     Geometry, 5.2.3), times √17 for errors that matches share.
 
     Args:
-        posed: the camera.
         pixels: float64 [N, 2], where the photo shows the inliers, N ≥ 4, before the camera.
         points: float64 [N, 3], where they are in the world.
         focal_estimated: whether the focal length comes from these matches.

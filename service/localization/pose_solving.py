@@ -150,7 +150,6 @@ def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float
     Args:
         pixels: float64 [M, 2], where the photo shows each match.
         points: float64 [M, 3], where it is in the world.
-        solved: the pose.
         known: that of the scene's photos. A photo of their focal length has it, too, unless its matches clearly say
             otherwise: where few places or shallow ones are seen, a distortion explains what a wrong pose explains.
     """
@@ -175,7 +174,6 @@ def _with_lens(
 
     Args:
         pixels, points, solved: see `radial_distortion`.
-        k1: of the lens.
         focal, lens: whether the focal length and k₁ are fitted, too.
     """
     rows, before = solved.inliers, solved.posed.camera

@@ -42,12 +42,8 @@ class CaptureDetector:
     Without: what the closed-set detector detects, of the user's labels only if there are any.
 
     Args:
-        load: loads the image of a view.
         count: views, numbered from 0.
         labels: names to look for; empty: whatever is there.
-        settings: models and thresholds.
-        models: the model directory.
-        on_view: called after every view.
 
     Attributes:
         searched: the names that are looked for.

@@ -37,9 +37,7 @@ class ClipImageText:
     encoder by itself; the network of pictures is opened with the first one.
 
     Args:
-        image, text: ONNX files.
         words: the text tower's `tokenizer.json`.
-        name: of the model, for messages.
         threads: see `open_session`.
 
     Raises:

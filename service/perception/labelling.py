@@ -78,8 +78,6 @@ def label_capture(
 
     Args:
         capture: registered images.
-        settings: models and thresholds.
-        models: the model directory.
         labels: names to look for; empty: whatever is there.
         progress: called for every view; may raise `CancelledError`.
         masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
@@ -160,8 +158,6 @@ class _LabelMaps:
 
     Args:
         capture: registered images.
-        resolved: of the views that are labelled.
-        settings: the bounds.
     """
 
     def __init__(self, capture: Capture, resolved: _ResolvedViews, settings: PerceptionSettings) -> None:
@@ -225,8 +221,6 @@ def _resolve(
     Args:
         detections: of each view, as detected.
         named: whether the user gave the names: then none is another's synonym.
-        settings: thresholds.
-        models: the model directory.
     """
     thresholds = _thresholds(settings)
     aliases: dict[str, str] = {}

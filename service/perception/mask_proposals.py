@@ -85,10 +85,8 @@ def propose_masks(
 
     Args:
         segmenter: answers prompts.
-        embedding: of the image.
         boxes: the best answer to each box, see `answer_boxes`.
         size: height and width of the image.
-        settings: the bounds.
     """
     of_boxes = settings.model_copy(update={"proposal_quality": _BOX_QUALITY, "proposal_stability": _BOX_STABILITY})
     parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), _PROPOSAL_OVERLAP)]

@@ -54,8 +54,6 @@ class RamTagger:
 
     Args:
         model: the ONNX file; S is what its input says, 384 where it leaves that open.
-        folder: where the lists are.
-        name: the model's name, for messages.
         threshold: of all tags, where there is no file of thresholds.
         threads: see `open_session`.
 
@@ -178,13 +176,6 @@ def propose_texts(
 ) -> list[str]:
     """The texts that the tagger proposes for a detector to look for, see `pool_tags`; none where the views agree on
     none.
-
-    Args:
-        load: loads the image of a view.
-        positions: the views to look at.
-        settings: the tagger, and what counts.
-        models: the model directory.
-        on_view: called after every view.
 
     Raises:
         ModelUnavailableError: see `RamTagger`.

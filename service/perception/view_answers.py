@@ -41,9 +41,7 @@ def look_at_view(
     Args:
         segmenter: answers prompts.
         image: uint8 [H, W, 3].
-        objects: detections whose very boxes are prompted.
         candidates: all others that may be objects.
-        settings: the bounds.
     """
     embedding, size = segmenter.embed(image), (image.shape[0], image.shape[1])
     boxes = boxes_to_prompt(objects, candidates, settings)

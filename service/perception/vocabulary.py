@@ -75,7 +75,6 @@ def build_labelling(
         classes: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
         aliases: see `synonyms`.
-        min_pixels: see the settings.
         regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
         expected: whether the names were asked for, so that each is expected to be somewhere.
     """

@@ -126,7 +126,6 @@ def views_within_budget(
 
     Args:
         requested: views it would look at; 0 means all.
-        views: that the capture has.
         time_budget_s: for everything from the start of perception on, seconds.
         overhead_s: seconds that are spent already.
         cost: of perception on this machine.
@@ -159,7 +158,6 @@ def fit_training(
 
     Args:
         settings: as requested: a preset, or the operator's own.
-        scene: what is trained.
         time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
         speed: of this machine, as `service.planning.machine.machine_speed` measures it.
         spent_s: seconds of the budget that are spent.
@@ -292,7 +290,6 @@ def export_seconds(
         settings: of the training. scene: that it trained.
         labels: in the dictionary. views: that tell of things; 0: none are looked for.
         proposed: views whose masks a segmenter proposes first.
-        speed: of the machine.
     """
     written = (1.0 + 0.01 * labels) / speed.serial
     if not views:

@@ -50,7 +50,6 @@ def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str,
     Args:
         photos: without poses.
         settings: of all rooms, with the preset applied.
-        speed: of the machine.
     """
     return {"capture": capture_seconds(photos, settings, speed), **later_seconds(photos, settings, speed)}
 

@@ -57,11 +57,8 @@ def plan_perception(
     """How perception runs; with a budget, one view is labelled on trial where a detector will run.
 
     Args:
-        capture: what is labelled.
         settings: of all rooms, with the preset applied.
-        labels: names to look for.
         time_budget_s: seconds for everything after the capture stage; None: no bound.
-        progress: hears of the trial.
         started: `time.monotonic()` when the budget began to count.
 
     Raises:
@@ -94,9 +91,7 @@ def plan_training(
     """How training runs.
 
     Args:
-        capture: what is trained.
         settings: of all rooms, with the preset applied.
-        labels: entries of its dictionary.
         time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
         spent_s: seconds of the budget that are spent already.
         speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.

@@ -57,10 +57,8 @@ def render_views(
     Args:
         validated_dir: `ValidatedUpload.folder`.
         out_dir: new or empty.
-        settings: how many pictures, and how large.
         progress: hears of the stage "capture"; may raise `CancelledError`.
         up: which axis of the splat's world is up; None: estimated.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: nothing of the splat can be seen.

@@ -74,7 +74,6 @@ def choose_viewpoints(
         count: of poses, at least 1.
         field_of_view_deg: horizontal.
         on_trial: hears of every candidate, with their number; may raise `CancelledError`.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: nothing can be seen from anywhere.

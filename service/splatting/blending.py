@@ -80,8 +80,6 @@ class CodeBlend:
 
     Args:
         codes: float32 [G, D].
-        head: the affine map.
-        device: where to keep both.
     """
 
     def __init__(self, codes: F32, head: SemanticHead, device: torch.device) -> None:
@@ -124,7 +122,6 @@ class EvidenceBlend:
     Args:
         evidence: of G Gaussians.
         classes: N + 1.
-        device: where the Gaussians are.
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
@@ -165,7 +162,6 @@ def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend
     Args:
         things: of G Gaussians.
         codes: float32 [G, D].
-        device: where the Gaussians are.
     """
     if things.head is None:
         return EvidenceBlend(things.membership, max((thing.id for thing in things.table), default=0) + 1, device)
@@ -206,7 +202,6 @@ class ThingBlend:
 
     Args:
         semantics: of G Gaussians.
-        device: where the Gaussians are.
         before: of the same Gaussians; its drawing of things is used again where they have the same members.
 
     Attributes:

@@ -66,7 +66,6 @@ def refit_codes(
         undetected_weight: what a pixel of class 0 weighs as evidence.
         epochs: more sharpen the borders in pictures.
         seed: of the order of the views.
-        backend: which rasterizer.
     """
     maps = [view.frames[-1].labels for view in views]
     labeled = [(view, labels) for view, labels in zip(views, maps, strict=True) if labels is not None]
@@ -140,8 +139,6 @@ def fit_codes(
         classes: int64 [G], each Gaussian's own class, 0..C − 1.
         pixels: float32 [G], that each Gaussian fills.
         class_weights: [C], what pixels weigh in the cross-entropy.
-        steps, seed: see above.
-        backend: which rasterizer.
         after_step: called with the number of each step, from 1, and its loss; may raise, as to cancel.
     """
     shares = _HALF_HELD / (_HALF_HELD + pixels / pixels.mean().clamp_min(1e-9))

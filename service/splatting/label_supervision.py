@@ -16,7 +16,6 @@ class LabelSupervision:
 
     Args:
         labelling: of all views of the capture, see `Labelling.learnt`.
-        settings: the run's.
         device: where the frames are.
 
     Attributes:

@@ -106,11 +106,7 @@ def _bytes(colors: Tensor) -> Tensor:
 
 
 class PhotometricTraining:
-    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it.
-
-    Args:
-        settings: the run's.
-    """
+    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it."""
 
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
@@ -149,8 +145,6 @@ class PhotometricTraining:
 
         Args:
             state: after the backward pass of a step.
-            number: of the view.
-            progress: of the run.
             fit: see `fit`.
         """
         corrections = state.parameters.get(CORRECTIONS)

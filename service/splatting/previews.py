@@ -113,7 +113,6 @@ class Previews:
 
     Args:
         view: from which.
-        backend: which rasterizer.
         publish: is given each picture; what it takes is counted too.
     """
 
@@ -131,9 +130,7 @@ class Previews:
 
         Args:
             parameters: see `SplatState`.
-            step: optimization steps done.
             elapsed_s: seconds of optimization.
-            degree: of the spherical harmonics in use.
             psnr: dB; NaN if it is not known.
         """
         begun = time.monotonic()

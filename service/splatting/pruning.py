@@ -55,7 +55,6 @@ def max_contribution(
     Args:
         gaussians: G of them.
         views: of each float32 [4, 4], camera-from-world, and the camera.
-        backend: which rasterizer.
     """
     device = device_of(backend)
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)

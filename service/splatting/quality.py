@@ -78,7 +78,6 @@ def measure_views(
     Args:
         parameters: see `SplatState`; all harmonics are used.
         views: compared at their largest size.
-        backend: which rasterizer.
     """
     degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
     splats = splats_of(parameters)

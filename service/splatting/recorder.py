@@ -33,7 +33,6 @@ class Recorder:
     The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`.
 
     Args:
-        settings: the run's.
         progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr
             and seconds_left, each once it is known.
         held_out: views whose PSNR is measured; without any, that of training images is.

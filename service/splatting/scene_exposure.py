@@ -44,7 +44,6 @@ def display_ev(
         parameters: colors of a finished scene, see `SplatState`; all harmonics are used.
         views: training views; they are compared at their smallest size.
         corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
-        backend: which rasterizer.
     """
     shown = []
     for view, correction in zip(views, corrections, strict=True):

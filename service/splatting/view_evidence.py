@@ -42,12 +42,10 @@ def view_evidence(
 
     Args:
         gaussians: G of them.
-        posed: the view.
         labels: int [H, W], 0..classes − 1.
         classes: N + 1.
         valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
         undetected_weight: what a pixel of class 0 counts, in pixels.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: a map of another size than the camera's, or with a label that is not below `classes`.
@@ -74,7 +72,6 @@ def views_evidence(
         views: training views; what is held out must not be among them.
         classes: N + 1.
         undetected_weight: what a pixel of class 0 counts, in pixels.
-        backend: which rasterizer.
     """
     splats = splats_of(gaussians, device=device_of(backend))
     parts = [no_evidence(len(gaussians))]

@@ -49,7 +49,6 @@ def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
 
     Args:
         depth: [H, W], 0 where unknown.
-        source: its camera.
         target: the other one.
     """
     finer = source.fx >= target.fx

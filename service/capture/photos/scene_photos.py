@@ -32,7 +32,6 @@ def write_photos(
     Args:
         capture: whose views are the scene's cameras, in order.
         folder: of the version, which is not published yet.
-        settings: see `PhotoSettings`.
         on_photo: called before each photo with how many there are; may raise `CancelledError`.
     """
     if settings.keep == "off" or capture.report.source == "splat":
@@ -52,23 +51,12 @@ def write_photos(
 
 
 def photo_path(folder: Path, number: int) -> Path:
-    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one.
-
-    Args:
-        folder: of the version.
-        number: of the camera.
-    """
+    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one."""
     return folder / _FOLDER / f"{number:05d}.jpg"
 
 
 def observed_photo_path(folder: Path, observation_id: str, number: int) -> Path:
-    """Where a photo of an observation is, by its number in it from 0, if it is kept.
-
-    Args:
-        folder: of the version.
-        observation_id: whose.
-        number: of the photo.
-    """
+    """Where a photo of an observation is, by its number in it from 0, if it is kept."""
     return folder / _FOLDER / "observed" / observation_id / f"{number:05d}.jpg"
 
 
@@ -80,8 +68,6 @@ def write_observed_photos(
     Args:
         pictures: uint8 [H, W, 3] each, RGB, undistorted.
         folder: of the version, which is not published yet.
-        observation_id: whose.
-        settings: see `PhotoSettings`.
     """
     for number, pixels in enumerate(pictures):
         path = observed_photo_path(folder, observation_id, number)
@@ -98,11 +84,7 @@ def _save(picture: Image.Image, path: Path, settings: PhotoSettings) -> None:
 
 
 def photo_folder(folder: Path) -> Path:
-    """Where the photos of a version are, and what else is kept of the capture.
-
-    Args:
-        folder: of the version.
-    """
+    """Where the photos of a version are, and what else is kept of the capture."""
     return folder / _FOLDER
 
 

@@ -28,10 +28,6 @@ def is_spherical(path: Path, name: str) -> bool:
     """Whether the video's metadata say that it is equirectangular, 360° × 180°, for one eye; false where they say
     nothing of the kind, or cannot be read.
 
-    Args:
-        path: of the video, of any format.
-        name: of the video, for errors.
-
     Raises:
         InvalidInputError: they say that it is another picture of a sphere: a part, of another projection, for two eyes.
     """

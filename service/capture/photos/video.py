@@ -46,7 +46,6 @@ def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> di
 
     Args:
         request: as in `probe`, with "folder" and "by_place".
-        report: receives progress.
 
     Returns:
         {"files": names in time order, "size": [width, height] of the first, "read": frames in the video}.

@@ -38,7 +38,6 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
     """Refuse photos that cannot become a scene.
 
     Args:
-        database: features and verified matches.
         min_share: of the photos that must get a place.
         complete: whether all pairs were matched; before that only photos from one place are refused, where nearly all
             are linked.

@@ -25,7 +25,6 @@ def place_first(database: Path, images: Path, folder: Path) -> bool:
 
     Args:
         database: with features and verified matches of some images.
-        images: folder of the images.
         folder: of the task.
 
     Returns:

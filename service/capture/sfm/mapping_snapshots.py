@@ -77,7 +77,6 @@ def take_placed(folder: Path, names: Mapping[str, str], images: int) -> PlacedVi
     Args:
         folder: of the task.
         names: of the views, by the files that structure from motion reads.
-        images: that are to be placed.
     """
     path, mine = folder / _FILE, folder / f"read-{_FILE}"
     try:

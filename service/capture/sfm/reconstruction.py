@@ -47,7 +47,6 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
             if unknown; "ordered" whether neighbors in the list are neighbors in time; where there is one, "mask_folder"
             with `<file>.png` for images of which only the pixels above 0 have features; and all settings.
         folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
-        report: receives progress.
 
     Returns:
         "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
@@ -169,7 +168,6 @@ def extract_and_match(
 
     Args:
         database, images, request, folder, report: as in `reconstruct` and `import_images`.
-        files: of the images.
         alone: whether nothing but the images tells where they were taken, one camera each. Then the first few get
             cameras to look at before the others have features, and the few pairs that tell most are matched first: by
             them photos that were all taken from one place are refused, where matching the others takes long.

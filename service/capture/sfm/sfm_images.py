@@ -167,7 +167,6 @@ def photo_ups(images: Sequence[SfmImage], world_from_camera: NDArray[np.float64]
     """Unit vectors up in the world, float64 [3], one a photo that says what is up; of a panorama by one of its faces.
 
     Args:
-        images: that have poses.
         world_from_camera: float64 [N, 4, 4] of them.
     """
     ups: dict[str, NDArray[np.float64]] = {}

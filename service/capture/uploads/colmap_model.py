@@ -42,10 +42,8 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     """Cameras, poses and points of a COLMAP model; points3D may be missing.
 
     Args:
-        root: the upload's folder.
         model: the model's folder, relative to `root`.
         images: the images' folder, relative to `root`; the model's image names are relative to it.
-        settings: limits.
         left_out: receives images with an invalid camera or pose, and those that are missing or outside the upload.
 
     Raises:

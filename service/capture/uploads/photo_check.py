@@ -62,9 +62,7 @@ def check_photos(
     fundamental matrix (Rublee et al., ICCV 2011): a rough guess; structure from motion finds more.
 
     Args:
-        folder: with photos; stays as it is.
         scratch: an empty folder, for copies.
-        settings: limits.
         on_photo: called with how many photos are looked at, of how many.
 
     Raises:

@@ -38,10 +38,7 @@ def read_posed_dataset(
     """Images with cameras and poses of an upload that has some.
 
     Args:
-        files: the upload's folder.
-        upload: says of which kind it is.
         sizes: (width, height) of its images as stored.
-        settings: limits.
         left_out: receives frames that cannot be used; None: one such frame is an error.
 
     Raises:

@@ -60,7 +60,6 @@ class SparePhotoDecoder:
 
         Args:
             photos: image files; errors name them as "photos[0]" and so on.
-            max_side: of the result.
 
         Raises:
             CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

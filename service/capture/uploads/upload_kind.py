@@ -60,7 +60,6 @@ def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
     file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
 
     Args:
-        root: with the files.
         left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.
 
     Raises:

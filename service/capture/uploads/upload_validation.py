@@ -46,8 +46,6 @@ def validate_upload(upload_dir: Path, settings: CaptureSettings, strict: bool = 
     with their reasons. On an error nothing is left behind but what was there.
 
     Args:
-        upload_dir: with the files as sent.
-        settings: limits.
         strict: refuse the upload where something would be left out.
 
     Raises:

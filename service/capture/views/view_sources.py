@@ -71,7 +71,6 @@ class ViewSources:
             image: as it was read.
             pose: float64 [4, 4], world_from_camera.
             camera: COLMAP's model, width, height and parameters.
-            matches: see `PhotoMatches`.
         """
         model, width, height, params = camera
         camera_model = CameraModel(model, width, height, tuple(params))
@@ -181,9 +180,7 @@ def view_depth(
         image: the image, whose camera model is for the photo as stored.
         file: its depth map, which covers what the photo covers, in the orientation of the photo as stored.
         stored_size: (width, height) of the map.
-        photo: the photo.
         decoder: reads the map.
-        root: the upload's files.
 
     Raises:
         CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

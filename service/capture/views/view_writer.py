@@ -155,7 +155,6 @@ def _valid_depth(
 
     Args:
         depth: [H, W], 0 where unknown.
-        source: its camera.
         valid: bool [H', W'], of the other camera's pixels.
         target: the other camera.
     """

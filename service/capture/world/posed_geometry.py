@@ -68,8 +68,6 @@ def posed_geometry(
 
     Args:
         dataset: as read from the upload.
-        views: written of it.
-        images: folder of their images.
         settings: `depth_points`, and those of structure from motion.
         run: runs a task of structure from motion.
 

@@ -56,8 +56,6 @@ def find_tags(gray: NDArray[np.uint8], view: int, tags: range) -> list[TagSighti
 
     Args:
         gray: uint8 [H, W], undistorted.
-        view: index of the view.
-        tags: ids that count.
     """
     if not any(number in tags for number, _ in _detected(gray, cv2.aruco.CORNER_REFINE_NONE)):
         return []
@@ -135,11 +133,6 @@ def estimate_scale(
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
     """The capture in meters if tags in its pictures tell how long they are, else the same. Of a capture whose meters
     were estimated before, both estimates are combined (`metric_capture`).
-
-    Args:
-        capture: whose views lie on disk.
-        settings: which tags count, and their side.
-        report: hears how many views are done.
     """
     if settings.tag_side_m is None:
         return capture

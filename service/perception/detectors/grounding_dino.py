@@ -28,11 +28,9 @@ class GroundingDino:
     its tokens (as GLIP and mmdetection do), so that "red cup" needs both words.
 
     Args:
-        model: the ONNX file.
         tokenizer: its `tokenizer.json` (BERT's).
         prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and
             scores only the first of several; 1 is right for it.
-        name: the model's name, for messages.
         threads: see `open_session`.
 
     Raises:

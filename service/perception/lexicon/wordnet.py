@@ -74,7 +74,6 @@ class Lexicon:
 
     Args:
         folder: has the `FILES`.
-        name: the model's name in the manifest.
 
     Raises:
         ModelUnavailableError: a file is missing, empty or no file of WordNet.

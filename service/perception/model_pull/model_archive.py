@@ -51,8 +51,6 @@ def pack(models: Path, target: Path, names: Sequence[str] = (), *, manifest: Pat
     """Write models of the model directory into one file, which is there whole or not at all.
 
     Args:
-        models: the model directory.
-        target: the archive.
         names: manifest entries; none: all that the directory has whole.
         manifest: another manifest than the built-in one.
 

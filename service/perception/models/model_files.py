@@ -74,7 +74,6 @@ def known_digests(folder: Path, *, name: str) -> Mapping[str, str]:
     """Hex sha256 by file name, as far as it is known, of a model's files: by the manifest and the pull's receipt.
 
     Args:
-        folder: the model's.
         name: as a setting names the model; "adapter:folder" is in no manifest.
 
     Raises:

@@ -49,8 +49,6 @@ class PpOcr:
     which its file names in its metadata `character`, one a line; class 0 is the blank, the last one a space.
 
     Args:
-        detector, recognizer: ONNX files.
-        name: of the model, for messages.
         threads: see `open_session`.
 
     Raises:

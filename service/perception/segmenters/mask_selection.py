@@ -31,7 +31,6 @@ def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
     """To each of K box prompts the one answer that `select_mask` takes: logits [K, 1, h, w], quality [K, 1].
 
     Args:
-        answer: to the boxes.
         boxes: float32 [K, 4], pixels of the image.
     """
     on_grid = boxes * np.array(answer.scale * 2, np.float32)

@@ -32,7 +32,6 @@ def rasterize(
     Args:
         splats: G Gaussians with C channels; any C.
         viewmat: [4, 4], camera from world (OpenCV axes), rigid; its gradient is that of twelve free numbers.
-        camera: intrinsics and image size.
         background: [C], composited behind; None is zero.
         settings: cut-offs, the same forward and backward.
         backend: `reference` computes in float64, `cpu` and `cuda` in float32.
@@ -88,9 +87,7 @@ def accumulate_weights(
     Args:
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         values: [H, W, V], e.g. one-hot labels.
-        settings: cut-offs.
         backend: as for `rasterize`.
 
     Raises:
@@ -126,12 +123,10 @@ def label_map(
     Args:
         splats: the last D of the C feature channels are the codes; channels before them come back as `image`.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         weight: [N + 1, D], row 0 is the undetected class; 0 <= D <= C.
         bias: [N + 1].
         alpha_min: pixels that the scene covers less than this are class 0.
         relevancy: [N + 1], of each class to a query; asks for its expectation in every pixel.
-        settings: cut-offs.
         backend: as for `rasterize`.
 
     Raises:
@@ -177,9 +172,7 @@ def label_sums(
     Args:
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         labels: integers [H, W], below `classes`; pixels with a negative one count for nothing.
-        classes: bound on the labels.
         settings: cut-offs; `max_isects` bounds the entries of all Gaussians in all tiles as well.
         backend: as for `rasterize`.
 

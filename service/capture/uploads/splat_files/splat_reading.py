@@ -68,7 +68,6 @@ def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
     Infinite logits become opacities of 0 and 1, infinitely thin Gaussians very thin ones.
 
     Args:
-        path: the file.
         name: what messages call it.
         limits: checked before memory is taken.
 
