@@ -86,7 +86,7 @@ def load_labelling(directory: Path) -> Labelling:
                 tuple(entry["aliases"]),
                 int(entry["pixels"]),
                 int(entry["views"]),
-                float(entry.get("confidence", 1.0)),  # the first release wrote none
+                float(entry["confidence"]),
             )
             for entry in index["entries"]
         )

@@ -18,6 +18,7 @@ from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
+from tests.capture.upload_files import captured
 
 _GOOD = range(0, 40, 3)
 _POINTS = b"""ply
@@ -115,8 +116,7 @@ def test_a_camera_of_the_upload_that_folds_the_picture_costs_its_photo(upload, p
     document = json.dumps({**camera, "frames": frames}).encode()
     files = {f"{number}.jpg": photo(number) for number in range(3)}
     folder = upload({**files, "transforms.json": document, "points3d.ply": _POINTS})
-    validate_upload(folder, settings)
-    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    capture = captured(folder, settings)
     assert [view.posed.name for view in capture.views] == ["0.jpg", "2.jpg"]
     assert capture.report.unregistered == ("1.jpg",) and capture.report.images == 3
     assert [verdict.not_placed for verdict in capture.report.photos] == [None, "lens", None]

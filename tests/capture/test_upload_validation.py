@@ -31,35 +31,31 @@ def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8)
 
 
 @pytest.mark.parametrize("files", [{}, {"readme.txt": b"hello"}, {"labels/a.png": _ids()}])
-def test_no_images(files: dict[str, bytes], upload, settings, refused) -> None:
-    folder = upload(files)
-    with refused(InvalidInputError, "no images"):
-        validate_upload(folder, settings)
+def test_no_images(files: dict[str, bytes], refuses) -> None:
+    refuses(files, InvalidInputError, "no images")
 
 
-def test_one_image(upload, photo, settings, refused) -> None:
-    folder = upload({"alone.jpg": photo()})
-    with refused(InvalidInputError, "alone.jpg", "at least 2"):
-        validate_upload(folder, settings)
+def test_one_image(photo, refuses) -> None:
+    refuses({"alone.jpg": photo()}, InvalidInputError, "alone.jpg", "at least 2")
 
 
 @pytest.mark.parametrize("files", [{}, {"labels.json": b'["mug"]', "labels/alone.png": b""}])
-def test_the_only_image_is_not_an_image(files: dict[str, bytes], upload, settings, refused) -> None:
-    folder = upload({"alone.jpg": b"these are my holiday notes", **files})
-    with refused(CorruptImageError, "alone.jpg", "is not an image"):
-        validate_upload(folder, settings)
+def test_the_only_image_is_not_an_image(files: dict[str, bytes], refuses) -> None:
+    refuses({"alone.jpg": b"these are my holiday notes", **files}, CorruptImageError, "alone.jpg", "is not an image")
 
 
-def test_too_many_images(upload, photo, settings, refused) -> None:
-    folder = upload({f"{i}.jpg": photo(i) for i in range(5)})
-    with refused(LimitExceededError, "MAX_IMAGES"):
-        validate_upload(folder, settings.model_copy(update={"max_images": 4}))
+def test_too_many_images(photo, refuses) -> None:
+    refuses({f"{i}.jpg": photo(i) for i in range(5)}, LimitExceededError, "MAX_IMAGES", max_images=4)
 
 
-def test_phone_format(upload, settings, refused) -> None:
-    folder = upload({"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"})
-    with refused(InvalidInputError, "IMG_1.AVIF", "AVIF", "1 other of the upload"):
-        validate_upload(folder, settings)
+def test_phone_format(refuses) -> None:
+    refuses(
+        {"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"},
+        InvalidInputError,
+        "IMG_1.AVIF",
+        "AVIF",
+        "1 other of the upload",
+    )
 
 
 def _spoiled(photo) -> dict[str, bytes]:
@@ -97,7 +93,7 @@ def _spoiled(photo) -> dict[str, bytes]:
     }
 
 
-def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settings, refused) -> None:
+def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settings) -> None:
     """And is named under its own spelling, once."""
     good = {f"IMG_{number}.jpg": photo(number) for number in range(9)}
     spoiled = _spoiled(photo)
@@ -121,10 +117,13 @@ def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settin
         assert name in caught.value.message and caught.value.field == name
 
 
-def test_nothing_usable_is_left(upload, photo, settings, refused) -> None:
-    folder = upload({"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"})
-    with refused(CorruptImageError, "a.jpg", "2 others of the upload"):
-        validate_upload(folder, settings)
+def test_nothing_usable_is_left(photo, refuses) -> None:
+    refuses(
+        {"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"},
+        CorruptImageError,
+        "a.jpg",
+        "2 others of the upload",
+    )
 
 
 def test_a_label_map_that_does_not_fit_costs_its_photo(upload, photo, settings) -> None:
@@ -168,10 +167,8 @@ def test_link_in_the_upload(upload, photo, settings, refused) -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"no video", b"#EXTM3U\nhttp://example.org/a.ts\n", b"\0\0\0\x18ftypmp42" + bytes(400)]
 )
-def test_no_video(content: bytes, upload, settings, refused) -> None:
-    folder = upload({"walk.mp4": content})
-    with refused(InvalidInputError, "walk.mp4"):
-        validate_upload(folder, settings)
+def test_no_video(content: bytes, refuses) -> None:
+    refuses({"walk.mp4": content}, InvalidInputError, "walk.mp4")
 
 
 def _video(path: Path, frames: int) -> bytes:
@@ -198,16 +195,12 @@ def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, s
     assert validate_upload(folder, settings.model_copy(update={"max_video_frames_read": 31})).source == "video"
 
 
-def test_a_video_of_one_frame_is_refused(upload, settings, refused, tmp_path) -> None:
-    folder = upload({"walk.avi": _video(tmp_path / "video.avi", 1)})
-    with refused(InvalidInputError, "walk.avi"):
-        validate_upload(folder, settings)
+def test_a_video_of_one_frame_is_refused(tmp_path, refuses) -> None:
+    refuses({"walk.avi": _video(tmp_path / "video.avi", 1)}, InvalidInputError, "walk.avi")
 
 
-def test_two_videos(upload, settings, refused) -> None:
-    folder = upload({"a.mp4": b"x", "b.mp4": b"x"})
-    with refused(InvalidInputError, "2 videos"):
-        validate_upload(folder, settings)
+def test_two_videos(refuses) -> None:
+    refuses({"a.mp4": b"x", "b.mp4": b"x"}, InvalidInputError, "2 videos")
 
 
 def test_reduced_copies_and_masks_are_no_photos(upload, photo, settings) -> None:
@@ -269,11 +262,9 @@ def test_label_list() -> None:
         (["x" * 300], "name"),
     ],
 )
-def test_malformed_labels(document: Any, said: str, upload, photo, settings, refused) -> None:
+def test_malformed_labels(document: Any, said: str, photo, refuses) -> None:
     files = {"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}
-    folder = upload({**files, "labels.json": json.dumps(document).encode()})
-    with refused(InvalidInputError, "labels.json", said):
-        validate_upload(folder, settings)
+    refuses({**files, "labels.json": json.dumps(document).encode()}, InvalidInputError, "labels.json", said)
 
 
 @pytest.mark.parametrize(
@@ -285,24 +276,22 @@ def test_malformed_labels(document: Any, said: str, upload, photo, settings, ref
         ({"labels/c.png": _ids()}, ("labels/c.png",)),
     ],
 )
-def test_label_maps_that_do_not_fit(
-    files: dict[str, bytes], said: tuple[str, ...], upload, photo, settings, refused
-) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug", "table"]', **files})
-    with refused(InvalidInputError, *said):
-        validate_upload(folder, settings)
+def test_label_maps_that_do_not_fit(files: dict[str, bytes], said: tuple[str, ...], photo, refuses) -> None:
+    refuses(
+        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug", "table"]', **files}, InvalidInputError, *said
+    )
 
 
-def test_label_map_that_is_no_image(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug"]', "labels/a.png": b"text"})
-    with refused(CorruptImageError, "labels/a.png"):
-        validate_upload(folder, settings)
+def test_label_map_that_is_no_image(photo, refuses) -> None:
+    refuses(
+        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug"]', "labels/a.png": b"text"},
+        CorruptImageError,
+        "labels/a.png",
+    )
 
 
-def test_label_maps_without_names(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()})
-    with refused(InvalidInputError, "labels.json"):
-        validate_upload(folder, settings)
+def test_label_maps_without_names(photo, refuses) -> None:
+    refuses({"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}, InvalidInputError, "labels.json")
 
 
 def test_labels_follow_their_image(upload, photo, settings) -> None:

@@ -44,7 +44,7 @@ def turned(orientation: int) -> Image.Exif:
 def points_file(*points: tuple[float, float, float]) -> bytes:
     """A PLY in ASCII."""
     head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n" + "".join(f"property float {x}\n" for x in "xyz")
-    return (head + "end_header\n" + "".join("%.6f %.6f %.6f\n" % point for point in points)).encode()
+    return (head + "end_header\n" + "".join(f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points)).encode()
 
 
 def frames_of(names: Iterable[str], pose: np.ndarray | None = None) -> list[dict[str, Any]]:
