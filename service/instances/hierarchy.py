@@ -46,11 +46,10 @@ def find_hierarchy(
 ) -> Hierarchy:
     """Parts, things and groups among candidates.
 
-    From the smallest up, each candidate that enough views propose is compared with the things that lie in it. Where
-    these cover most of it, and what they cover, weighed by their support, is worth more than all of it weighed by its
-    own, it is a group of them (nothing where that is one alone), and they stay things. Otherwise it is a thing; of
-    those in it the ones whose edges the masks miss by less than its own stay things, as an apple in a bowl, and the
-    others are its parts. Candidates that too few views propose are parts of the smallest thing that they lie in.
+    From the smallest up, each candidate that enough views propose is compared with the things in it. Where these cover
+    most of it, and are worth more by their support than all of it by its own, it is a group of them. Otherwise it is a
+    thing: those in it whose edges the masks miss by less than its own stay things, the others are its parts. Candidates
+    that too few views propose are parts of the smallest thing that they lie in.
 
     Args:
         candidates: see `find_candidates`.

@@ -105,10 +105,8 @@ def name_things(
     names: Sequence[str],
     source: NameSource,
 ) -> Things:
-    """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
-
-    How probable a detected name is says `name_probability`. It is given from `NAMED_FROM`; otherwise it is suggested.
-    Of exact label maps the probability is the share of views.
+    """The same things, named from `NAMED_FROM` of `name_probability` (of exact label maps: the share of views), else
+    with suggestions; a name by a person stays.
 
     Args:
         things: T of them.

@@ -103,11 +103,10 @@ def prompted_mask(
 
 
 def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32) -> Mask | None:
-    """bool [H, W]: what a view shows where a piece is drawn, or None where too little of it is drawn or nothing that
-    the segmenter sees there is like it.
+    """bool [H, W]: what a view shows where a piece is drawn; None where too little is drawn or nothing is like it.
 
-    The prompts are the box of what is drawn, the pixel deepest inside, both, and that pixel with one beside it; an
-    answer counts by its overlap with the piece over all but what is unknown, times its stability.
+    The prompts are the box of what is drawn, the deepest pixel inside, both, and that pixel with one beside it; an
+    answer counts by its overlap with the piece times its stability.
 
     Args:
         segmenter: answers prompts.

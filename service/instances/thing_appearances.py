@@ -52,8 +52,7 @@ def with_appearances(
     looks: ClipImageText | None = None,
     backend: Backend = "cpu",
 ) -> Things:
-    """The same things, each with its descriptor and a small picture from the views that show most of it, and with its
-    looks; those that no view shows well stay without.
+    """The same things, each with its descriptor, a small picture and its looks from the views that show most of it.
 
     Args:
         things: of G Gaussians.

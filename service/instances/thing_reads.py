@@ -105,10 +105,9 @@ def with_reads(
 def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ...]:
     """What the views of one thing agree that is written on it.
 
-    Lines that hardly differ are one line; of its readings the one with most votes counts, a vote being the reader's
-    probability. Part of a line that is read whole elsewhere is no line of its own, and contradicts nothing. A line is
-    the surer the more views read it so, and the fewer read it otherwise. One view alone is not believed where many read
-    something.
+    Lines that hardly differ are one, of whose readings the one with most votes (probabilities) counts; a part of a line
+    that is read whole elsewhere is none. A line is the surer the more views read it so, and the fewer otherwise; one
+    view alone is not believed where many read something.
 
     Args:
         sightings: the number of a view, and what it shows written on the thing.

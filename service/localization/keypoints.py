@@ -33,8 +33,7 @@ class Keypoints:
 
 
 def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
-    """The strongest SIFT features (Lowe, IJCV 2004), described by the square roots of their histograms (RootSIFT,
-    Arandjelović and Zisserman, CVPR 2012).
+    """The strongest SIFT features (Lowe, IJCV 2004) as RootSIFT (Arandjelović and Zisserman, CVPR 2012).
 
     Args:
         picture: uint8 [H, W, 3], RGB.

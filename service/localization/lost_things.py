@@ -88,8 +88,7 @@ def lost_things(
 
 def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
     """Pieces of the scene's surfaces whose colors the photos do not have, and at whose border the color steps in the
-    scene, too: there something stood that is none of its things. Where the photos step many times more, something new
-    hides the surface.
+    scene, too, but not many times more in the photos: there stood something that is none of its things.
 
     Args:
         lost: things, whose pixels are explained.

@@ -44,10 +44,8 @@ def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matc
 
 
 def likest_views(landmarks: Landmarks, asked: NDArray[np.float32], count: int) -> list[int]:
-    """The photos of the scene that have most in common with another one, the likest first.
-
-    Each of the photo's strongest keypoints votes for a photo of the scene by how much likelier it finds itself there
-    than in the middle one of all photos, so that what looks the same everywhere has no say.
+    """The photos of the scene that have most in common with another one, the likest first. Each of its strongest
+    keypoints votes by how much likelier it finds itself there than in the middle one of all photos.
 
     Args:
         asked: float32 [K, 128], descriptors of length 1, the strongest first.

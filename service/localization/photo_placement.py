@@ -233,11 +233,8 @@ def _covariance(one: _Matched, pose: SolvedPose) -> F64:
 def _refined(
     one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose, how the photo compares from there, and whether the comparison has made it better.
-
-    Many matches are several times as exact as the pictures' comparison: only a pose that is less sure than that is
-    refined, and its covariance stays that of the matches.
-    """
+    """The pose, how the photo compares from there, and whether the comparison has made it better: only one that is less
+    sure than the comparison is refined."""
     picture, valid, first = one.photo.picture, one.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
     if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:

@@ -102,9 +102,8 @@ def compared(
 def refine_photometrically(
     photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, valid: NDArray[np.bool_] | None = None
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose from which the scene looks likest to the photo, near to a first one: Gauss-Newton steps on the
-    differences of gray values, each kept only if it makes them smaller (direct image alignment with the mean of both
-    pictures' gradients, as in ESM: Benhimane and Malis, IROS 2004).
+    """The pose near to a first one from which the scene looks likest to the photo: Gauss-Newton steps on the
+    differences of gray values, each kept only if it makes them smaller (as in ESM: Benhimane and Malis, IROS 2004).
 
     Args:
         photo: uint8 [H, W, 3].

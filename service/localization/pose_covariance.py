@@ -24,9 +24,8 @@ def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estim
     """float64 [6, 6]: the covariance of position and rotation, as geometry_msgs/PoseWithCovariance orders them: x, y, z
     of the camera's center (scene units) and small rotations about the world's axes x, y, z (radians).
 
-    σ² (JᵀJ)⁻¹ of the least squares over the matches, J how a pixel moves with the pose, and with the focal length
-    where that was estimated as well; σ by the median of what the residuals are (Hartley and Zisserman, Multiple View
-    Geometry, 5.2.3), times √17 for errors that matches share.
+    σ² (JᵀJ)⁻¹ over the matches, with the focal length where that was estimated; σ by the median residual (Hartley and
+    Zisserman, 5.2.3), times √17 for errors that matches share.
 
     Args:
         pixels: float64 [N, 2], where the photo shows the inliers, N ≥ 4, before the camera.

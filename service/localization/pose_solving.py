@@ -143,9 +143,8 @@ def _world_from_camera(viewmat: Any) -> F64:
 
 
 def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float = 0.0) -> float:
-    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and COLMAP's SIMPLE_RADIAL have
-    it: the scene's own photos were undistorted, one that comes is as its lens made it. 0 where too few matches tell, or
-    where it explains hardly anything.
+    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²), beside the scene's undistorted photos; 0
+    where too few matches tell, or where it explains hardly anything.
 
     Args:
         pixels: float64 [M, 2], where the photo shows each match.

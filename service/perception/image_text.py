@@ -1,9 +1,5 @@
-"""Image-text models: one network embeds pictures, another texts, so that what belongs together lies close together.
-
-Contrastively trained pairs of towers as CLIP's (Radford et al. 2021, "Learning transferable visual models from natural
-language supervision"), whose preparation of pictures this is: resized to a square, less the mean and over the deviation
-of its training pictures.
-"""
+"""Image-text models: one network embeds pictures, another texts, so that what belongs together lies close together, as
+CLIP (Radford et al. 2021), whose preparation of pictures this is."""
 
 from __future__ import annotations
 

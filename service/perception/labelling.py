@@ -70,11 +70,9 @@ def label_capture(
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
-    Label maps that came with the capture are taken as they are, and no model runs. Otherwise the views together decide
-    which detections stand (`resolve_detections`). Then boxes become masks and masks the regions of a view
-    (`_segment_regions`), overlaps going to the smaller mask, in the order in which views show most of the capture's
-    points (`covering_order`). With each region stays what its rivals were called (`region_votes`): once there is
-    geometry, the views vote again.
+    Label maps that came with the capture are taken as they are. Otherwise the views together decide which detections
+    stand (`resolve_detections`); boxes become masks and masks regions (`_segment_regions`), in the order in which views
+    show most of the capture's points (`covering_order`), with what rivals were called (`region_votes`).
 
     Args:
         capture: registered images.
@@ -197,8 +195,7 @@ class _LabelMaps:
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:
     """Positions of the views whose masks are looked for anyway, and for each class that none of them shows of the view
-    that shows it best. Further views would only vote again on names: of three captures' 49 things one gains and one
-    loses its name without them, both within 2 % of the bound.
+    that shows it best.
 
     Args:
         objects: of each view.

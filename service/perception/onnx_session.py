@@ -98,10 +98,8 @@ def file_sha256(path: Path) -> str:
 
 
 def _outputs(names: Sequence[str]) -> bytes:
-    """An ONNX model of nothing but outputs of these names: behind the bytes of another model, protobuf merges the two.
-
-    Field numbers as in onnx.proto: `ModelProto.graph` 7, `GraphProto.output` 12, `ValueInfoProto.name` 1.
-    """
+    """An ONNX model of nothing but outputs of these names (`ModelProto.graph` 7, `GraphProto.output` 12,
+    `ValueInfoProto.name` 1): behind another model's bytes, protobuf merges the two."""
     return _field(7, b"".join(_field(12, _field(1, name.encode())) for name in names))
 
 

@@ -1,8 +1,5 @@
-"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector.
-
-As in FAST-Splat (Shorinwa et al. 2024), where RAM (Zhang et al. 2023, "Recognize Anything") proposes the classes that a
-detector then looks for.
-"""
+"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector,
+as in FAST-Splat with RAM (Zhang et al. 2023)."""
 
 from __future__ import annotations
 

@@ -35,10 +35,9 @@ _SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
 def machine_speed(backend: Backend = "cpu") -> Speed:
     """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
 
-    A round of `steps` does what an optimization step does: 8,000 Gaussians with 11 channels rendered to 240×180 pixels,
-    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. A round of `networks` is
-    what those that look consist of: a convolution, and a product of matrices with GELU. The mean counts, so that other
-    work on the machine slows the figures as it will slow the run.
+    A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
+    photo; one of `networks` is a convolution and a product of matrices. The mean counts, so that other work slows the
+    figures as it will slow the run.
     """
     threads = torch.get_num_threads()
     networks = _NETWORK_S / _mean(_network())

@@ -1,8 +1,5 @@
-"""How a job's time budget is divided over its stages.
-
-The budget (`SceneOptions.time_budget_s`) covers everything after the capture stage: perception, training and export.
-How long poses take to find cannot be predicted; the budget starts to count when they are there.
-"""
+"""How a job's time budget (`SceneOptions.time_budget_s`) is divided over perception, training and export. It starts to
+count when poses are there: how long these take cannot be predicted."""
 
 from __future__ import annotations
 

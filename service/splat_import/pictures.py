@@ -50,9 +50,8 @@ def render_views(
     up: UpAxis | None = None,
     backend: Backend = "cpu",
 ) -> Capture:
-    """The capture of a validated upload that is a splat alone, written to `out_dir`, which appears only when complete.
-
-    Its world is the splat's own. Pixels in which little of the splat is seen are marked as having no content.
+    """The capture of a validated upload that is a splat alone, in its world, written to `out_dir`, which appears only
+    when complete.
 
     Args:
         validated_dir: `ValidatedUpload.folder`.

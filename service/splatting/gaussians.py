@@ -73,8 +73,7 @@ def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:
 def final_gaussians(
     parameters: Mapping[str, Tensor], cull_opacity: float, *, keep_rows: bool = False
 ) -> tuple[Gaussians, SemanticHead]:
-    """Gaussians with an opacity above `cull_opacity` in Morton order, or all in the run's order with `keep_rows`, and
-    the head.
+    """Gaussians above `cull_opacity` in Morton order, or all in the run's order with `keep_rows`, and the head.
 
     Raises:
         TrainingDivergedError: a parameter is not finite.

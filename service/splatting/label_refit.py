@@ -1,13 +1,9 @@
 """Labels fitted once more when color and geometry are final.
 
-Pixels blend codes, and many blends look right whose parts are not: codes that are trained through pixels alone leave
-the label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps
-lead. Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label,
-and then a few looks at every view fit all codes to pixels and to those labels at once.
-
-The more pixels a Gaussian fills, the less it is held to one label: pixels say enough of it. What few views show has no
-Gaussians of its own; large ones draw it that other views show as something else, and held to that they would lose it,
-the more the longer the run was.
+Codes that are trained through pixels alone leave the label of a single Gaussian open, above all where it hardly shows.
+Here Gaussians whose code contradicts the label that the label maps say get that label's mean code; then a few looks at
+every view fit all codes to pixels and to those labels at once. Large Gaussians are held to one label less: what few
+views show is drawn by large ones that other views show as something else.
 """
 
 from __future__ import annotations

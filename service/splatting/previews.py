@@ -78,12 +78,9 @@ UNWATCHED = TrainingWatch()
 
 
 class PreviewBudget:
-    """Says when a picture is due: the first at once, then ever more seldom, and never so that all pictures together
-    would take more than `PREVIEW_SHARE` of the time since the start.
-
-    The next one is expected to cost what the last one did. What the first costs nobody knows before it is made, so the
-    second waits until the first is paid for.
-    """
+    """Says when a picture is due: the first at once, the second when the first is paid for, then ever more seldom, and
+    never so that all would take more than `PREVIEW_SHARE` of the time. The next one is expected to cost what the last
+    one did."""
 
     def __init__(self) -> None:
         self._spent_s = self._last_cost_s = 0.0

@@ -1,10 +1,5 @@
 """Groups of regions of several views that cover the same Gaussians, without a full matrix of regions × regions or ×
-Gaussians.
-
-In memory are one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), one number for
-each Gaussian and view and for each region and view (4 bytes), and one entry for each two regions that overlap
-(12 bytes).
-"""
+Gaussians: in memory are entries for what overlaps, and one number for each Gaussian or region and view."""
 
 from __future__ import annotations
 

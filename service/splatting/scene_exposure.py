@@ -1,8 +1,7 @@
 """The exposure that a scene is shown with whose photos differ in exposure.
 
-The corrections have a mean of zero, so that the scene has the photos' mean exposure: what only the darker photos show
-below white would be burnt out in it. A finished scene is therefore darkened as far as it has something to show; a run
-that goes on from it begins with the photos' mean exposure again (`photometric_training.continued_corrections`).
+The corrections have a mean of zero: what only the darker photos show below white would be burnt out. A finished scene
+is therefore darkened as far as it has something to show.
 """
 
 from __future__ import annotations

@@ -35,10 +35,8 @@ def view_evidence(
     undetected_weight: float = 1.0,
     backend: Backend = "cpu",
 ) -> Evidence:
-    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
-
-    The same input gives the same integers on one kind of processor, so what was added with `merged` can be taken away
-    with `without`.
+    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel, so that what was
+    added with `merged` can be taken away with `without`.
 
     Args:
         gaussians: G of them.

@@ -17,12 +17,10 @@ from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.depth_maps import load_depth
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.sfm.pose_refinement import refusal
-from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.capture.world.scale_estimates import combined_estimate
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError
@@ -166,17 +164,6 @@ def test_bad_files(frames, tmp_path: Path, refuses) -> None:
     ):
         refuses({**files, name: content}, kind, text, strict=True)
     refuses(files, LimitExceededError, "metadata has", " bytes", max_json_bytes=100, strict=True)
-
-
-def test_estimates_of_a_scale_are_combined() -> None:
-    tags = ScaleEstimate("tags", 1.01, 0.005)
-    both = combined_estimate(ScaleEstimate("arkit", 1.0, 0.05), tags)
-    assert both.source == "tags+arkit" and 1.0098 < both.meters_per_unit < 1.01
-    assert both.relative_error_95 < 0.005
-    coarse = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.0, 0.04))
-    assert coarse.source == "sensor_depth+tags"
-    against = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.2, 0.02))
-    assert against.relative_error_95 > 0.08 and 1.09 < against.meters_per_unit < 1.1
 
 
 @pytest.fixture(scope="module")

@@ -98,7 +98,7 @@ def test_versions_share_their_photos_or_have_none(tmp_path: Path) -> None:
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
     for folder in (first, second, third):
         folder.mkdir()
-    share_photos(first, third)  # a version of an earlier release
+    share_photos(first, third)  # a version without photos
     assert list(third.iterdir()) == []
     write_photos(_capture(tmp_path, (64, 48), (48, 64)), first, PhotoSettings())
     share_photos(first, second)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,15 +17,14 @@ from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
+from tests.capture.upload_files import PINHOLE, encoded, frames_of, points_file, turned, video_file
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:
     ids = np.zeros(size[::-1], dtype)
     for row, value in enumerate(values):
         ids[row] = value
-    stream = io.BytesIO()
-    Image.fromarray(ids).save(stream, "PNG")
-    return stream.getvalue()
+    return encoded(ids)
 
 
 @pytest.mark.parametrize("files", [{}, {"readme.txt": b"hello"}, {"labels/a.png": _ids()}])
@@ -67,27 +64,22 @@ def _spoiled(photo) -> dict[str, bytes]:
     absurd.get_ifd(0x8769).update({0x829A: float("nan"), 0xA405: 65_000, 0x9003: "99:99:99"})
     places.get_ifd(0x8825).update({1: "Q", 2: (999.0, 1e9, 999.0), 6: 4e9})
 
-    def saved(image: Image.Image, form: str, **options: Any) -> bytes:
-        stream = io.BytesIO()
-        image.save(stream, form, **options)
-        return stream.getvalue()
-
-    flipped = bytearray(saved(noise, "PNG"))
+    flipped = bytearray(encoded(noise))
     flipped[len(flipped) // 2] ^= 0xFF
     return {
         "Zz_bad.jpg": rng.bytes(3_000),
         "cut.JPG": photo(1, (256, 192))[:2_000],
-        "cut.png": saved(noise, "PNG")[:4_000],
+        "cut.png": encoded(noise)[:4_000],
         "flipped.png": bytes(flipped),
         "empty.jpg": b"",
         "notes.jpg": b"these are my holiday notes",
         "a paper.jpeg": b"%PDF-1.7 " + rng.bytes(500),
-        "waving.webp": saved(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
-        "waving.gif": saved(noise, "GIF"),
+        "waving.webp": encoded(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
+        "waving.gif": encoded(noise, "GIF"),
         "raw.DNG": b"II*\0" + rng.bytes(500),
-        "IMG\u202f5.tif": saved(Image.fromarray(np.full((48, 64), -7, np.int32)), "TIFF"),
-        "huge.png": saved(Image.new("1", (30_000, 30_000)), "PNG"),
-        "lab.tif": saved(noise.convert("LAB"), "TIFF"),
+        "IMG\u202f5.tif": encoded(Image.fromarray(np.full((48, 64), -7, np.int32)), "TIFF"),
+        "huge.png": encoded(Image.new("1", (30_000, 30_000)), "PNG"),
+        "lab.tif": encoded(noise.convert("LAB"), "TIFF"),
         "absurd.jpg": photo(30, exif=absurd),
         "nowhere.jpg": photo(31, exif=places),
     }
@@ -142,10 +134,9 @@ def test_what_is_admitted_can_be_decoded(tmp_path: Path, settings) -> None:
     image = Image.fromarray(rng.integers(0, 256, (24, 32), np.uint8)).convert("P")
     admitted = 0
     for form in ("PNG", "TIFF", "BMP", "JPEG"):
-        stream = io.BytesIO()
-        image.convert("L").save(stream, form)
+        whole = encoded(image.convert("L"), form)
         for _ in range(150):
-            content = np.frombuffer(stream.getvalue(), np.uint8).copy()
+            content = np.frombuffer(whole, np.uint8).copy()
             content[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
             (tmp_path / "a.png").write_bytes(content.tobytes())
             try:
@@ -172,13 +163,7 @@ def test_no_video(content: bytes, refuses) -> None:
 
 
 def _video(path: Path, frames: int) -> bytes:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
-    for index in range(frames):
-        writer.write(np.full((48, 64, 3), 5 * index, np.uint8))
-    writer.release()
-    content = path.read_bytes()
-    path.unlink()
-    return content
+    return video_file(path, [np.full((48, 64, 3), 5 * index, np.uint8) for index in range(frames)])
 
 
 def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, settings, refused, tmp_path) -> None:
@@ -296,19 +281,12 @@ def test_label_maps_without_names(photo, refuses) -> None:
 
 def test_labels_follow_their_image(upload, photo, settings) -> None:
     """Drawn upright for a photo stored on its side; undistorted with it; ids renumbered without gaps."""
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    frames = [{"file_path": f"{name}.jpg", "transform_matrix": np.eye(4).tolist()} for name in "ab"]
-    document = {"w": 64, "h": 48, "fl_x": 60, "cx": 32, "cy": 24, "k1": 0.1, "frames": frames}
-    head = "ply\nformat ascii 1.0\nelement vertex 1\n"
-    points = f"{head}property float x\nproperty float y\nproperty float z\nend_header\n0 0 1\n".encode()
+    document = {**PINHOLE, "k1": 0.1, "frames": frames_of(["a.jpg", "b.jpg"])}
     top_left = np.zeros((64, 48), np.uint8)
     top_left[:32, :24] = 40
-    stream = io.BytesIO()
-    Image.fromarray(top_left).save(stream, "PNG")
-    files = {"a.jpg": photo(1, exif=exif), "b.jpg": photo(2), "points3d.ply": points}
+    files = {"a.jpg": photo(1, exif=turned(6)), "b.jpg": photo(2), "points3d.ply": points_file((0, 0, 1))}
     files |= {"transforms.json": json.dumps(document).encode(), "labels.json": b'{"sky": 30, "roof": 40}'}
-    folder: Path = upload({**files, "labels/a.png": stream.getvalue()})
+    folder: Path = upload({**files, "labels/a.png": encoded(top_left)})
     assert validate_upload(folder, settings).has_labels
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     labels = capture.given_labels

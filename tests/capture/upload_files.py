@@ -21,10 +21,11 @@ PINHOLE = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0}
 """The camera of a `transforms.json` for photos of `photo_file`."""
 
 
-def encoded(pixels: np.ndarray, form: str = "PNG", **options: Any) -> bytes:
+def encoded(picture: np.ndarray | Image.Image, form: str = "PNG", **options: Any) -> bytes:
     """A picture as a file."""
     stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, form, **options)
+    image = picture if isinstance(picture, Image.Image) else Image.fromarray(picture)
+    image.save(stream, form, **options)
     return stream.getvalue()
 
 

@@ -66,10 +66,8 @@ def write_manifest(manifest: UploadManifest, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
-    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it.
-
-    A process that met a stranger's bytes wrote them, so that they are trusted no further than it was: every path stays
-    below the folder of files, and nothing in it is a link.
+    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it. A process
+    that met a stranger's bytes wrote them: every path must stay below that folder, and nothing be a link.
 
     Raises:
         InvalidInputError: there is no validated upload, or it leads elsewhere.

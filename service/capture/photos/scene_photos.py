@@ -1,8 +1,7 @@
 """Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
 
-A photo's number is that of its camera in the scene. The copies are undistorted as trained, so that they fit the pinhole
-cameras that the scene serves, and are made of pixels alone: what else the file said (place, device) is left out. When
-they were taken stands in the scene's quality (`TAKEN_AT`). Photos of observations lie beside them, below `observed/`.
+A photo's number is that of its camera. The copies are undistorted, as the scene's pinhole cameras, and made of pixels
+alone, without place or device. Photos of observations lie below `observed/`.
 """
 
 from __future__ import annotations

@@ -1,8 +1,5 @@
-"""Cameras and points while structure from motion places them: written by its child process, read by the parent.
-
-COLMAP writes a snapshot of its model after every so many images; of each the child leaves a thinned copy as one file,
-and removes the snapshot. The parent trusts nothing in it.
-"""
+"""Cameras and points while structure from motion places them: thinned copies of COLMAP's snapshots, written by its
+child process as one file and read by the parent, which trusts nothing in it."""
 
 from __future__ import annotations
 

@@ -94,9 +94,7 @@ def upright_photos(
     left_out: dict[str, NotPlaced],
 ) -> Iterator[SfmImage]:
     """The images of an upload's photos, each written below `images` as it is asked for; panoramas become their faces.
-
-    What `held` withholds is looked for in every image, of a panorama in each of its faces, and left out of all of them.
-    Photos that cannot be read are named in `left_out`.
+    What `held` withholds is left out of all faces. Photos that cannot be read are named in `left_out`.
 
     Raises:
         InvalidInputError: a photo is to be a panorama and cannot be one, or two views would have one name.

@@ -1,8 +1,5 @@
-"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them.
-
-A model of 158 bytes can make a trusting reader allocate gigabytes, and a cut-off one can pass with zero intrinsics; so
-every read here is bounded by what the file really holds, and every number is checked.
-"""
+"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them: every read is
+bounded by what the file really holds, and every number is checked."""
 
 from __future__ import annotations
 

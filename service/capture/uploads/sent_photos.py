@@ -1,8 +1,5 @@
-"""Single photos that come with a request, not as a capture: decoded by a confined child, upright and reduced.
-
-A child takes most of a second to start, and serves one request, so that what one caller's photo does to it is never
-felt by another. A spare one is therefore started ahead, for the next request.
-"""
+"""Single photos that come with a request: decoded by a confined child, upright and reduced. A child serves one request,
+so that no caller's photo harms another's; a spare one is started ahead."""
 
 from __future__ import annotations
 

@@ -54,10 +54,8 @@ class UploadContents:
 
 
 def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
-    """The kind and the parts of an upload.
-
-    Poses take precedence over images, a transforms.json over a COLMAP model, that over a phone's recording, a shallower
-    file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
+    """The kind and the parts of an upload. Poses take precedence over images and over a splat's own, a transforms.json
+    over a COLMAP model, that over a phone's recording, a shallower file over a deeper one.
 
     Args:
         left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.

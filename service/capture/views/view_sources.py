@@ -172,9 +172,8 @@ def view_depth(
     decoder: ImageDecoder,
     root: Path,
 ) -> tuple[F32, Camera]:
-    """A depth map float32 [H, W] of a posed image's view, scene units, 0 where unknown, and its pinhole camera.
-
-    A map keeps its own pixels: blown up to a photo's size it would have values where nothing was measured.
+    """A depth map float32 [H, W] of a posed image's view in its own pixels, scene units, 0 where unknown, and its
+    camera.
 
     Args:
         image: the image, whose camera model is for the photo as stored.

@@ -100,11 +100,8 @@ def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSe
 def reduced_camera(
     posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings
 ) -> tuple[CameraModel, int, tuple[int, int]]:
-    """The camera of a posed image's pixels as they lie once they are reduced, how many clockwise quarter turns make
-    them upright, and their upright (width, height).
-
-    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
-    """
+    """The camera of a posed image's reduced pixels, how many clockwise quarter turns make them upright, and their
+    upright (width, height). Intrinsics are for stored pixels unless their size fits upright ones only."""
     stored = posed_image.camera_model
     turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
     size = reduced_size(*photo.upright_size, settings.max_side)

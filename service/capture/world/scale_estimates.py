@@ -33,9 +33,8 @@ def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[flo
     """How long a unit of the world is in units of the depth maps, and its relative standard error; None where they do
     not tell.
 
-    In every view the measured depths are divided by those of the points that fall on them; a view's answer is their
-    median, the views' is the median of these. The standard error is that of a median of independent views (1.2533 σ/√n,
-    σ by the median absolute deviation).
+    A view's answer is the median ratio to its points, the views' the median of these (error 1.2533 σ/√n by the median
+    absolute deviation).
 
     Args:
         views: with poses in the world; those without depth say nothing.
@@ -79,9 +78,8 @@ def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstim
 
 
 def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
-    """The capture in meters by an estimate of its present unit; where it is in meters by an estimate already, by both
-    of them. What the report says of the scale is of the unit that the world had before the first one.
-    """
+    """The capture in meters by an estimate of its present unit, and by the earlier one where there is one; the report's
+    scale is of the first unit."""
     before, both = capture.report.scale, estimate
     if before is not None:
         both = combined_estimate(replace(before, meters_per_unit=1.0), estimate)

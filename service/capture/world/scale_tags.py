@@ -1,9 +1,7 @@
 """Meters by printed tags: AprilTags of a known side, found in the photos, tell how long a scene unit is.
 
-Corners of a tag are found in every view (OpenCV's ArUco detector, family 36h11, Olson 2011), triangulated over the
-views by least squares of their reprojection errors, and the four sides of the square are compared with the printed
-side. How sure that is says a jackknife over the views (Tukey 1958; Efron and Stein 1981): it counts errors of the
-corners and those of the poses alike, because both change from view to view.
+Corners (ArUco, family 36h11) are triangulated over the views, and the sides of the square compared with the printed
+side. How sure that is says a jackknife over the views, which counts errors of corners and poses alike.
 """
 
 from __future__ import annotations
@@ -131,9 +129,8 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in meters if tags in its pictures tell how long they are, else the same. Of a capture whose meters
-    were estimated before, both estimates are combined (`metric_capture`).
-    """
+    """The capture in meters if tags in its pictures tell how long they are, with what was estimated before; else the
+    same."""
     if settings.tag_side_m is None:
         return capture
     sightings = []

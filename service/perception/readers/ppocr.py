@@ -1,11 +1,6 @@
-"""Written lines of pictures by PP-OCR: one network finds them, one reads them.
-
-The first, the detector, is a DBNet (Liao et al. 2020, "Real-time scene text detection with differentiable
-binarization"): its output is the probability that a pixel is of a line's inner area, which is a shrunk one, so that
-lines do not touch. The second, the recognizer, reads a line of 48 pixels' height: rows of probabilities over
-characters, as CTC has them (Graves et al. 2006): a character that repeats counts once, and a blank stands between two
-equal ones.
-"""
+"""Written lines of pictures by PP-OCR: a DBNet (Liao et al. 2020) gives the probability that a pixel is of a line's
+shrunk area, and a recognizer reads lines of 48 pixels' height by CTC (Graves et al. 2006): a repeated character counts
+once, and a blank stands between two equal ones."""
 
 from __future__ import annotations
 

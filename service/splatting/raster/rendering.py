@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
+from fastsplat.service.scene.types import MAX_SH_DEGREE
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
@@ -116,8 +116,7 @@ def label_map(
 ) -> LabelMap:
     """The most probable class of every pixel: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
 
-    The composited code is not divided by alpha: that is what the training loss sees. Logits are held within ±1e30, as
-    in that loss. `cpu` never writes codes of up to 16 numbers (with the image's channels) to memory; `reference`
+    As in the training loss, the composited code is not divided by alpha, and logits are held within ±1e30. `reference`
     computes in float64, the others in float32.
 
     Args:
@@ -166,8 +165,7 @@ def label_sums(
 ) -> LabelSums:
     """Σ_p w_g(p)·1[labels(p) = n] for every Gaussian g and label n (FlashSplat's evidence; Shen et al. 2024).
 
-    Sparse, because a Gaussian is seen through few labels: memory grows with what is there, not with `classes`; use
-    `LabelSums.dense` for a matrix. The bits do not depend on the number of threads. No gradient.
+    Sparse: memory grows with what is there. The bits do not depend on the number of threads. No gradient.
 
     Args:
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
