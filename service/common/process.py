@@ -40,7 +40,6 @@ def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKI
     Args:
         parent_pid: process id of the parent, which the parent hands to the child; asking for it in the child would be
             too late.
-        death_signal: what the kernel sends.
 
     Raises:
         OSError: the kernel refuses.

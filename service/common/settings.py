@@ -57,7 +57,6 @@ def environment_variable(group: type[BaseModel], field: str) -> str:
 
     Args:
         group: a `SettingGroup` with a section, or the settings object of the whole service itself.
-        field: one of its fields.
 
     Raises:
         AttributeError: it has no such setting.

@@ -13,8 +13,7 @@ from fastsplat.service.instances.settings import DiscoverySettings
 _LEAST_SUPPORT = 0.35
 """Candidates with less are chance."""
 _LEAST_CONSENSUS = 0.4
-"""Share of the views that see most of a candidate that must propose it for it to be a thing. What fewer propose is a
-patch of a floor, or two things that were once seen as one; in a thing it may be a part."""
+"""Share of the views that see most of a candidate that must propose it for it to be a thing; else it may be a part."""
 _INSIDE = 0.8
 """Share of a candidate's weight inside a larger one from which it is the larger one's child."""
 _SMALLER = 0.8

@@ -26,8 +26,7 @@ _EATEN = 0.8
 _DOUBT = 0.5
 """What such an answer, and one that contradicts the prompt's pixels, scores of what it would."""
 _NEARLY, _LARGER = 0.75, 5.0
-"""The largest of the answers that score this share of the best one's, and are at most so many times as large, is meant:
-a click on a thing is hardly meant for a part of it. Chosen on table and sample."""
+"""The largest answer with this share of the best one's score, and at most so many times as large, is meant."""
 _AGREES = 0.6
 """Overlap times stability from which an answer is taken for what is drawn."""
 _AROUND = 0.5
@@ -109,7 +108,6 @@ def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32
     answer counts by its overlap with the piece times its stability.
 
     Args:
-        segmenter: answers prompts.
         drawn: float32 [H, W, 3], shares of each pixel: of the piece, known to be none of it, unknown.
     """
     piece, other = drawn[..., 0], drawn[..., 1]

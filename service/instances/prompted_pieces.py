@@ -43,11 +43,9 @@ class PromptedScene:
     Attributes:
         gaussians: G of them.
         region: bool [G]: the thing that a piece is cut out of; None for a missing thing, which may have all Gaussians.
-        segmenter: answers prompts.
         embed: what the segmenter needs to know of the picture of a view, see `Segmenter.embed`.
         further: cameras that show Gaussians (their rows) well, other than the one that was prompted in, best first; of
             the size that pictures have.
-        backend: which rasterizer.
     """
 
     gaussians: Gaussians

@@ -48,7 +48,6 @@ class MaskedView:
     """A view at the size at which masks are lifted; masks stay packed until they are read.
 
     Attributes:
-        posed: its camera.
         proposals: masks without names.
         valid_path: the picture of the pixels that have content; None when all do.
     """

@@ -97,7 +97,6 @@ def votes_of_views(
     """What the regions of views call the things of a scene, see `count_votes`.
 
     Args:
-        gaussians: G of them.
         used: the views that were looked at, and what was found in each, which may be nothing.
         labels: number of names that regions vote for.
     """

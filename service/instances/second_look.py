@@ -46,8 +46,6 @@ def shares_seen(
     last of those that belong to no thing.
 
     Args:
-        gaussians: G of them.
-        things: T of them.
         cameras: V views.
         settings: at which size views are looked at.
     """
@@ -116,7 +114,6 @@ def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, nam
     that.
 
     Args:
-        things: T of them.
         sighted: for ids of things the probability of each text, 0..1; ids that are no thing's are left out.
         name_probability: the bound, 0..1.
     """

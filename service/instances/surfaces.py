@@ -139,7 +139,6 @@ def join_surfaces(
     of a larger one stays.
 
     Args:
-        owners: of G Gaussians.
         things, surfaces, gaussians, size: as for `find_surfaces`.
     """
     result = owners.copy()

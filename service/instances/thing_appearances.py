@@ -55,8 +55,6 @@ def with_appearances(
     """The same things, each with its descriptor, a small picture and its looks from the views that show most of it.
 
     Args:
-        things: of G Gaussians.
-        gaussians: G of them.
         views: of the capture; of many, 16 spread evenly.
         encoder: makes the features; None: things get neither descriptor nor picture.
         max_side: things are drawn at this many pixels on the image's longer side.

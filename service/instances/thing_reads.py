@@ -44,8 +44,7 @@ _TRUST = 0.8
 """What the reader's own probability counts: it knows its letters, and not what a slanted view hides of them."""
 _LEAST_PROBABILITY = 0.5
 _MANY = 4
-"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part;
-chosen on the validation rooms of `benchmarks.reads`."""
+"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part."""
 
 Sightings = Mapping[int, Sequence[tuple[int, Writing]]]
 """By thing: the number of a view, and what it shows written on the thing."""
@@ -80,8 +79,6 @@ def with_reads(
     Only pixels that may be used are read: what a photo withholds (`load_content`) says nothing.
 
     Args:
-        things: of G Gaussians.
-        gaussians: G of them.
         views: of the capture; of many, at most 32 are read: those that show most of some thing.
         reader: of lines; None: only codes are read.
         max_side: things are drawn at this many pixels on the image's longer side.

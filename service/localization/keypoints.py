@@ -37,7 +37,6 @@ def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
 
     Args:
         picture: uint8 [H, W, 3], RGB.
-        most: at most so many.
     """
     gray = np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
     detector = cv2.SIFT.create(most, contrastThreshold=_CONTRAST, enable_precise_upscale=True)

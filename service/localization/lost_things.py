@@ -28,9 +28,8 @@ _LEAST_STEP = 1e-3
 _TOUCHING = np.ones((15, 15), np.uint8)
 """Pixels: what is 7 away still touches."""
 STEPS = 2.5
-"""Times the scene's step of color at a border that the photos' is from which on something stands there that the scene
-has not: a gap between books is dark, and steps as much as the book did; what is new on a plain surface steps five times
-as much."""
+"""Times the scene's step of color at a border from which on something else stands there: a dark gap between books steps
+as much as the book did, what is new on a plain surface five times as much."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,6 @@ def likest_views(landmarks: Landmarks, asked: NDArray[np.float32], count: int) -
 
     Args:
         asked: float32 [K, 128], descriptors of length 1, the strongest first.
-        count: at most so many.
     """
     sizes = np.diff(landmarks.starts)
     there = np.flatnonzero(sizes)

@@ -83,10 +83,8 @@ class PlacedPhoto:
 
     Attributes:
         refusal: why it has no pose; None where it has one.
-        evidence: what speaks for the pose.
         posed: its camera, of the picture's size; None where it is refused.
         covariance: float64 [6, 6], see `pose_covariance`; None where it is refused.
-        focal_source: what said the focal length.
         refined: whether the comparison with the scene's picture has improved the pose.
         comparison: photo and scene from there; None where it is refused.
         radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.

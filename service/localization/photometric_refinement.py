@@ -23,9 +23,8 @@ COMPARED_SIDE = 320
 """Photo and scene are compared at so many pixels on the longer side."""
 
 COMPARISON_DEVIATION_PX = 1.2
-"""Of these pixels: how exact the pose is from which the scene looks likest: 0.7, measured on validation photos of two
-scenes with true poses, with the margin that the covariance of other poses has for what is shared, √(17/6). A splat is
-blurred, and its picture looks likest a little beside the truth."""
+"""Of these pixels: how exact the pose is from which the scene looks likest: 0.7, measured on two validation scenes,
+with the margin for what is shared, √(17/6)."""
 
 _STEPS = 6
 _SURE = 0.3

@@ -15,9 +15,8 @@ _LEAST_PX = 0.3
 """No pose is surer than keypoints that are so many pixels off: SIFT finds them to about a third of a pixel."""
 _LEAST_TOLD = 1e-9
 _SHARED = 17.0
-"""Times this is a variance larger than of independent errors: places of one photo of the scene are off together, and so
-are its own poses. Chosen so that it holds for 95 % of validation photos and photos of the scene itself, each placed
-without its own landmarks; see docs/measuring.md."""
+"""Times this is a variance larger than of independent errors, as places of one photo are off together; chosen so that
+it holds for 95 % of validation photos, see docs/measuring.md."""
 
 
 def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estimated: bool) -> F64:

@@ -18,8 +18,7 @@ from fastsplat_contract.localize_messages import FocalSource
 F64 = NDArray[np.float64]
 
 _ERROR_SHARE = 0.006
-"""Of the picture's longer side: as far as an inlier may be from where the pose puts it. The places on the surfaces, not
-the keypoints, are what is not exact."""
+"""Of the picture's longer side: as far as an inlier may be from where the pose puts it; places are not exact."""
 _TRIALS = 3_000
 _CONFIDENCE = 0.9999
 _FOCALS = (0.6, 0.75, 0.95, 1.2, 1.6)
@@ -40,10 +39,8 @@ class SolvedPose:
     """A pose, and what speaks for it.
 
     Attributes:
-        posed: the photo's camera.
         inliers: int64 [N], rows of the matches.
         keypoints: of how many keypoints these are.
-        focal_source: what said the focal length.
     """
 
     posed: PosedCamera

@@ -34,7 +34,6 @@ class ClipImageText:
 
     Args:
         words: the text tower's `tokenizer.json`.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: a file is missing, damaged, or does not keep this contract.

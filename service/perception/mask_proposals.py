@@ -80,7 +80,6 @@ def propose_masks(
     mask that both agree on is the box's.
 
     Args:
-        segmenter: answers prompts.
         boxes: the best answer to each box, see `answer_boxes`.
         size: height and width of the image.
     """

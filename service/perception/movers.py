@@ -100,7 +100,6 @@ class MoverMasks:
         asked: which words which detector is asked for.
         closed_set, open_set: the detectors; None for one that is not asked.
         segmenter: of boxes.
-        settings: thresholds.
     """
 
     asked: MoverDetectors

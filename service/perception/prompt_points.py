@@ -13,8 +13,7 @@ _LEAST_RADIUS = 2.0
 """Pieces that reach no farther from their edge are left alone, in steps of the segmenter's grid: gaps between masks. A
 pencil on a table reaches farther: the table's mask has a hole of its shape."""
 _APART, _LEAST_APART = 1.5, 24
-"""Points of a round in one piece keep this share of the distance to its edge from each other, and at least so many
-steps of the grid, so that a long thin piece is prompted once or twice."""
+"""Points of a round in one piece keep this share of the distance to its edge from each other, and so many steps."""
 _ANSWERED = 3
 """Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
 _SMALL = 0.05

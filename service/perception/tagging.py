@@ -32,7 +32,6 @@ class PooledTag:
     """A tag that several views agree on.
 
     Attributes:
-        tag: as in the tagger's list.
         share: of the views that show it, 0..1.
         probability: mean over the views that show it, 0..1.
     """
@@ -52,7 +51,6 @@ class RamTagger:
     Args:
         model: the ONNX file; S is what its input says, 384 where it leaves that open.
         threshold: of all tags, where there is no file of thresholds.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: a file is missing, damaged or does not keep this contract.
@@ -146,7 +144,6 @@ def pool_tags(
         thresholds: float32 [T].
         min_share: of the views, that must show a tag.
         min_views: as `min_share`, in views; never more than there are.
-        limit: at most so many tags.
     """
     views = len(probabilities)
     if not views:

@@ -20,7 +20,6 @@ class ViewAnswers:
     Attributes:
         answer: the best answer to each of K boxes, see `answer_boxes`: first those of the objects.
         size: height and width of the image.
-        masks: see `propose_masks`.
     """
 
     answer: MaskLogits
@@ -39,7 +38,6 @@ def look_at_view(
     """Prompt a segmenter with what was detected in a view, and then where nothing was.
 
     Args:
-        segmenter: answers prompts.
         image: uint8 [H, W, 3].
         candidates: all others that may be objects.
     """

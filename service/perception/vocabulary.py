@@ -72,7 +72,6 @@ def build_labelling(
     Args:
         classes: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
-        aliases: see `synonyms`.
         regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
         expected: whether the names were asked for, so that each is expected to be somewhere.
     """

@@ -50,7 +50,6 @@ class SceneSize:
     """The properties of a capture that decide how long its training takes.
 
     Attributes:
-        views: registered images.
         width, height: of the largest image, pixels.
         points: of the sparse reconstruction.
         labels: that codes learn: those of the capture's own label maps.

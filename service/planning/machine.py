@@ -24,8 +24,7 @@ from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0077, 0.0012, 0.0060
-"""Seconds of a round of each kind on the quiet reference machine. Images and networks were chosen by whole jobs on a
-machine without AVX-512 (`benchmarks.estimates`): so much slower than the cost model's seconds its stages were."""
+"""Seconds of a round of each kind on the reference machine, chosen by whole jobs on others (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
@@ -52,7 +51,6 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     """What perception of this capture costs on this machine, measured by labelling its middle view.
 
     Args:
-        capture: with at least one view.
         settings: of all rooms; those of perception and the model directory count.
         labels: names to look for, see `label_capture`.
         progress: hears of the trial, always at fraction 0.

@@ -34,7 +34,6 @@ class StagePlan(Generic[S]):
     """How a stage runs.
 
     Attributes:
-        settings: of the stage.
         tradeoffs: what the time budget reduces against the requested settings, in words.
     """
 

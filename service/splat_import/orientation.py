@@ -39,7 +39,6 @@ def estimate_up(gaussians: Gaussians, bulk: Bulk) -> F64:
     nearest to a custom of splat files. Rooms whose ceiling is better seen come out upside down: users may state it.
 
     Args:
-        gaussians: G of them.
         bulk: of the same.
     """
     near = np.linalg.norm(gaussians.means - bulk.center, axis=1) < _REACH * bulk.radius

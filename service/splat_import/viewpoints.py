@@ -67,7 +67,6 @@ def choose_viewpoints(
     several sides.
 
     Args:
-        gaussians: G of them.
         bulk: of the same.
         up: unit vector.
         count: of poses, at least 1.

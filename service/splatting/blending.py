@@ -118,7 +118,6 @@ class EvidenceBlend:
     Gaussians that no labeled view has seen do not count; ties go to the lower id.
 
     Args:
-        evidence: of G Gaussians.
         classes: N + 1.
     """
 
@@ -197,12 +196,10 @@ class ThingBlend(_Renamed):
     """The name of the thing of each pixel: a label's mask is the union of the masks of the things that bear it.
 
     Args:
-        semantics: of G Gaussians.
         before: of the same Gaussians; its drawing of things is used again where they have the same members.
 
     Attributes:
         members: see `Things.membership`.
-        things: draws the things themselves.
     """
 
     def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:

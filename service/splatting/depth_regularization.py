@@ -75,7 +75,6 @@ def depth_terms(
     Args:
         rendering: alpha and depth of a frame.
         squared: [H, W], `squared_depths` composited.
-        anchors: of the frame.
         target: [H, W, 3], its image, 0..1.
         valid: bool [H, W], pixels of it that have content; None where all do.
         settings: weights, and `depth_every`, by which each is multiplied because it enters only so often.
@@ -173,7 +172,6 @@ def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
     Args:
         alpha: [H, W], Σ w.
         depth: [H, W], Σ w z.
-        anchors: of this frame.
     """
     if not len(anchors.depths):
         return depth.new_zeros(())

@@ -101,7 +101,6 @@ class LabeledView(NamedTuple):
 
     Attributes:
         viewmat: float32 [4, 4], camera from world.
-        camera: of the map's size.
         labels: integers [H, W], the class of each pixel.
         valid: bool [H, W]; pixels that are False say nothing. None: all speak.
     """

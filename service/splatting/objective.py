@@ -81,7 +81,6 @@ def loss_terms(
         target: float32 [H, W, 3], the frame's image.
         class_weights: [N + 1], or None for no cross-entropy.
         extent: of the scene, scene units.
-        settings: weights of the terms.
         anchors: of the frame, where the depth has terms too; `rendering` then has squared depths as its last channel.
         correction: [3] of the photo (`photometric`), or None for none.
     """

@@ -41,7 +41,6 @@ class Trainer:
         only: bool [G], on the backend's device: which Gaussians change; None: all.
 
     Attributes:
-        state, views, elapsed_s: as they are at present.
         progress: 0..1; below 1 after `run` if it ended early.
     """
 

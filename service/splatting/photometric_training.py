@@ -33,8 +33,7 @@ CORRECTIONS = "photometric"
 FITS = "photometric_fits"
 """Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
 STEPS = "photometric_steps"
-"""Name of how many steps of Adam each correction has had [V]: corrections may begin late in a run, their moments with
-them."""
+"""Name of how many steps of Adam each correction has had [V]; corrections may begin late in a run."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
@@ -140,7 +139,6 @@ class PhotometricTraining:
 
         Args:
             state: after the backward pass of a step.
-            fit: see `fit`.
         """
         corrections = state.parameters.get(CORRECTIONS)
         if corrections is None:

@@ -35,9 +35,7 @@ class TrainingPreview:
         jpeg: of at most 320 pixels on the longer side.
         step: optimization steps behind it.
         seconds: of optimization behind it.
-        gaussians: in the scene.
         psnr: dB, as measured last; None before the first time.
-        view: name of the view.
         width, height: pixels.
     """
 
@@ -127,7 +125,6 @@ class Previews:
 
         Args:
             parameters: see `SplatState`.
-            elapsed_s: seconds of optimization.
             psnr: dB; NaN if it is not known.
         """
         begun = time.monotonic()

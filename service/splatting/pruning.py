@@ -74,7 +74,6 @@ def prune_to_psnr(
     smallest contribution, as many as the allowance bears (down to 1/64 of them).
 
     Args:
-        gaussians: a finished scene.
         contribution: [G], `max_contribution`.
         measure: PSNR of a scene of some of these Gaussians; where it is not finite for the whole scene, nothing goes.
         max_drop_db: the allowance; 0 or less takes nothing away.

@@ -23,8 +23,7 @@ _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
 _MEAN_OF = 50
 _SPEED_OF = 40
-"""The speed of a run is that of its last so many reports, 20 s where steps are fast: later steps draw more Gaussians on
-larger images than the first."""
+"""The speed of a run is that of its last so many reports (20 s at most), as later steps take longer than the first."""
 
 
 class Recorder:

@@ -23,8 +23,7 @@ _ENOUGH = 0.3
 _LEAST = 0.1
 """Smaller overlaps count as none."""
 _ROWS = 64
-"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian. As many
-views at a time are asked which Gaussians they see: 4 bytes for each."""
+"""Regions whose overlaps are computed at a time: about 60 bytes for each other that shares a Gaussian."""
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,6 @@ def exposed(gaussians: Gaussians, correction: Tensor) -> Gaussians:
     above the toe of the curve of sRGB are (`service.splatting.photometric`).
 
     Args:
-        gaussians: of a scene.
         correction: [3] exposure, red, blue in EV; zeros change nothing.
     """
     if not bool(correction.any()):

@@ -34,7 +34,6 @@ class RelocationStrategy:
     noise).
 
     Attributes:
-        settings: the run's.
         start_count: Gaussians at the start of the run.
     """
 

@@ -158,7 +158,6 @@ class _Run:
 
     Attributes:
         held_out: the other views, on the backend's device.
-        supervision: of the labels.
         start: points that the run starts from.
         extent: of the scene, scene units.
         begin: Gaussians that it goes on from, in place of the points' own; None for a new scene.

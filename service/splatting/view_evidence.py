@@ -39,7 +39,6 @@ def view_evidence(
     added with `merged` can be taken away with `without`.
 
     Args:
-        gaussians: G of them.
         labels: int [H, W], 0..classes − 1.
         classes: N + 1.
         valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
@@ -66,7 +65,6 @@ def views_evidence(
     """The evidence of all views that have a label map, at their training size.
 
     Args:
-        gaussians: G of them.
         views: training views; what is held out must not be among them.
         classes: N + 1.
         undetected_weight: what a pixel of class 0 counts, in pixels.

@@ -44,7 +44,6 @@ def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
 
     Args:
         depth: [H, W], 0 where unknown.
-        target: the other one.
     """
     finer = source.fx >= target.fx
     at, of = (target, source) if finer else (source, target)

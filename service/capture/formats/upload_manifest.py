@@ -23,7 +23,6 @@ class UploadManifest:
     """What lies in the `FILES` folder of a validated upload; all paths are relative to it.
 
     Attributes:
-        source: how to read it.
         photos: all images in it that will be used, sorted by path.
         names: what each photo's view will be called.
         poses: the transforms.json or the COLMAP model's folder; "" for images alone.

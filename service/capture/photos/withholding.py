@@ -36,7 +36,6 @@ class Withholding:
     """What is left out of a capture's photos.
 
     Attributes:
-        find: says which pixels.
         privacy: what was promised: "people", their pixels are stored nowhere either; None: they are only not used.
     """
 

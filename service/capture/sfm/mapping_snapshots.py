@@ -33,7 +33,6 @@ def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
 
     Args:
         snapshots: where COLMAP writes them, a folder each.
-        folder: of the task.
         read: `pycolmap.Reconstruction`.
     """
     models = sorted(snapshots.iterdir())
@@ -72,7 +71,6 @@ def take_placed(folder: Path, names: Mapping[str, str], images: int) -> PlacedVi
     nothing that can be shown.
 
     Args:
-        folder: of the task.
         names: of the views, by the files that structure from motion reads.
     """
     path, mine = folder / _FILE, folder / f"read-{_FILE}"

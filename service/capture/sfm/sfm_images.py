@@ -43,17 +43,14 @@ class SfmImage:
     """An upright, reduced image as structure from motion reads it.
 
     Attributes:
-        name: of the view.
         file: below the work folder's images.
         width, height: of the reduced pixels.
         camera_group: images of one group share a camera.
         focal_px: by EXIF; 0 if unknown.
         photo: what it was made from; None for a video's frame.
-        quality: of its pixels.
         model: COLMAP's camera model that is assumed.
         face: of a panorama, which knows its camera and its rotation; None for an image of its own.
         panorama: what a face was made from; None for an image of its own.
-        metadata: of the photo.
         mask: bool [H, W], false where pixels are to be ignored, or None.
     """
 

@@ -128,7 +128,6 @@ def check_label_map(
     Args:
         root: what `name` is relative to.
         sizes: (width, height) that the map may have.
-        settings: limits of images.
 
     Raises:
         InvalidInputError: another size, or an id that the table does not have.

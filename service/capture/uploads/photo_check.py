@@ -60,7 +60,6 @@ def check_photos(
     that fit one fundamental matrix, of which structure from motion finds more.
 
     Args:
-        scratch: an empty folder, for copies.
         on_photo: called with how many photos are looked at, of how many.
 
     Raises:

@@ -40,11 +40,7 @@ class SentPhoto:
 
 
 class SparePhotoDecoder:
-    """Decodes the photos of one request after the other, each by a child of its own. Threads may share it.
-
-    Args:
-        settings: limits of an image.
-    """
+    """Decodes the photos of one request after the other, each by a child of its own. Threads may share it."""
 
     def __init__(self, settings: CaptureSettings) -> None:
         self._settings = settings

@@ -29,7 +29,6 @@ class UploadContents:
     """The parts of an upload, as paths relative to its folder.
 
     Attributes:
-        source: how to read it.
         images: candidates, sorted; all of them for images alone, else a superset of what the poses name.
         poses: transforms.json or the COLMAP model's folder, or "".
         image_folder: what a COLMAP model's image names are relative to.

@@ -34,7 +34,6 @@ class SourceImage:
     """One image about to become a view; all arrays upright, of one size, still distorted.
 
     Attributes:
-        name: of the view.
         pixels: uint8 [H, W, 3].
         undistortion: how to undistort them.
         world_from_camera: float64 [4, 4].

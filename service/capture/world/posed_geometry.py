@@ -47,7 +47,6 @@ class PosedGeometry:
         colors: uint8 [P, 3].
         error_px: mean reprojection error of triangulated points; else 0.
         scale: what the meters rest on, where they were measured here.
-        warnings: sentences for people.
     """
 
     views: tuple[View, ...]

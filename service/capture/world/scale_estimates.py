@@ -18,9 +18,8 @@ TRACKING_ERROR_95 = 0.05
 """Of ARKit's lengths, as a share: it drifts by 0.02 m a second (Kim et al. 2022, Sensors 22, 9873, the best of four
 trackers), at 0.8 m a second of a slow walk a standard deviation of 2.5 %."""
 SENSOR_ERROR_95 = 0.02
-"""Of all depths of a phone's LiDAR together, as a share: 1 cm where things are some 1 to 2 m away (Luetzenburg et al.
-2021, Scientific Reports 11, 22221), a standard deviation of 1 %. It is the same in all views: more of them do not make
-it smaller."""
+"""Of all depths of a phone's LiDAR together, as a share: 1 cm at 1 to 2 m (Luetzenburg et al. 2021), in all views
+alike."""
 MOST_DISAGREEMENT = 0.1
 """Metric poses and metric depths that differ by a larger share contradict each other."""
 _LEAST_POINTS, _LEAST_VIEWS = 10, 3

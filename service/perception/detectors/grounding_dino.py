@@ -30,7 +30,6 @@ class GroundingDino:
         tokenizer: its `tokenizer.json` (BERT's).
         prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and
             scores only the first of several; 1 is right for it.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: when a file is missing or does not keep this contract.

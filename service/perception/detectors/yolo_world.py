@@ -21,7 +21,6 @@ class YoloWorld:
 
     Args:
         encoder: embeds prompts in the space the detector was trained with (CLIP ViT-B/32 for the public weights).
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: when the file does not keep this contract, or the encoder has another width.

@@ -19,7 +19,6 @@ def convert(conversion: Conversion, carriers: Path, target: Path, *, packages: P
     """Fill `target` with what the conversion makes of the files in `carriers`.
 
     Args:
-        target: existing folder.
         packages: temporary folder that the packages are installed into, never the product's environment.
 
     Raises:

@@ -43,9 +43,6 @@ class PpOcr:
     """A detector `x` [N, 3, H, W] → [N, 1, H, W], and a recognizer `x` [N, 3, 48, W] → [N, T, C + 2] of C characters,
     which its file names in its metadata `character`, one a line; class 0 is the blank, the last one a space.
 
-    Args:
-        threads: see `open_session`.
-
     Raises:
         ModelUnavailableError: a file is missing, damaged, or does not keep this contract.
     """

@@ -61,7 +61,6 @@ def rasterize_bands(
     `rasterize` on a zero background, without a gradient, and never the whole image in memory.
 
     Args:
-        splats, viewmat, camera, settings, backend: as for `rasterize`.
         max_values: bound on the numbers of a band's image (rows · W · C), except that a band has at least 16 rows.
             `cuda` renders the whole image first and hands out parts of it.
 
@@ -88,7 +87,6 @@ def accumulate_weights(
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
         viewmat: [4, 4], camera from world.
         values: [H, W, V], e.g. one-hot labels.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
@@ -126,7 +124,6 @@ def label_map(
         bias: [N + 1].
         alpha_min: pixels that the scene covers less than this are class 0.
         relevancy: [N + 1], of each class to a query; asks for its expectation in every pixel.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError: shapes that do not fit, or NaN or Inf in weight, bias or relevancy.
@@ -172,7 +169,6 @@ def label_sums(
         viewmat: [4, 4], camera from world.
         labels: integers [H, W], below `classes`; pixels with a negative one count for nothing.
         settings: cut-offs; `max_isects` bounds the entries of all Gaussians in all tiles as well.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError: shapes that do not fit, or a label that is not below `classes`.

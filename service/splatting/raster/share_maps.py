@@ -66,7 +66,6 @@ class ShareMaps:
 
         Args:
             splats: G Gaussians; features are not read.
-            viewmat, camera, settings, backend: as for `rasterize`.
             alpha_min: pixels that the scene covers less than this are 0.
 
         Raises:
