@@ -89,8 +89,7 @@ class CaptureSettings(CaptureOptions, SettingGroup, section="capture"):
     """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their meters,
     as `fastsplat tags` prints them; None: tags are not looked for."""
     first_tag: int = Field(560, ge=0, lt=587)
-    """Lowest id that counts, the first that `fastsplat tags` prints. Tags of a room's own, of other sizes, rarely have
-    such high ids."""
+    """Lowest id that counts, the first that `fastsplat tags` prints; a room's own tags rarely have such high ids."""
 
 
 class PhotoSettings(SettingGroup, section="photos"):

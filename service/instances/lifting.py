@@ -41,10 +41,8 @@ def lift_masks(
     valid: NDArray[np.bool_] | None = None,
     backend: Backend = "cpu",
 ) -> LiftedRegions:
-    """Each mask as the Gaussians more than half of whose weight in the view lies in it.
-
-    Masks overlap, and the rasterizer's label sums know one label a pixel: so sums are taken over the pieces that the
-    masks cut the image into, and added up for every mask.
+    """Each mask as the Gaussians more than half of whose weight in the view lies in it: summed over the pieces that the
+    masks cut the image into.
 
     Args:
         splats: G activated Gaussians.
@@ -52,7 +50,6 @@ def lift_masks(
         camera: of the masks' size.
         masks: bool [P, H, W].
         valid: bool [H, W]; pixels that are False count for nothing.
-        backend: which rasterizer.
     """
     pieces, members = image_pieces(masks)
     sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)
@@ -66,12 +63,11 @@ def lift_regions_of(
     ids: NDArray[np.integer],
     count: int,
     *,
-    valid: NDArray[np.bool_] | None = None,
     backend: Backend = "cpu",
 ) -> LiftedRegions:
     """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
     none."""
-    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, valid, backend)
+    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, None, backend)
     return lift_regions(sums, one_piece_each(count, sums))
 
 

@@ -1,9 +1,5 @@
 """What a thing looks like, as numbers by which it is known again in another scene: inner features of the closed-set
-detector, averaged inside the thing's mask on pictures cut around it.
-
-How often the features name the right thing, and the detector's classes, the segmenter's embedding and colors do not, is
-in docs/naming.md.
-"""
+detector, averaged inside the thing's mask (compared in docs/naming.md)."""
 
 from __future__ import annotations
 
@@ -71,11 +67,8 @@ def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> Appea
 
 
 def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
-    """float16 [SIZE] of length 1: the descriptor of a thing whose features were taken in V pictures, at least one.
-
-    Every layer counts the same, and so does every picture: a layer's features, less what things have in common, are
-    brought to length 1, averaged over the pictures, and brought to length 1 again.
-    """
+    """float16 [SIZE] of length 1: the descriptor of a thing in V pictures, at least one. A layer's features, less what
+    things have in common, are brought to length 1, averaged over the pictures, and brought to length 1 again."""
     rows = np.stack(features).astype(np.float64) - _center()
     parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
     whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])

@@ -24,11 +24,7 @@ _INDEX = "dictionary.json"
 
 
 def save_labelling(labelling: Labelling, directory: Path) -> None:
-    """Write `dictionary.json`, `000000.png`, ... into `directory`, replacing it whole.
-
-    The folder is written beside its place and renamed into it: a reader sees the old one, none for an instant, or all
-    of the new one.
-    """
+    """Write `dictionary.json`, `000000.png`, ... into `directory`, replacing it whole by a rename."""
     directory.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as work:
         staged = Path(work) / "new"

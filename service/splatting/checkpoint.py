@@ -120,9 +120,7 @@ def fingerprint_of(
 
     Args:
         settings: of the run, JSON-ready, and whatever else changes it.
-        labels: names of the dictionary.
         views: all that are loaded: their names, cameras, poses, images, masks and label maps enter at training size.
-        arrays: the start points, e.g.
     """
     head = [settings, list(labels), [(view.name, view.exposure_ev, asdict(view.frames[-1].camera)) for view in views]]
     digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())

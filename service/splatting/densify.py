@@ -50,14 +50,11 @@ def planned_count(progress: float, start: int, budget: int, grow_from: float, gr
 def relocate_and_grow(
     state: SplatState, need: Tensor, target: int, dead_opacity: float, generator: torch.Generator
 ) -> int:
-    """Moves dead Gaussians to where they are needed, adds new ones until there are `target`, and returns how many were
-    placed.
+    """Moves dead Gaussians to where they are needed, adds new ones up to `target`, and returns how many were placed.
 
-    Sources are drawn from the living with probability ∝ `need` [G]. Each is split into itself and its copies, whose
-    opacities and scales would composite to the source if they stayed at its center. But the copies are scattered within
-    the source's own extent, or they would never part; so the image changes a little, and the next steps repair it.
-    Adam's moments of everything that was touched restart from zero. `generator` is the CPU's, so that a seed means the
-    same draws on every device.
+    Sources are drawn from the living with probability ∝ `need` [G]; each is split into itself and its copies, which are
+    scattered within its extent, or they would never part. Adam's moments of what was touched restart from zero.
+    `generator` is the CPU's, so that a seed means the same draws on every device.
     """
     parameters = state.parameters
     opacities = activate_opacities(parameters["logit_opacities"])

@@ -34,18 +34,12 @@ class Trainer:
 
     Args:
         state: of a new run or of a checkpoint.
-        views: training views on the backend's device.
         anchor_points: of the capture, on the backend's device; there may be none.
-        supervision: of the labels.
-        strategy: of densification.
-        recorder: of progress.
-        settings: the run's.
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
         finish: whether to end the run early; asked once it has 250 steps.
 
     Attributes:
-        state, views, elapsed_s: as they are at present.
         progress: 0..1; below 1 after `run` if it ended early.
     """
 

@@ -1,12 +1,9 @@
 """When and how a run corrects its photos' exposure and white balance (`photometric`).
 
-Photos that agree are better left as they are: three free numbers each cost them 0.2 to 0.4 dB. So a run with
-`photometric = "auto"` first only looks: until `_DECIDED_AT` each photo's fit to the picture that was rendered of its
-view is noted, and where the fits differ by more than they do in captures of one exposure, or the EXIF of the photos
-says that they do, the photos are corrected from then on, starting at what was noted.
-
-A correction follows two things: the fit of the median draws it near in a few visits, which the gradient, an Adam step a
-visit, would need many for; the gradient then makes it agree with the loss.
+Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. So a run with `photometric =
+"auto"` notes each photo's fit to its rendered picture until `_DECIDED_AT`, and corrects the photos from then on where
+the fits differ, or their EXIF says so. A correction follows the fit of the median, which draws it near in a few visits,
+and the gradient.
 """
 
 from __future__ import annotations
@@ -33,8 +30,7 @@ CORRECTIONS = "photometric"
 FITS = "photometric_fits"
 """Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
 STEPS = "photometric_steps"
-"""Name of how many steps of Adam each correction has had [V]: corrections may begin late in a run, their moments with
-them."""
+"""Name of how many steps of Adam each correction has had [V]; corrections may begin late in a run."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
@@ -60,11 +56,7 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
 
 
 class PhotometricTraining:
-    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it.
-
-    Args:
-        settings: the run's.
-    """
+    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it."""
 
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
@@ -99,13 +91,8 @@ class PhotometricTraining:
     def step(self, state: SplatState, number: int, progress: float, fit: Tensor | None) -> None:
         """Changes the correction of one view, clears the gradient, and makes the mean over the photos zero.
 
-        The others' moments rest meanwhile: a step that does not see a photo says nothing of it.
-
         Args:
             state: after the backward pass of a step.
-            number: of the view.
-            progress: of the run.
-            fit: see `fit`.
         """
         corrections = state.parameters.get(CORRECTIONS)
         if corrections is None:

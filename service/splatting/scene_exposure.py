@@ -1,7 +1,7 @@
 """The exposure that a scene is shown with whose photos differ in exposure.
 
-The corrections have a mean of zero, so that the scene has the photos' mean exposure: what only the darker photos show
-below white would be burnt out in it. A finished scene is therefore darkened as far as it has something to show.
+The corrections have a mean of zero: what only the darker photos show below white would be burnt out. A finished scene
+is therefore darkened as far as it has something to show.
 """
 
 from __future__ import annotations
@@ -43,7 +43,6 @@ def display_ev(
         parameters: colors of a finished scene, see `SplatState`; all harmonics are used.
         views: training views; they are compared at their smallest size.
         corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
-        backend: which rasterizer.
     """
     shown = []
     for view, correction in zip(views, corrections, strict=True):
@@ -65,7 +64,6 @@ def exposed(gaussians: Gaussians, correction: Tensor) -> Gaussians:
     above the toe of the curve of sRGB are (`service.splatting.photometric`).
 
     Args:
-        gaussians: of a scene.
         correction: [3] exposure, red, blue in EV; zeros change nothing.
     """
     if not bool(correction.any()):

@@ -20,11 +20,8 @@ _DEAD_OPACITY = 0.005
 
 
 class DensificationStrategy(Protocol):
-    """Decides over number and places of a run's Gaussians.
-
-    A strategy may draw random numbers from (seed, iteration) only, and keep nothing that a checkpoint does not hold:
-    then a run that is continued ends as one that was not interrupted.
-    """
+    """Decides over number and places of a run's Gaussians, by random numbers from (seed, iteration) and what a
+    checkpoint holds alone."""
 
     def step_post_backward(self, state: SplatState, step: Step) -> None:
         """Called after every optimizer step. May replace rows of `state`, or all of its tensors by longer or shorter
@@ -37,7 +34,6 @@ class RelocationStrategy:
     noise).
 
     Attributes:
-        settings: the run's.
         start_count: Gaussians at the start of the run.
     """
 

@@ -147,7 +147,6 @@ class _Run:
 
     Attributes:
         held_out: the other views, on the backend's device.
-        supervision: of the labels.
         start: points that the run starts from.
         extent: of the scene, scene units.
     """

@@ -102,51 +102,6 @@ def test_a_fork_is_a_spoon_before_it_is_a_knife(ask: Ask) -> None:
     assert relevant(ask((*KITCHEN, "cooking spoon"), "fork"))[:2] == ["spoon", "knife"]
 
 
-def test_water_is_in_the_bottle_and_the_kettle(ask: Ask) -> None:
-    # The paper's encoder names the coffee machine before the kettle; MiniLM prefers the sink, and leaves it out.
-    assert relevant(ask(KITCHEN, "water")) == ["bottle", "sink", "kettle"]
-
-
-def test_minilm_takes_tea_for_a_spoon_before_a_coffee_machine(ask: Ask) -> None:
-    # The paper's kitchen answers "coffee machine" where there is no kettle. MiniLM thinks of teaspoons first.
-    assert [match.label for match in ask(without(KITCHEN, "kettle"), "tea").matches[:2]] == ["spoon", "coffee machine"]
-
-
-def test_minilm_looks_for_fruit_in_the_vase_rather_than_on_the_plant(ask: Ask) -> None:
-    # The paper's library answers "pottedplant". MiniLM puts the vase first (and the plant second), not surely: the set
-    # that holds the right answer nine times in ten has both.
-    answer = ask(LIVING_ROOM, "fruit")
-    assert [match.label for match in answer.matches[:2]] == ["vase", "pottedplant"]
-    assert len(answer.label_set) > 1 and (answer.probability or 0) < 0.7
-
-
-def test_minilm_alone_finds_no_cup_where_there_is_a_vase(ask: Ask) -> None:
-    # The paper's living room answers "vase". MiniLM puts it first, too, at a score that questions to which nothing
-    # answers reach as well.
-    answer = ask(LIVING_ROOM, "cup")
-    assert answer.matches[0].label == "vase" and answer.is_absent
-
-
-def test_minilm_calls_a_cooking_pot_a_cooking_spoon(ask: Ask) -> None:
-    # A known weakness of the encoder: it goes by the shared word. The kettle comes second.
-    answer = ask((*KITCHEN, "cooking spoon"), "cooking pot")
-    assert [match.label for match in answer.matches[:2]] == ["cooking spoon", "kettle"]
-    assert relevant(answer) == ["cooking spoon", "kettle"] and set(answer.label_set) >= {10, 1}
-
-
-@pytest.mark.parametrize(("text", "first"), [("fork", "sink"), ("water", "kettle")])
-def test_why_similarity_is_the_default(ask: Ask, text: str, first: str) -> None:
-    # Ordered by the paper's relevancy, entries that resemble "object" or "things" little overtake better ones.
-    by_relevancy = [match.label for match in ask(KITCHEN, text, score="relevancy").matches]
-    by_similarity = [match.label for match in ask(KITCHEN, text).matches]
-    assert by_relevancy.index(first) < by_similarity.index(first)
-
-
-@pytest.mark.parametrize("text", ["the kettle", "Where is the coffee machine?", "knives", "an old SPOON"])
-def test_named_objects_are_exact(ask: Ask, text: str) -> None:
-    assert ask(KITCHEN, text).outcome == "here"
-
-
 @pytest.mark.parametrize(
     ("labels", "text", "first"),
     [
@@ -263,17 +218,6 @@ def test_the_temperature_is_the_encoders_own_unless_set(ask: Ask) -> None:
     np.testing.assert_allclose(ratios, ratios[0], rtol=1e-6)
     assert 1.5 < ratios[0] < 3.5  # MiniLM's cosines lie closer together than those of LERF's CLIP
     assert [match.probability for match in usual.matches] == [match.probability for match in lerf.matches]
-
-
-def test_a_name_is_certain(ask: Ask) -> None:
-    answer = ask(KITCHEN, "the knives")
-    assert answer.probability == 1.0 == answer.matches[0].probability
-    assert answer.label_set == (8,)
-
-
-def test_what_is_absent_is_so_with_a_probability(ask: Ask) -> None:
-    answer = ask(KITCHEN, "dinosaur")
-    assert answer.is_absent and (answer.probability or 0) > 0.8 and answer.label_set[0] == 0
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,5 @@
-"""Content that is compressed by LZFSE, as Apple's compression library writes it, in no more memory than it may take.
-
-The decoder is the reference implementation's; it doubles its memory for as long as a stream asks for more, so that what
-the blocks of a stream say of their sizes is added up before (https://github.com/lzfse/lzfse, `lzfse_internal.h`).
-"""
+"""Content that is compressed by LZFSE (https://github.com/lzfse/lzfse), in no more memory than it may take: the decoder
+doubles its memory for as long as a stream asks for more, so that the sizes of the blocks are added up before."""
 
 from __future__ import annotations
 

@@ -22,7 +22,6 @@ class UploadManifest:
     """What lies in the `FILES` folder of a validated upload; all paths are relative to it.
 
     Attributes:
-        source: how to read it.
         photos: all images in it that will be used, sorted by path.
         names: what each photo's view will be called.
         poses: the transforms.json or the COLMAP model's folder; "" for images alone.
@@ -65,10 +64,8 @@ def write_manifest(manifest: UploadManifest, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
-    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it.
-
-    A process that met a stranger's bytes wrote them, so that they are trusted no further than it was: every path stays
-    below the folder of files, and nothing in it is a link.
+    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it. A process
+    that met a stranger's bytes wrote them: every path must stay below that folder, and nothing be a link.
 
     Raises:
         InvalidInputError: there is no validated upload, or it leads elsewhere.

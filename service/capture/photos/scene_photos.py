@@ -1,9 +1,8 @@
 """Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
 
-A photo's number is that of its camera in the scene. The copies are undistorted as trained, so that they fit the pinhole
-cameras that the scene serves, and are made of pixels alone: what else the file said (place, device) is left out. When
-they were taken stands in the scene's quality (`TAKEN_AT`). Beside them lie `lenses.json`, the lenses of those photos of
-which they are known, and below `observed/` the photos of observations.
+A photo's number is that of its camera. The copies are undistorted, as the scene's pinhole cameras, and made of pixels
+alone, without place or device. Beside them lie `lenses.json`, the lenses of those photos of which they are known, and
+below `observed/` the photos of observations.
 """
 
 from __future__ import annotations
@@ -37,7 +36,6 @@ def write_photos(
     Args:
         capture: whose views are the scene's cameras, in order.
         folder: of the version, which is not published yet.
-        settings: see `PhotoSettings`.
         on_photo: called before each photo with how many there are; may raise `CancelledError`.
     """
     if settings.keep == "off" or capture.report.source == "splat":
@@ -56,23 +54,12 @@ def write_photos(
 
 
 def photo_path(folder: Path, number: int) -> Path:
-    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one.
-
-    Args:
-        folder: of the version.
-        number: of the camera.
-    """
+    """Where the photo of a scene's camera is, by the camera's number from 0, if there is one."""
     return folder / _FOLDER / f"{number:05d}.jpg"
 
 
 def observed_photo_path(folder: Path, observation_id: str, number: int) -> Path:
-    """Where a photo of an observation is, by its number in it from 0, if it is kept.
-
-    Args:
-        folder: of the version.
-        observation_id: whose.
-        number: of the photo.
-    """
+    """Where a photo of an observation is, by its number in it from 0, if it is kept."""
     return folder / _FOLDER / "observed" / observation_id / f"{number:05d}.jpg"
 
 
@@ -84,8 +71,6 @@ def write_observed_photos(
     Args:
         pictures: uint8 [H, W, 3] each, RGB, undistorted.
         folder: of the version, which is not published yet.
-        observation_id: whose.
-        settings: see `PhotoSettings`.
     """
     for number, pixels in enumerate(pictures):
         path = observed_photo_path(folder, observation_id, number)
