@@ -30,7 +30,7 @@ _PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
 
 
 def _room(path: Path) -> str:
-    """The room that a file of the product belongs to, or a test of it: a folder of the product, of `service` one more."""
+    """The room of a file of the product, or of a test: a folder of the product or of `service`."""
     parts = path.parts[1:] if path.parts[0] == "tests" else path.parts
     if path.parts[0] == "service":
         return parts[1] if len(parts) > 2 else "service"
