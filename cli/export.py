@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated
 
 import typer
 
@@ -14,8 +14,6 @@ from fastsplat.cli.tables import size
 from fastsplat.service.common.atomic import atomic_file
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.exports import FILE_NAMES, ExportFormat
-
-_FORMATS: tuple[ExportFormat, ...] = get_args(ExportFormat)
 
 
 @service_command(scenes_app)

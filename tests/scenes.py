@@ -17,10 +17,11 @@ from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.language.embeddings import embed_labels
 from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.scene.drafts import draft_of
+from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.things import thing_count
-from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
+from fastsplat.service.scene.types import Evidence, Gaussians, Scene, SemanticHead
 from fastsplat.service.store.codec import camera_to_json
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.store import Store
@@ -92,6 +93,12 @@ def labelled_scene(
         cameras=tuple(cameras),
         **{"scale": "METRIC", **others},
     )
+
+
+def evidence_from_dense(sums: np.ndarray) -> Evidence:
+    """Σ w·1[label = n] in pixels, [G, C], as counts."""
+    rows, labels = np.nonzero(sums)
+    return evidence_of(rows, labels, np.rint(sums[rows, labels] * UNIT).astype(np.int64), len(sums))
 
 
 def finish_job(

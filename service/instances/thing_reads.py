@@ -46,9 +46,6 @@ _LEAST_PROBABILITY = 0.5
 _MANY = 4
 """Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part."""
 
-Sightings = Mapping[int, Sequence[tuple[int, Writing]]]
-"""By thing: the number of a view, and what it shows written on the thing."""
-
 
 @dataclass
 class _Line:

@@ -1,4 +1,4 @@
-"""Arithmetic of label evidence: merging, exact removal, and the Dirichlet posterior it leads to."""
+"""Arithmetic of label evidence: merging, and the Dirichlet posterior it leads to."""
 
 from __future__ import annotations
 
@@ -51,31 +51,16 @@ def evidence_of(
     Args:
         rows: int [K], Gaussian ids below `count`.
         labels: int [K], 0..65535.
-        counts: int64 [K], units of 1/4096 pixel; may be negative as long as no sum is.
-
-    Raises:
-        InvalidInputError: a sum is negative.
+        counts: int64 [K], units of 1/4096 pixel.
     """
     keys = rows.astype(np.int64) << 16 | labels.astype(np.int64)
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     sums = np.add.reduceat(counts[order], first) if len(first) else np.zeros(0, np.int64)
-    if (sums < 0).any():
-        raise InvalidInputError(
-            "evidence would become negative", field="evidence", hint="Take away only views that were added."
-        )
     keys, sums = keys[first][sums > 0], sums[sums > 0]
     starts = np.searchsorted(keys >> 16, np.arange(count + 1)).astype(np.int64)
     return Evidence(starts, (keys & 0xFFFF).astype(np.uint16), sums)
-
-
-def evidence_from_dense(sums: NDArray[np.floating], labels: NDArray[np.integer] | None = None) -> Evidence:
-    """Rounds Σ w·1[label = n] in pixels, [G, K], to counts; column k is label `labels[k]` (k where None)."""
-    rows, columns = np.nonzero(sums)
-    counts = np.rint(np.asarray(sums[rows, columns], np.float64) * UNIT).astype(np.int64)
-    names = columns if labels is None else np.asarray(labels)[columns]
-    return evidence_of(rows, names, counts, len(sums))
 
 
 def merged(parts: Iterable[Evidence]) -> Evidence:
@@ -84,16 +69,14 @@ def merged(parts: Iterable[Evidence]) -> Evidence:
     Raises:
         InvalidInputError: no parts, or of different numbers of Gaussians.
     """
-    return _combined(list(parts), [])
-
-
-def without(whole: Evidence, part: Evidence) -> Evidence:
-    """What is left of `whole` when the views behind `part` are taken away: `without(merged([a, b]), b)` is `a`.
-
-    Raises:
-        InvalidInputError: `part` is not contained in `whole`, or has another number of Gaussians.
-    """
-    return _combined([whole], [part])
+    all_parts = list(parts)
+    if not all_parts or len({len(part) for part in all_parts}) > 1:
+        raise InvalidInputError(
+            f"evidence of {sorted({len(part) for part in all_parts})} Gaussians cannot be combined", field="evidence"
+        )
+    rows = [np.repeat(np.arange(len(part)), np.diff(part.starts)) for part in all_parts]
+    labels, counts = [part.labels for part in all_parts], [part.counts for part in all_parts]
+    return evidence_of(np.concatenate(rows), np.concatenate(labels), np.concatenate(counts), len(all_parts[0]))
 
 
 def rows_of(evidence: Evidence, rows: NDArray[np.integer]) -> Evidence:
@@ -148,15 +131,3 @@ def posterior(evidence: Evidence, classes: int, *, prior: float = PRIOR_PIXELS) 
 def _row_sums(values: NDArray[np.generic], starts: NDArray[np.int64]) -> NDArray[np.float64]:
     ends = np.concatenate([[0], np.cumsum(values, dtype=values.dtype)])
     return np.asarray(ends[starts[1:]] - ends[starts[:-1]], np.float64)
-
-
-def _combined(plus: list[Evidence], minus: list[Evidence]) -> Evidence:
-    parts = plus + minus
-    if not parts or len({len(part) for part in parts}) > 1:
-        raise InvalidInputError(
-            f"evidence of {sorted({len(part) for part in parts})} Gaussians cannot be combined", field="evidence"
-        )
-    rows = [np.repeat(np.arange(len(part)), np.diff(part.starts)) for part in parts]
-    counts = [part.counts for part in plus] + [-part.counts for part in minus]
-    labels = [part.labels for part in parts]
-    return evidence_of(np.concatenate(rows), np.concatenate(labels), np.concatenate(counts), len(parts[0]))

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_of
 from fastsplat.service.scene.reads import bounded_reads
-from fastsplat.service.scene.types import Evidence, NameSource, Parts, Scene, Thing, ThingGroup, Things
+from fastsplat.service.scene.types import Evidence, Parts, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 
 if TYPE_CHECKING:
@@ -64,33 +64,6 @@ def thing_of(things: Things, thing_id: int) -> Thing:
     raise NotFoundError(
         f"there is no thing {str(thing_id)[:40]} in this scene", field="thing", hint="List the scene's things."
     )
-
-
-def rename_thing(
-    scene: Scene, thing_id: int, name: str, *, source: NameSource = "person", probability: float = 1.0
-) -> Scene:
-    """The scene in which a thing bears `name`; nothing else changes, and other things may bear the name as well.
-
-    Args:
-        scene: as it is.
-        thing_id: which thing.
-        name: one line of 1 to `MAX_NAME_CHARS` characters, kept as it is but for white space at its ends; "" takes the
-            thing's name away.
-        source: who says so.
-        probability: that the name is right, 0..1.
-
-    Raises:
-        NotFoundError: no such thing, or a scene without things.
-        InvalidInputError: a name that is too long or has control characters; a probability outside 0..1.
-    """
-    things = _things_of(scene)
-    old = thing_of(things, thing_id)
-    text = checked_name(name, "name") if name.strip() else ""
-    if not 0 <= probability <= 1:
-        raise InvalidInputError(f"a probability of {probability}", field="probability", limit="0 to 1")
-    new = replace(old, name=text, source=source if text else None, probability=float(probability) if text else 0.0)
-    table = tuple(new if thing.id == thing_id else thing for thing in things.table)
-    return replace(scene, things=replace(things, table=table))
 
 
 def merge_things(scene: Scene, thing_ids: Sequence[int]) -> Scene:

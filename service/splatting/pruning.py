@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -27,21 +27,6 @@ EVALUATIONS = _HALVINGS + 4
 
 MeasurePsnr = Callable[[Gaussians], float]
 """PSNR of a scene on held-out views, dB."""
-
-
-@dataclass(frozen=True)
-class PruneResult:
-    """What pruning left of a scene.
-
-    Attributes:
-        gaussians: the remaining ones in their order, with the remaining harmonics.
-        rows: int64, ascending: their row numbers before.
-        psnr_drop_db: loss of PSNR on the held-out views.
-    """
-
-    gaussians: Gaussians
-    rows: NDArray[np.int64]
-    psnr_drop_db: float
 
 
 @torch.no_grad()
@@ -67,7 +52,7 @@ def max_contribution(
 
 def prune_to_psnr(
     gaussians: Gaussians, contribution: NDArray[np.float64], measure: MeasurePsnr, max_drop_db: float
-) -> PruneResult:
+) -> Gaussians:
     """The scene without harmonics and Gaussians that may go for at most `max_drop_db` of PSNR altogether.
 
     Harmonics go first, the highest degrees together, for up to half of the allowance; then the Gaussians with the
@@ -78,12 +63,11 @@ def prune_to_psnr(
         measure: PSNR of a scene of some of these Gaussians; where it is not finite for the whole scene, nothing goes.
         max_drop_db: the allowance; 0 or less takes nothing away.
     """
-    everything = np.arange(len(gaussians))
     if max_drop_db <= 0 or not len(gaussians):
-        return PruneResult(gaussians, everything, 0.0)
+        return gaussians
     whole = measure(gaussians)
     if not math.isfinite(whole):
-        return PruneResult(gaussians, everything, 0.0)
+        return gaussians
     flattest = gaussians
     for degree in range(gaussians.sh_degree):
         flatter = replace(gaussians, sh=np.ascontiguousarray(gaussians.sh[:, : (degree + 1) ** 2]))
@@ -91,17 +75,16 @@ def prune_to_psnr(
             flattest = flatter
             break
     order = np.argsort(contribution, kind="stable")
-    best, rows = flattest, everything
+    best = flattest
     low, high = 0.0, 1.0
     for _ in range(_HALVINGS):
         share = (low + high) / 2
-        some = np.sort(order[int(share * len(order)) :])
-        fewer = _rows_of(flattest, some)
+        fewer = _rows_of(flattest, np.sort(order[int(share * len(order)) :]))
         if measure(fewer) >= whole - max_drop_db:
-            low, best, rows = share, fewer, some
+            low, best = share, fewer
         else:
             high = share
-    return PruneResult(best, rows, whole - measure(best))
+    return best
 
 
 def _rows_of(gaussians: Gaussians, rows: NDArray[np.int64]) -> Gaussians:

@@ -283,7 +283,7 @@ def _pruned(
         return measure_views(_on(backend, color_parameters(candidate)), some, backend).get(figure, math.nan)
 
     contribution = max_contribution(gaussians, [(view.viewmat, view.frames[0].camera) for view in views], backend)
-    return prune_to_psnr(gaussians, contribution, measure, settings.max_psnr_drop_db).gaussians
+    return prune_to_psnr(gaussians, contribution, measure, settings.max_psnr_drop_db)
 
 
 def _ghost_share(gaussians: Gaussians, head: SemanticHead) -> float:

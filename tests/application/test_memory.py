@@ -35,11 +35,10 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.language.query_text import check_query
-from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.splatting.torch_runtime import release_free_memory
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.pictures import (PictureKind, PictureRequest)
-from tests.scenes import labelled_scene
+from tests.scenes import evidence_from_dense, labelled_scene
 
 SIDE, COUNT = 1800, 30_000
 

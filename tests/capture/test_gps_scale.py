@@ -30,8 +30,7 @@ def _places(meters: np.ndarray, accuracy_m: float | None) -> list[PhotoPlace]:
     """At east and north in meters, by the length of a degree there (World Geodetic System 1984, tabulated)."""
     north, east = meters[:, 1] / 111_170.0, meters[:, 0] / 76_055.0
     return [
-        PhotoPlace(_LATITUDE + float(n), _LONGITUDE + float(e), 400.0, accuracy_m)
-        for n, e in zip(north, east, strict=True)
+        PhotoPlace(_LATITUDE + float(n), _LONGITUDE + float(e), accuracy_m) for n, e in zip(north, east, strict=True)
     ]
 
 
@@ -111,7 +110,7 @@ def test_meters_on_the_ground() -> None:
     meters = np.array([[0.0, 0.0], [300.0, 0.0], [0.0, 400.0]])
     local = local_meters(_places(meters, None))
     np.testing.assert_allclose(local - local[0], meters, rtol=1e-3, atol=0.01)
-    beside = [PhotoPlace(0.0, 179.9995, None, None), PhotoPlace(0.0, -179.9995, None, None)]
+    beside = [PhotoPlace(0.0, 179.9995, None), PhotoPlace(0.0, -179.9995, None)]
     assert abs(np.ptp(local_meters([*beside, beside[0]])[:, 0]) - 111.3) < 0.2
 
 
@@ -197,9 +196,9 @@ _GPS = ExifTags.GPS
 def test_places_that_cannot_be_are_none(tags: dict[int, object]) -> None:
     good = {
         _GPS.GPSLatitude: (47.0, 30.0, 36.0), _GPS.GPSLatitudeRef: "S", _GPS.GPSLongitude: (8.0, 0.0, 0.0),
-        _GPS.GPSLongitudeRef: "W", _GPS.GPSAltitude: 12.0, _GPS.GPSAltitudeRef: b"\x01", _GPS.GPSHPositioningError: 4.5,
+        _GPS.GPSLongitudeRef: "W", _GPS.GPSHPositioningError: 4.5,
     }  # fmt: skip
-    assert place_of_exif(good) == PhotoPlace(-47.51, -8.0, -12.0, 4.5)
+    assert place_of_exif(good) == PhotoPlace(-47.51, -8.0, 4.5)
     assert place_of_exif({**good, **tags} if tags else {}) is None
-    inexact = place_of_exif({**good, _GPS.GPSHPositioningError: -1, _GPS.GPSAltitude: "high"})
-    assert inexact is not None and inexact.accuracy_m is None and inexact.altitude_m is None
+    inexact = place_of_exif({**good, _GPS.GPSHPositioningError: -1})
+    assert inexact is not None and inexact.accuracy_m is None

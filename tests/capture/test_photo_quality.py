@@ -82,10 +82,10 @@ def test_photos_that_look_alike_from_different_places_are_no_duplicates() -> Non
 @pytest.mark.parametrize(
     ("matches", "reason"),
     [
-        (PhotoMatches(12, 0, 0, other_model=False), "few_features"),
-        (PhotoMatches(900, 0, 0, other_model=False), "no_overlap"),
-        (PhotoMatches(900, 40, 40, other_model=False), "few_matches"),
-        (PhotoMatches(900, 200, 0, other_model=True), "other_model"),
+        (PhotoMatches(12, 0, other_model=False), "few_features"),
+        (PhotoMatches(900, 0, other_model=False), "no_overlap"),
+        (PhotoMatches(900, 40, other_model=False), "few_matches"),
+        (PhotoMatches(900, 200, other_model=True), "other_model"),
     ],
 )
 def test_why_a_photo_has_no_place(matches: PhotoMatches, reason: str) -> None:
@@ -99,14 +99,14 @@ def test_a_photo_without_a_place_says_between_which_two_one_would_help() -> None
     noise = np.random.default_rng(2).integers(0, 255, (60, 80, 3), dtype=np.uint8)
     qualities = [measure_photo(name, noise) for name in ("a", "b", "c")]
     matches = {
-        "a": PhotoMatches(900, 300, 300, other_model=False, nearest_placed="b"),
-        "b": PhotoMatches(900, 300, 0, other_model=False),
-        "c": PhotoMatches(900, 20, 20, other_model=False, nearest_placed="a"),
+        "a": PhotoMatches(900, 300, other_model=False, nearest_placed="b"),
+        "b": PhotoMatches(900, 300, other_model=False),
+        "c": PhotoMatches(900, 20, other_model=False, nearest_placed="a"),
     }
     placed, _, left = judge_photos(qualities, {"a": _pose(0), "b": _pose(2)}, matches)
     assert (placed.between, placed.advice) == ((), "")
     assert left.between == ("a", "c") and "between a and this one" in left.advice
-    alone = judge_photos(qualities, {}, {"c": PhotoMatches(900, 0, 0, other_model=False)})[2]
+    alone = judge_photos(qualities, {}, {"c": PhotoMatches(900, 0, other_model=False)})[2]
     assert alone.between == () and "between" not in alone.advice.split("take more between it and them")[-1]
 
 

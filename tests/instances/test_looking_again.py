@@ -17,7 +17,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.absence import searched_names
-from fastsplat.service.scene.things import discard_thing, rename_thing
+from fastsplat.service.scene.things import discard_thing
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, ModelUnavailableError
@@ -125,7 +125,11 @@ def test_a_persons_names_stay(
     """Also those that were given while the detector looked, and what is gone by then is left out."""
     index, _ = table
     first = next(iter(looked[0].found))
-    scene = rename_thing(index.scene, first, "grandmother's")
+    things = index.scene.things
+    assert things is not None
+    given = {"name": "grandmother's", "source": "person", "probability": 1.0}
+    table = tuple(replace(thing, **given) if thing.id == first else thing for thing in things.table)
+    scene = replace(index.scene, things=replace(things, table=table))
     other = next(number for number in looked[0].found if number != first)
     scene = discard_thing(scene, other)
     after, result = name_sightings(index.after(scene), looked[0], settings)

@@ -14,13 +14,13 @@ from fastsplat.service.query.edits.edited_rows import edited_rows
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.solid_gaussians import masses
-from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
+from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
 BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)

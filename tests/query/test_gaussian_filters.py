@@ -18,7 +18,6 @@ from fastsplat.service.query.edits.previews import preview_of
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.isolation import isolation
-from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError
@@ -26,6 +25,7 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
+from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04), count=60)
 BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=80)

@@ -12,12 +12,12 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.label_evidence import evidence_from_dense
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import pose_of
 from fastsplat_contract.scenes import Edit, InsertSource
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
+from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
 BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)

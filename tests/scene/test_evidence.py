@@ -11,17 +11,16 @@ from hypothesis import strategies as st
 
 from fastsplat.service.scene.label_evidence import (
     UNIT,
-    evidence_from_dense,
     evidence_of,
     merged,
     no_evidence,
     posterior,
     rows_of,
     seen_pixels,
-    without,
 )
 from fastsplat.service.scene.types import Evidence
 from fastsplat_contract.errors import InvalidInputError
+from tests.scenes import evidence_from_dense
 
 G, CLASSES = 7, 5
 
@@ -52,17 +51,7 @@ def test_merging_is_a_sum_in_any_order_and_grouping(a: int, b: int, c: int) -> N
     np.testing.assert_array_equal(dense(whole), dense(x) + dense(y) + dense(z))
 
 
-@given(seeds, seeds)
-def test_a_view_that_was_added_can_be_taken_away_to_the_bit(a: int, b: int) -> None:
-    x, y = drawn(a), drawn(b)
-    assert same(without(merged([x, y]), y), x)
-    assert same(without(x, x), no_evidence(G))
-    assert same(without(x, no_evidence(G)), x) and same(merged([x, no_evidence(G)]), x)
-
-
-def test_a_view_that_was_never_added_cannot_be_taken_away() -> None:
-    with pytest.raises(InvalidInputError, match="negative"):
-        without(no_evidence(G), drawn(1))
+def test_evidence_of_other_gaussians_is_not_merged() -> None:
     with pytest.raises(InvalidInputError, match="7, 8"):
         merged([drawn(1), no_evidence(8)])
     with pytest.raises(InvalidInputError):

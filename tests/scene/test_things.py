@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fastsplat.service.scene.label_evidence import evidence_of
@@ -18,10 +18,10 @@ from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.suggestions import Suggestion
 from fastsplat.service.scene.things import (
     MAX_NAME_CHARS,
+    checked_name,
     discard_thing,
     merge_things,
     next_thing_id,
-    rename_thing,
     thing_count,
     thing_of,
     thing_rows,
@@ -112,7 +112,6 @@ def test_groups_follow_their_things(scene: Scene) -> None:
     assert groups(discard_thing(discard_thing(scene, 2), 9)) == []
     bare = discard_thing(discard_thing(scene, 2), 9)
     assert bare.things is not None and next_thing_id(bare.things) == 13  # no id is used again
-    assert groups(rename_thing(scene, 2, "cup")) == [(11, (2, 9)), (12, IDS)]
 
 
 def test_a_table_that_lacks_a_thing_is_refused_on_both_ways(scene: Scene, tmp_path: Path) -> None:
@@ -202,18 +201,9 @@ def test_naming_changes_the_name_of_one_thing_and_nothing_else(thing_id: int, na
 @pytest.mark.parametrize(
     "name", ["x" * (MAX_NAME_CHARS + 1), "two\nlines", "two\u2028lines", "bell\x07", "\ud800", "...", "\u200b"]
 )
-def test_names_that_are_none_are_refused(scene: Scene, name: str) -> None:
+def test_names_that_are_none_are_refused(name: str) -> None:
     with pytest.raises(InvalidInputError):
-        rename_thing(scene, 2, name)
-
-
-def test_who_is_not_there_cannot_be_named(scene: Scene, make_scene: Callable[..., Scene]) -> None:
-    with pytest.raises(NotFoundError, match="thing 3"):
-        rename_thing(scene, 3, "cup")
-    with pytest.raises(NotFoundError, match="no things"):
-        rename_thing(make_scene(), 2, "cup")
-    with pytest.raises(InvalidInputError, match="probability"):
-        rename_thing(scene, 2, "cup", probability=1.5)
+        checked_name(name, "name")
 
 
 def test_merged_things_have_all_gaussians_of_both_and_the_first_one_name(scene: Scene) -> None:

@@ -31,13 +31,11 @@ class PhotoPlace:
 
     Attributes:
         latitude_deg, longitude_deg: WGS84.
-        altitude_m: above sea level, or None.
         accuracy_m: radius that the device stated (GPSHPositioningError), or None.
     """
 
     latitude_deg: float
     longitude_deg: float
-    altitude_m: float | None
     accuracy_m: float | None
 
 
@@ -94,11 +92,8 @@ def place_of_exif(gps: Mapping[int, Any]) -> PhotoPlace | None:
     longitude = _degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W", 180.0)
     if latitude is None or longitude is None or (latitude == 0 and longitude == 0):
         return None
-    altitude = _finite(gps.get(ExifTags.GPS.GPSAltitude), 20_000.0)
-    if altitude is not None and gps.get(ExifTags.GPS.GPSAltitudeRef) in (b"\x01", 1):
-        altitude = -altitude
     accuracy = _finite(gps.get(ExifTags.GPS.GPSHPositioningError), 1e5)
-    return PhotoPlace(latitude, longitude, altitude, accuracy if accuracy is not None and accuracy > 0 else None)
+    return PhotoPlace(latitude, longitude, accuracy if accuracy is not None and accuracy > 0 else None)
 
 
 def up_of_exif(detail: Mapping[int, Any], photo: PhotoInfo) -> tuple[float, float, float] | None:

@@ -53,14 +53,12 @@ class PhotoMatches:
     Attributes:
         features: that were extracted.
         best: verified matches with the photo with which it has most.
-        best_placed: the same among the placed photos.
         other_model: whether it is in another model than the scene's.
         nearest_placed: name of the placed photo with which it has most matches, verified ones first; "" for none.
     """
 
     features: int
     best: int
-    best_placed: int
     other_model: bool
     nearest_placed: str = ""
 
@@ -68,8 +66,8 @@ class PhotoMatches:
 def matches_by_name(rows: Mapping[str, Sequence[Any]], names: Mapping[str, str]) -> dict[str, PhotoMatches]:
     """What `sfm.reconstruct` says of its files, by the names of the photos; `names` are by file."""
     matches = {}
-    for file, (features, best, best_placed, other_model, nearest) in rows.items():
-        matches[names[file]] = PhotoMatches(features, best, best_placed, other_model, names.get(nearest, ""))
+    for file, (features, best, other_model, nearest) in rows.items():
+        matches[names[file]] = PhotoMatches(features, best, other_model, names.get(nearest, ""))
     return matches
 
 

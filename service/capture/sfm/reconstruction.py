@@ -289,9 +289,9 @@ def _summary(model: pycolmap.Reconstruction, images: int, models: tuple[int, ...
 
 
 def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | bool | str]]:
-    """By file: how many features it has, its verified matches with the image with which it has most, the same among the
-    images of the first model, whether it is in another model than the first, and the file of that image of the first;
-    where it has no verified matches with one, the one with which it has most that were not verified."""
+    """By file: how many features it has, its verified matches with the image with which it has most, whether it
+    is in another model than the first, and the file of the image of the first with which it has most; where it has no
+    verified matches with one, the one with which it has most that were not verified."""
     placed, elsewhere = (
         {image.image_id for model in some for image in model.images.values() if image.has_pose}
         for some in (models[:1], models[1:])
@@ -313,7 +313,6 @@ def _matches_of_images(models: Models, database: Path) -> dict[str, list[int | b
             image.name: [
                 int(reader.num_keypoints_for_image(image.image_id)),
                 best[image.image_id],
-                nearest[image.image_id][0],
                 image.image_id in elsewhere and image.image_id not in placed,
                 names.get(-nearest[image.image_id][2], ""),
             ]
