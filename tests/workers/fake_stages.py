@@ -182,6 +182,7 @@ def _assemble(job: Job, folder: Path) -> None:
     steps = int((job.result("training") / "steps.txt").read_text())
     summary = {
         "gaussians": len(scene.gaussians),
+        "things": 0,
         "scale": scene.scale,
         "dictionary": [
             {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
