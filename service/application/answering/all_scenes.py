@@ -96,9 +96,7 @@ class AllScenes:
         """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
         version, ranked = self._scenes.ranked(request.scene_id)
         answers = self._known_names.suggesting(request.scene_id, ranked).answer(
-            query,
-            lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things),
-            None if request.asker is None else request.asker.matrix(),
+            query, lambda: self._scenes.reading(request.scene_id, version, lambda index, _: index.things)
         )
         present = any(answer.shows_something for answer in answers)
         if present and not _OF_GAUSSIANS.isdisjoint(request.outputs):
