@@ -206,25 +206,4 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             headers={**headers, "X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
         )
 
-    @router.get(
-        "/v1/scenes/{scene_id}/things.bin",
-        response_class=Response,
-        responses={
-            **file_response(
-                "application/octet-stream",
-                description="little-endian uint16 ids of things by Gaussian, 0 for none; the version stands in "
-                "X-Scene-Version",
-            ),
-            **_UNCHANGED,
-        },
-    )
-    async def thing_ids(request: Request, scene_id: str, version: Version = "") -> Response:
-        """Which thing each Gaussian belongs to."""
-        exact, headers = await tagged("things.bin", scene_id, version)
-        if (unchanged := not_modified(request, headers)) is not None:
-            return unchanged
-        ids = await while_connected(request, threads.answer(lambda: service.answers.thing_ids(scene_id, exact)))
-        headers["X-Scene-Version"] = exact
-        return Response(ids, media_type="application/octet-stream", headers=headers)
-
     return router

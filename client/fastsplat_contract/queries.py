@@ -23,7 +23,6 @@ DecidedBy = Literal["name", "score"]
 Relation = Literal["same", "kind_of", "part_of", "related", "absent", "undecided"]
 RelationSubject = Literal["label", "question"]
 AnswerMethod = Literal["lexicon", "encoder", "names"]
-CameraFormat = Literal["json", "transforms", "colmap"]
 
 Version = Annotated[str, Field(description="of the scene; empty: the current one")]
 

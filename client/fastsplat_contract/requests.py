@@ -15,10 +15,10 @@ from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
-from fastsplat_contract.queries import CameraFormat, OfScene, Version
+from fastsplat_contract.queries import OfScene, Version
 from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
 from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.wire import Int64, Many, Request
+from fastsplat_contract.wire import Many, Request
 from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 MAX_VIEWS = 16
@@ -251,38 +251,10 @@ class WatchOperationRequest(Request, OfOperation):
 
 
 @dataclass(frozen=True)
-class DownloadCamerasRequest(Request, OfScene):
-    """A scene's own cameras as a file."""
-
-    format: Annotated[
-        CameraFormat,
-        Field(
-            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
-            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
-        ),
-    ] = "json"
-
-
-@dataclass(frozen=True)
-class DownloadScenePlyRequest(Request, OfVersion):
-    """A version of a scene as PLY, or the rest of that."""
-
-    offset: Annotated[
-        Int64,
-        Field(description="bytes to leave out at the beginning, to go on where a download broke; needs a version"),
-    ] = 0
-
-
-@dataclass(frozen=True)
 class DownloadMaskPlyRequest(Request, OfVersion):
     """Which Gaussians of a scene as PLY."""
 
     text: Annotated[str, Field(description="the question")] = ""
-
-
-@dataclass(frozen=True)
-class DownloadThingIdsRequest(Request, OfVersion):
-    """Of which scene the ids of things."""
 
 
 @dataclass(frozen=True)

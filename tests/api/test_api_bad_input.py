@@ -101,7 +101,7 @@ def test_unknown_names_are_not_found_everywhere(faces: Faces, scene_id: str) -> 
         lambda: stub.RetryOperation(pb.RetryOperationRequest(operation_id="none")),
         lambda: stub.CancelOperation(pb.CancelOperationRequest(operation_id="none")),
         lambda: list(stub.WatchOperation(pb.WatchOperationRequest(operation_id="none"))),
-        lambda: list(stub.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id="none"))),
+        lambda: list(stub.ExportScene(pb.ExportSceneRequest(scene_id="none"))),
         lambda: list(stub.DownloadMaskPly(pb.DownloadMaskPlyRequest(scene_id="none", text="mug"))),
         lambda: list(stub.RenderView(pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, view="none"))),
     )

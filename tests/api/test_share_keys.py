@@ -26,8 +26,8 @@ from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _SHOWN = {
     *("GetScene", "ListScenes", "ListLabels", "ListObjects", "ListThings", "PickThing", "ListVersions", "Query"),
-    *("StreamQuery", "DownloadCameras", "RenderView", "DownloadScenePly", "DownloadMaskPly", "ExportScene"),
-    *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
+    *("StreamQuery", "RenderView", "DownloadMaskPly", "ExportScene"),
+    *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
     "GetThingSheet",

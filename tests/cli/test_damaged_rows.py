@@ -149,7 +149,6 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "photo verdicts": lambda: service.list_photo_verdicts(scene),
         "PLY": lambda: service.answers.scene_ply(scene),
         "SPZ": lambda: service.exports.file(ExportRequest(scene, "spz")),
-        "cameras": lambda: service.camera_file(scene, "colmap"),
         "versions": lambda: service.versions.all(scene),
         "edit": lambda: service.versions.edit(scene, [_EDIT]),
         "undo": lambda: service.versions.undo(scene),
