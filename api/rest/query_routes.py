@@ -10,7 +10,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, while_connected
+from fastsplat.api.rest.responses import PROBLEMS, UNCHANGED, file_response, json_of_call, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.rest.table_routes import query_parameters, with_parameters
@@ -28,7 +28,6 @@ _MEDIA_TYPES: dict[PictureFormat, str] = {
     "jpeg": "image/jpeg",
 }
 _OF_VIEWS: dict[PictureFormat, str] = {"png": "view_picture", "npy": "view_array"}
-_UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 _Text = Annotated[str, Query(description="the question")]
 _IN_ADDRESS = {
@@ -88,7 +87,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
 
     for extension, name in _OF_VIEWS.items():
         path, endpoint = f"/v1/scenes/{{scene_id}}/{{kind}}.{extension}", own_view(extension)
-        responses = {**file_response(_MEDIA_TYPES[extension], description="the picture"), **_UNCHANGED}
+        responses = {**file_response(_MEDIA_TYPES[extension], description="the picture"), **UNCHANGED}
         router.add_api_route(path, endpoint, name=name, response_class=Response, responses=responses)
 
     @router.post(
@@ -103,7 +102,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.get(
         "/v1/scenes/{scene_id}/mask.ply",
         response_class=Response,
-        responses={**file_response(_PLY, description="3DGS PLY"), **_UNCHANGED},
+        responses={**file_response(_PLY, description="3DGS PLY"), **UNCHANGED},
     )
     async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
         """Only the Gaussians that answer the text, as a 3DGS PLY."""
@@ -122,7 +121,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
                 "application/octet-stream",
                 description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
             ),
-            **_UNCHANGED,
+            **UNCHANGED,
         },
     )
     async def mask3d(

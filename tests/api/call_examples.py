@@ -163,7 +163,14 @@ EXAMPLES = (
     ),
     *(
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
-        for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
+        for name in (
+            "GetOperation",
+            "CancelOperation",
+            "RetryOperation",
+            "FinishOperation",
+            "GetPreview",
+            "WaitOperation",
+        )
     ),
     _bad("ListScenes", {"place": "0" * 32}, "scene", "NOT_FOUND"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
@@ -173,6 +180,7 @@ EXAMPLES = (
     _bad("AddNamePack", {"pack": _PACK._replace(license="a\0")}, "pack.license"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
+    *(_bad("UpdateScene", SceneUpdate("desk", told), "scene", "NOT_FOUND", "nothing") for told in (None, "made")),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),

@@ -20,7 +20,6 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import LABELS, turned
 from tests.api.served import Faces, rest_refusal
@@ -186,13 +185,3 @@ def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
         assert (lens.width, lens.height) == (posed.camera.width, posed.camera.height)
         assert lens.params.tolist() == [posed.camera.fx, posed.camera.fy, posed.camera.cx, posed.camera.cy]
     assert colmap(cameras) == colmap(cameras)
-
-
-def test_a_camera_out_is_a_camera_in(faces: Faces, client: Client, scene_id: str) -> None:
-    message = faces.rpc.GetScene(pb.GetSceneRequest(scene_id=scene_id)).cameras[1]
-    request = pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, camera=message)
-    picture = b"".join(chunk.data for chunk in faces.rpc.RenderView(request))
-    assert picture == client.picture(scene_id, "rgb", message.name)
-    posed = client.scene(scene_id).cameras[1]
-    assert posed.name == message.name and posed.camera.width == message.intrinsics.width
-    assert posed.world_from_camera == pytest.approx(from_proto(PosedCamera, message).world_from_camera, abs=1e-12)

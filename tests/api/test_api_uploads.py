@@ -6,10 +6,8 @@ import io
 import json
 import os
 import socket
-import struct
 import threading
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,7 +22,7 @@ from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.api.uploaded import Files, messages, photo, photos, post
+from tests.api.uploaded import Files, huge_png, messages, photo, photos, post
 from tests.waiting import wait_for
 
 
@@ -34,21 +32,6 @@ def _zip(entries: dict[str, bytes]) -> bytes:
         for name, data in entries.items():
             archive.writestr(name, data)
     return buffer.getvalue()
-
-
-def _huge_png() -> bytes:
-    """A header that promises 30,000 × 30,000 pixels."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
-        + chunk(b"IEND", b"")
-    )
 
 
 def _splat(count: int = 9) -> bytes:
@@ -214,7 +197,7 @@ _HOSTILE: dict[str, tuple[Files, tuple[int, str]]] = {
         [("a.jpg", photo(1)), ("b.jpg", photo(2, (320, 240))[:-2000])],
         (400, "INVALID_ARGUMENT"),
     ),
-    "30,000 × 30,000": ([("a.jpg", photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
+    "30,000 × 30,000": ([("a.jpg", photo(1)), ("b.png", huge_png())], (413, "RESOURCE_EXHAUSTED")),
     "name leaves": ([("../../a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
     "absolute name": ([("/etc/a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
     "same name twice": (
