@@ -41,13 +41,10 @@ BENCHMARKS = {
     "changes": Benchmark("what changed in drawn rooms, told by ten photos of another day", _TEST),
     "default_path": Benchmark("photos and poses alone, default models, no names", _TEST),
     "estimates": Benchmark("seconds of a job as estimated before, and as it said while it ran (FOLDER[:COUNT] ...)"),
-    "flipped_bits": Benchmark(
-        "how reading ends when random bits of stored files flip", module="robustness.flipped_bits"
-    ),
+    "evaluate": Benchmark("a data set of one's own (FOLDER): trained, and every metric measured", module="evaluation"),
     "gpu": Benchmark(
         "parity, training and frames a second on an NVIDIA GPU (pip install '.[cuda]')", module="raster.gpu"
     ),
-    "joined": Benchmark("photos that join a scene, against training anew", _TEST, "things.joined"),
     "localization": Benchmark("held-out photos localized, photos of other places refused", _TEST),
     "naming": Benchmark("a person's time to name twelve drawn rooms whole by what a namer suggests", _MODELS),
     "page": Benchmark("the web page: load time, bytes, frames a second, from Enter to glow, without WebGL"),
@@ -60,7 +57,6 @@ BENCHMARKS = {
         "twelve drawn rooms: how whole, clean and rightly named things are (six; --split test: the others)"
     ),
     "serve": Benchmark("the API under load"),
-    "splat_import": Benchmark("seconds and memory of a splat of 100k and 1M Gaussians that becomes a scene"),
     "standing": Benchmark("standing questions at 10 poses a second for 10 minutes, a training beside"),
     "things": Benchmark("things without a vocabulary", _TEST),
     "trade": Benchmark("what time, memory and bytes buy, as a table and pictures", _TEST),

@@ -128,8 +128,8 @@ def put_row(path: Path, name: str, row: Mapping[str, Any]) -> None:
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Replace a file of results, whole or not at all. Rows of it that do not say where they come from, as those of
-    earlier releases, are left out, and named on stdout.
+    """Replace a file of results, whole or not at all. Rows of it that do not say where they come from are left
+    out, and named on stdout.
 
     Args:
         path: the file.
@@ -194,7 +194,7 @@ def machine() -> str:
 
 
 def peak_megabytes() -> float:
-    """Highest resident memory of this process so far, 10^6 bytes; loads nothing, unlike the evaluation's."""
+    """Highest resident memory of this process so far, 10^6 bytes."""
     unit = 1 if sys.platform == "darwin" else 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 

@@ -7,9 +7,9 @@ from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
+from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import RESULTS
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.evaluation.validation_split import Split, validation_names
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import Settings, load_settings

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Does a change of the product say so for the changelog? `release/check_fragments.sh [BASE]` in a checkout with its history.
 # Fails where files of the product differ from BASE, a revision, and no fragment changes/+NAME.KIND.md was added or changed
-# since. BASE is by default the last release's tag v*, or where none is, the commit that last changed the version.
+# since, nor the changelog. BASE is by default the last release's tag v*, or where none is, the commit that last changed the version.
 set -euo pipefail
 cd "$(git rev-parse --show-toplevel)"
 
@@ -11,7 +11,7 @@ base=${base:-$(git log -1 --format=%h -G'^version = ' -- pyproject.toml)}
 beside=(tests docs benchmarks release examples changes .ci '*.md' '*.test.ts' Makefile mkdocs.yml CITATION.cff)
 changed() { git diff --merge-base --name-only "$@"; }
 product=$(changed "$base" -- . "${beside[@]/#/:!}")
-[[ -z $product || -n $(changed --diff-filter=AMR "$base" -- 'changes/+*.md') ]] && exit
+[[ -z $product || -n $(changed --diff-filter=AMR "$base" -- 'changes/+*.md' CHANGELOG.md) ]] && exit
 echo "These files of the product changed since $base, and no fragment says so. Add changes/+NAME.KIND.md (see DEVELOPMENT.md):" >&2
 echo "$product" >&2
 exit 1

@@ -1,8 +1,8 @@
 """Capture, labels, training, scene: the stages of a scene as functions, and the one place that puts a scene together.
 
 Around a splat of another tool pictures are rendered where it has none, and labels are lifted onto it, not trained.
-A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); the evaluation, the
-benchmarks and library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
+A worker calls the stages one by one and keeps the result of each (`workers.create_scene_stages`); benchmarks and
+library users call `build_scene`. Every caller assembles its scene with `assemble_scene`.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress
     """The capture of a folder of photos, a video, an archive or a posed data set, checked as any upload is.
 
     Args:
-        folder: the files; its subfolder `.admitted` is written.
+        folder: the files; its subfolder `.validated` is written.
         work: a folder for the result, which must not exist.
         settings: limits, and how poses are found.
         progress: hears of the stage; may raise `CancelledError`.

@@ -16,7 +16,6 @@ from fastsplat.api.examples.job_watching_examples import running_operation
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.name_suggestions import NamerResult
 from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
@@ -96,7 +95,6 @@ _UNNAMED = replace(
     suggestions=_SUGGESTED,
     reads=(ThingRead("text", "oat milk", 0.97, 3),),
 )
-NAMED_BY_NAMER = NamerResult(suggested=17, shown=20, refused=0, problem="", version=IDS["version"])
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
 _MASK[20:30, 24:40] = True

@@ -15,11 +15,11 @@ from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.errors import CancelledError, InvalidInputError, SceneFileError
+from fastsplat_contract.errors import CancelledError, InvalidInputError
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.pieces import CHUNK_BYTES, READS_SKIPPED, messages_of_query
+from fastsplat_contract.pieces import CHUNK_BYTES, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 
 M = TypeVar("M")
@@ -62,16 +62,11 @@ class SceneServicer:
     async def Query(self, request: pb.QueryRequest, context: Context) -> AsyncIterator[pb.QueryResponse]:
         """Ranked labels, masks and objects."""
 
-        reads_skipped = READS_SKIPPED in [tuple(entry) for entry in context.invocation_metadata() or ()]
-
         def asked() -> list[pb.QueryResponse]:
-            answered = self._service.answers.query(from_proto(QueryRequest, request))
-            if answered.skipped and not answered.answers and not reads_skipped:
-                raise _all_skipped(answered)
-            return list(messages_of_query(answered))
+            return list(messages_of_query(self._service.answers.query(from_proto(QueryRequest, request))))
 
         async with guarded(context, "Query"):
-            for message in await self._threads.answer(asked):
+            for message in await self._threads.answer(asked, background=pb.OUTPUT_MASK2D in request.outputs):
                 yield message
 
     async def StreamQuery(
@@ -123,15 +118,6 @@ class SceneServicer:
 def _message(operation: Operation) -> pb.Operation:
     message: pb.Operation = to_proto(operation)
     return message
-
-
-def _all_skipped(answered: QueryOut) -> SceneFileError:
-    first = answered.skipped[0]
-    return SceneFileError(
-        f"none of {answered.skipped_count} scenes could be asked; scene {first.scene_id}: {first.detail}",
-        field="scene_id",
-        hint="Name a scene, or send the metadata x-fastsplat-reads: skipped to hear of all of them.",
-    )
 
 
 async def _whole(messages: AsyncIterator[M], context: Context) -> AsyncIterator[M]:

@@ -34,11 +34,10 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         exact = replace(
             export, version=await threads.call(lambda: service.versions.resolve(export.scene_id, export.version))
         )
-        weak = "" if FORMATS[export.format].repeatable else "W/"
-        headers = {"ETag": weak + etag_of(exact), "Cache-Control": "private, no-cache"}
+        headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        content = await while_connected(request, threads.answer(lambda: service.exports.file(exact)))
+        content = await while_connected(request, threads.answer(lambda: service.exports.file(exact), background=True))
         headers["Content-Disposition"] = f'attachment; filename="{FILE_NAMES[export.format]}"'
         if export.format == "html":  # a page of its own, not one of this server
             headers["Content-Security-Policy"] = "sandbox"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Request
@@ -42,7 +43,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
         if (unchanged := not_modified(request, headers)) is not None:
             return unchanged
-        content = await while_connected(request, threads.answer(lambda: service.answers.picture(exact)))
+        content = await while_connected(
+            request, threads.answer(lambda: service.answers.picture(exact), background=True)
+        )
         return Response(content, media_type=_MEDIA_TYPES[picture.format], headers=headers)
 
     async def tagged(name: str, scene_id: str, version: str, *question: str) -> tuple[str, dict[str, str]]:
@@ -77,7 +80,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         asker_view: Annotated[
             str | None, Query(description="name of one of the scene's cameras where you stand")
         ] = None,
-        newest_capture: Annotated[bool, Query(description=description_of(QueryIn, "newest_capture"))] = False,
     ) -> Response:
         """Ranked labels for a text, in one scene or in all of the project."""
         question = QueryRequest(
@@ -91,7 +93,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             max_matches=max_matches,
             mask3d_encoding=mask3d_encoding,
             asker_view=asker_view,
-            newest_capture=newest_capture,
         )
         return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
 
@@ -99,7 +100,8 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
         """Ranked labels, 2D masks at poses or views, 3D masks, and objects."""
         question = QueryRequest(scene_id, **vars(body))
-        return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
+        run = partial(threads.answer, background="mask2d" in body.outputs)
+        return await json_of_call(request, run, lambda: service.answers.query(question))
 
     @router.get(
         "/v1/scenes/{scene_id}/{kind}.png",
@@ -149,7 +151,9 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
         """A picture from a free viewpoint, or from one of the scene's own cameras."""
         picture = PictureRequest(scene_id, **vars(body))
-        content = await while_connected(request, threads.answer(lambda: service.answers.picture(picture)))
+        content = await while_connected(
+            request, threads.answer(lambda: service.answers.picture(picture), background=True)
+        )
         return Response(content, media_type=_MEDIA_TYPES[body.format])
 
     @router.get(

@@ -24,15 +24,13 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.default_path.own_seconds import OwnSeconds
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.datasets.types import Dataset
+from benchmarks.evaluation.predictions import truth_ids
+from benchmarks.evaluation.scene_evaluation import evaluate_scene, scene_size
+from benchmarks.evaluation.train_eval import TrainingLabels, train_on_split
 from benchmarks.provenance import ROOT, begin, chosen_on, parser_of, provenance, put_row
 from benchmarks.splits import add_split, results_file
-from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from fastsplat.service.evaluation.datasets.types import Dataset
-from fastsplat.service.evaluation.predictions import truth_ids
-from fastsplat.service.evaluation.registry import METRICS
-from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
-from fastsplat.service.evaluation.train_eval import TrainingLabels, train_on_split
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.query.scene_index import SceneIndex
@@ -82,27 +80,28 @@ def measure(
     labels: TrainingLabels = "default",
     preset: PresetName = "balanced",
 ) -> dict[str, Any]:
-    """Every metric of the data set's measured views, the seconds of each stage, and where all of it comes from."""
+    """Every metric of the data set's measured views, or why there is none, the seconds of each stage, and where all of
+    it comes from."""
     start, cpu = begin(), time.process_time()
     watch = OwnSeconds()
     watched = watch if profiled else nullcontext()
     with tempfile.TemporaryDirectory(prefix="fastsplat-") as work, watched:
-        trained = train_on_split(dataset, settings, Path(work), silent, labels=labels, preset=preset)
+        trained = train_on_split(dataset, settings, Path(work), labels=labels, preset=preset)
     cpu = time.process_time() - cpu
     index = SceneIndex(
         trained.scene, open_text_encoder(settings.perception.text_encoder, settings.models), settings.query
     )
-    report = evaluate_scene(index, dataset, samples=0)
-    values = {metric.name: report.value(metric.name) for metric in METRICS}
+    report = evaluate_scene(index, dataset)
     named = set(truth_ids(trained.scene.dictionary, dataset.dictionary).tolist()) - {0}
     return {
-        "figures": {key: None if value is None else round(value, 4) for key, value in values.items()},
+        "figures": {key: None if value is None else round(value, 4) for key, value in report.figures.items()},
+        "not_measured": report.reasons,
         "labels": [entry.label for entry in trained.scene.dictionary.entries],
         "names_right": len(named),
         "names": len(dataset.dictionary),
         "things": len(index.things.present),
-        "gaussians": report.gaussians,
-        "bytes": report.bytes,
+        "gaussians": len(trained.scene.gaussians),
+        "bytes": scene_size(trained.scene),
         "stage_seconds": {stage: round(seconds, 1) for stage, seconds in trained.seconds.items()},
         "cpu_seconds": round(cpu, 1),
         "peak_mb": round(trained.peak_mb, 1),

@@ -21,9 +21,9 @@ from pathlib import Path
 from typing import get_args
 
 from benchmarks.default_path.__main__ import measure
+from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.provenance import RESULTS, parser_of, put_row
 from benchmarks.published.paper import PAPER, figures_of, tables
-from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat.service.planning.presets import apply_preset, override_training
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.operations import PresetName

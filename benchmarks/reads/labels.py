@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from benchmarks.evaluation.negative_nouns import negative_nouns
 from benchmarks.rooms.arranging import Ground, Room, extent
 from benchmarks.rooms.groups import photographed
 from benchmarks.rooms.materials import F32, mottled, painted, plain
@@ -95,8 +95,7 @@ def labelled_room(seed: int) -> tuple[Room, list[Line]]:
         seed: of everything.
     """
     rng = np.random.default_rng([seed, 30])
-    words = files("fastsplat.service.evaluation").joinpath("negative_nouns.txt").read_text().splitlines()
-    words = [word for word in words if word.isascii() and 3 <= len(word) <= 12]
+    words = [word for word in negative_nouns() if word.isascii() and 3 <= len(word) <= 12]
     room, ground = Room(window=(float(rng.uniform(-0.9, 0.9)), -0.55, 0.85)), Ground(rng, (-0.65, -0.35), (0.65, 0.33))
     top = mottled(("#b98d58", "#d0a870", "#a87c4a"), 14, 1.2, stretch=(0.15, 1, 1))
     room.put("dining table", box((1.3, 0.7, 0.035), top, (0, 0, -0.0175)), "horizontal surface")

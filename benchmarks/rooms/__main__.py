@@ -11,7 +11,7 @@ A room whose folder lies in `--keep` is not drawn, trained or looked at again: t
 seconds. A folder holds `drawn` (the data set), `capture`, `scene` (trained without labels) and `looked` (masks and
 detections of the training views). `--sheets` draws contact sheets beside the results.
 
-  recall_50, recall_75, precision, ap_50, mean_iou: discovered things against true ones, pixels of all test views;
+  recall_50, recall_75, precision, mean_iou: discovered things against true ones, pixels of all test views;
   clicks_miou: after each true thing was clicked once and named; selected_miou: what each single click selects;
   clicks_1.3_miou: with a second click on the worst 30 %;
   surfaces_iou: of floors, walls and table tops; outside_box, outside_at_others, covered, alone_miou: see
@@ -34,6 +34,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.datasets.training import subset, training_capture
+from benchmarks.evaluation.datasets.types import Dataset
 from benchmarks.provenance import RESULTS, begin, parser_of, provenance, write_json
 from benchmarks.rooms.drawing import KINDS, ROOMS, write_room
 from benchmarks.rooms.figures import figures_of, measured, worst_of
@@ -43,9 +46,6 @@ from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, t
 from fastsplat.service.capture.formats.capture_files import holds_capture, load_capture
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from fastsplat.service.evaluation.datasets.training import subset, training_capture
-from fastsplat.service.evaluation.datasets.types import Dataset
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.labelling_files import load_labelling, save_labelling

@@ -13,13 +13,10 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration.fit_names import is_right
-from benchmarks.rooms.shapes import F64
-from benchmarks.rooms.truth import Truth
-from fastsplat.service.evaluation.datasets.types import Dataset
-from fastsplat.service.evaluation.thing_discovery import (
+from benchmarks.evaluation.datasets.types import Dataset
+from benchmarks.evaluation.thing_discovery import (
     MIN_PIXELS,
     ThingCounts,
-    average_precision_at,
     count_things,
     precision_at,
     recall_at,
@@ -27,6 +24,8 @@ from fastsplat.service.evaluation.thing_discovery import (
     true_things,
     widest,
 )
+from benchmarks.rooms.shapes import F64
+from benchmarks.rooms.truth import Truth
 from fastsplat.service.perception.class_names import COCO_80
 from fastsplat.service.query.drawing.scene_renderer import Renderer
 from fastsplat.service.query.settings import QuerySettings
@@ -103,9 +102,8 @@ def figures_of(scene: Measured) -> dict[str, Any]:
         "recall_50": recall_at(counts, 0.5),
         "recall_75": recall_at(counts, 0.75),
         "precision": precision_at(counts, 0.5),
-        "ap_50": average_precision_at(counts, 0.5),
         "mean_iou": float(best[counts.present].mean()),
-        "clicks_miou": simulate_clicks(scene.scene, scene.dataset, scene.things).miou,
+        "clicks_miou": simulate_clicks(scene.dataset, scene.things),
         **_clicked(scene),
         "surfaces_iou": _mean(best[surfaces]),
         **{f"{kind}_iou": _mean(best[counts.present & (kinds == kind)]) for kind in sorted(set(kinds) - {""})},

@@ -22,6 +22,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.datasets.training import training_capture
+from benchmarks.evaluation.datasets.types import Dataset
+from benchmarks.evaluation.scene_evaluation import evaluate_scene
 from benchmarks.provenance import RESULTS, ROOT, Start, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import Split, add_split, results_file
 from benchmarks.things.discovered import draw_sheet, settings_by_steps, timed, trained_scene
@@ -30,10 +34,6 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from fastsplat.service.evaluation.datasets.training import training_capture
-from fastsplat.service.evaluation.datasets.types import Dataset
-from fastsplat.service.evaluation.scene_evaluation import evaluate_scene
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.perception.capture_masks import propose_capture_masks
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -46,7 +46,7 @@ from fastsplat.service.settings import Settings
 _MASK_LABELS = {"skull": "skull"}
 _WITHOUT_TRUTH = ("kitchen", "plush")
 _NAMES = ("sample", "tabletop", "skull", *_WITHOUT_TRUTH)
-_FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "things_ap50", "clicks_miou")
+_FIGURES = ("things_recall_50", "things_recall_75", "things_precision", "clicks_miou")
 _DRAWN = ("skull", *_WITHOUT_TRUTH)
 
 
@@ -126,13 +126,11 @@ def discovery_data(
 
 def _figures(scene: Scene, dataset: Dataset, settings: Settings) -> dict[str, Any]:
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
-    report = evaluate_scene(SceneIndex(scene, encoder, settings.query), dataset, samples=0)
-    figures = {name: report.value(name) for name in _FIGURES}
-    told = {key: value for key, value in report.details.items() if key.startswith(("things_", "click"))}
+    report = evaluate_scene(SceneIndex(scene, encoder, settings.query), dataset)
+    figures = {name: report.figures[name] for name in _FIGURES}
     return {
         key: round(value, 4) if isinstance(value, float) else value
-        for key, value in (figures | told).items()
-        if key != "clicks_miou_after"
+        for key, value in (figures | dict(report.details)).items()
     }
 
 

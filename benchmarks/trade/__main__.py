@@ -21,14 +21,14 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.provenance import RESULTS, begin, chosen_on, parser_of, provenance, write_json
 from benchmarks.splits import add_split, results_file
 from benchmarks.trade.draw import draw
 from benchmarks.trade.trade_rows import BASE, Row, all_rows
-from fastsplat.service.evaluation.validation_split import Split
 
 _LONGEST_ROW_S = 1_800
-_COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr", "ssim", "miou", "boundary_iou", "ghost_rate")
+_COLUMNS = ("wall_s", "cpu_s", "peak_mb", "bytes", "gaussians", "psnr", "ssim", "miou", "boundary_iou")
 _COLUMNS += ("localization", "label_map_ms")
 
 
@@ -95,7 +95,7 @@ def measured(row: Row, threads: int, split: Split) -> dict[str, Any] | None:
             return None
         figures = json.loads(result.read_text())
     about = {"key": row.key, "data": row.data, "factor": row.factor, "value": row.value}
-    changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception", "query")}
+    changed = {name: value for name, value in asdict(row).items() if name in ("training", "perception")}
     about_run = provenance(start, settings={}, chosen_on=chosen_on(row.data, split))
     made = {name: value for name, value in about_run.items() if name not in ("command", "machine", "settings")}
     return {**about, **{name: value for name, value in changed.items() if value}, **made, **figures}

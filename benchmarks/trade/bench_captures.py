@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.evaluation.validation_split import Split
 from benchmarks.splits import HELD_OUT, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.validation_split import Split
 from fastsplat.service.perception.labelling import label_capture
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Labelling, Regions
@@ -78,7 +78,7 @@ def training_labels(data: BenchData, settings: Settings) -> Labelling:
     regions = [Regions(label_map, ()) for label_map in maps]
     for position, label_map, view in zip(data.train, detected.label_maps, detected.regions, strict=True):
         maps[position], regions[position] = label_map, view
-    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions), expected=detected.expected)
+    return Labelling(detected.dictionary, tuple(maps), regions=tuple(regions))
 
 
 def _built(name: str) -> Capture:
@@ -87,8 +87,8 @@ def _built(name: str) -> Capture:
         SCRATCH.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=SCRATCH) as work:
             # these load what a row's process does without
-            from fastsplat.service.evaluation.datasets.reading import read_dataset
-            from fastsplat.service.evaluation.datasets.training import training_capture
+            from benchmarks.evaluation.datasets.reading import read_dataset
+            from benchmarks.evaluation.datasets.training import training_capture
             from fastsplat.service.pipeline import capture_folder
 
             folder, settings = Path(work), CaptureSettings()

@@ -1,62 +1,43 @@
-"""Figures of a scene on test views: the functions of `service.evaluation` over whatever renders the scene."""
+"""Figures of a scene on test views: the functions of `benchmarks.evaluation`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
-from numpy.typing import NDArray
 
+from benchmarks.evaluation.boundary_iou import boundary_counts
+from benchmarks.evaluation.image_quality import psnr, ssim
+from benchmarks.evaluation.localization import box_of, peak_in_box
+from benchmarks.evaluation.predictions import truth_ids
+from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
+from benchmarks.evaluation.types import Skipped, mean
 from benchmarks.trade.bench_captures import BenchData
 from fastsplat.service.capture.formats.image_io import load_rgb
-from fastsplat.service.common.dictionary import Dictionary
-from fastsplat.service.evaluation.boundary_iou import boundary_counts
-from fastsplat.service.evaluation.ghost_labels import GhostCounts, ghost_counts
-from fastsplat.service.evaluation.image_quality import psnr, ssim_zero_padded
-from fastsplat.service.evaluation.localization import box_of, peak_in_box
-from fastsplat.service.evaluation.predictions import truth_ids
-from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
-from fastsplat.service.evaluation.types import Skipped, mean
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat_contract.camera import PosedCamera
-
-Map = Callable[[PosedCamera], NDArray[np.generic]]
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """How a scene is rendered: uint8 [H, W, 3] colors, and integer [H, W] label maps in the scene's own dictionary."""
-
-    colors: Map
-    labels: Map
-
-
-def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_only: bool) -> dict[str, float]:
-    """psnr, ssim (zero-padded, as 3DGS), miou, boundary_iou, ghost_rate of the test views at the images' own size.
+def score(index: SceneIndex, data: BenchData, prompts_only: bool) -> dict[str, float]:
+    """psnr, ssim, miou, boundary_iou of the test views at the images' own size.
 
     Args:
-        pictures: the scene.
-        dictionary: its labels; each counts as the truth's label of the same name, others count as undetected.
+        index: the scene; each of its labels counts as the truth's label of the same name, others count as undetected.
         data: the truth.
         prompts_only: only the labels that the detector was prompted with count in the means.
     """
     classes = len(data.truth.dictionary)
-    to_truth = truth_ids(dictionary, data.truth.dictionary)
-    pixels, edges, ghosts = MaskCounts.zeros(classes), MaskCounts.zeros(classes), GhostCounts(0, 0, 0, 0)
+    to_truth = truth_ids(index.scene.dictionary, data.truth.dictionary)
+    pixels, edges = MaskCounts.zeros(classes), MaskCounts.zeros(classes)
     qualities: dict[str, list[float]] = {"psnr": [], "ssim": []}
     for position in data.test:
         view = data.capture.views[position]
         target = load_rgb(view.image_path).astype(np.float32) / 255
-        image = np.asarray(pictures.colors(view.posed)).astype(np.float32) / 255
-        for name, quality in (("psnr", psnr(image, target)), ("ssim", ssim_zero_padded(image, target))):
+        image = index.render(view.posed).astype(np.float32) / 255
+        for name, quality in (("psnr", psnr(image, target)), ("ssim", ssim(image, target))):
             if not isinstance(quality, Skipped):
                 qualities[name].append(quality)
-        predicted, truth = to_truth[pictures.labels(view.posed)], data.truth.label_maps[position].astype(np.int64)
+        predicted, truth = to_truth[index.label_map(view.posed)], data.truth.label_maps[position].astype(np.int64)
         pixels += mask_counts(predicted, truth, classes)
         edges += boundary_counts(predicted, truth, classes)
-        ghosts += ghost_counts(predicted, truth, classes)
     shown = [row for row in _counted(data, prompts_only) if pixels.present()[row]]
     iou = pixels.iou()[shown]
     return {
@@ -64,8 +45,6 @@ def score(pictures: Pictures, dictionary: Dictionary, data: BenchData, prompts_o
         "miou": float(iou.mean()),
         "worst_iou": float(iou.min()),
         "boundary_iou": float(np.nan_to_num(edges.iou()[shown]).mean()),
-        "ghost_rate": ghosts.rate(),
-        "ghost_share": ghosts.share_of_pixels(),
     }
 
 

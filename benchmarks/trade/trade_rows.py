@@ -1,4 +1,4 @@
-"""What is measured: a base, and one factor changed at a time; the frontier; queries; presets."""
+"""What is measured: a base, and one factor changed at a time; the frontier; presets."""
 
 from __future__ import annotations
 
@@ -29,12 +29,6 @@ fit an hour; and bounded by steps, which makes it reproducible. Scores are taken
 
 _DETECTED = {"iterations": 200, "max_gaussians": 10_000}
 _TABLETOP = SceneSize(40, 480, 360, 4_955, 17)
-_YOLO = {
-    "open_set_detector": "yolo_world:yolo_world_s",
-    "prompt_encoder": "label_table:clip_text_vocab",
-    "open_score_threshold": 0.15,
-}
-
 
 Data = Literal["tabletop", "sample", "skull"]
 DATA: tuple[Data, ...] = ("tabletop", "sample")
@@ -49,7 +43,6 @@ class Row:
         factor, value: what is changed against the base, and to what, in words.
         training: `TrainingSettings` in place of `BASE`'s.
         perception: `PerceptionSettings` in place of their defaults; None takes the exact label maps.
-        query: "stride", "alpha_min", "transmittance_min" at which the kept base scene is drawn; None trains.
     """
 
     data: Data
@@ -57,7 +50,6 @@ class Row:
     value: str
     training: dict[str, Any] = field(default_factory=dict)
     perception: dict[str, Any] | None = None
-    query: dict[str, float] | None = None
 
     @property
     def key(self) -> str:
@@ -75,12 +67,10 @@ class Row:
 
 def all_rows() -> list[Row]:
     """In the order in which they are measured: what matters most first."""
-    rows = [Row("tabletop", "base", "base"), Row("sample", "base", "base")]
+    rows = [Row("tabletop", "base", "base")]
     rows += _frontier()
-    rows += _sweeps("tabletop", short=False)
+    rows += _sweeps()
     rows += _detected()
-    rows += _queries()
-    rows += _sweeps("sample", short=True)
     rows += [Row(data, "preset", name, _preset(name)) for name in PRESETS for data in DATA]
     return rows
 
@@ -93,35 +83,21 @@ def _preset(name: PresetName) -> dict[str, Any]:
     return {**PRESETS[name], "time_budget_s": None, "iterations": steps}
 
 
-def _sweeps(data: Data, *, short: bool) -> Iterator[Row]:
+def _sweeps() -> Iterator[Row]:
     recipe = {"max_gaussians": 200_000, "max_sh_degree": 3, "code_size": 16}
-    yield Row(data, "label mode", "evidence", {"label_mode": "evidence"})
-    yield Row(data, "code size", "3", {"code_size": 3})
-    for value in (0, 3):
-        yield Row(data, "harmonics", f"degree {value}", {"max_sh_degree": value})
-    for value in (0.05,) if short else (0.05, 0.2):
-        yield Row(data, "surplus", f"{value} dB", {"max_psnr_drop_db": value})
-    yield Row(data, "fixed recipe", "200000, degree 3, code 16", recipe)
-    yield Row(data, "fixed recipe", "the same, 0.05 dB of surplus", {**recipe, "max_psnr_drop_db": 0.05})
-    for value in (5_000, 80_000) if short else (5_000, 10_000, 40_000, 80_000):
-        yield Row(data, "Gaussians", f"{value}", {"max_gaussians": value})
-    for value in (100,) if short else (50, 100, 200, 800, 1_600):
-        yield Row(data, "steps", f"{value}", {"iterations": value})
-    for value in (480,) if short else (120, 170, 340, 480):
-        yield Row(data, "resolution", f"{value} px", {"max_side": value})
-    if not short:
-        yield Row(data, "code size", "13", {"code_size": 13})
-
-
-def _queries() -> Iterator[Row]:
-    for value in (1, 2, 4):
-        yield Row("tabletop", "render stride", f"1/{value}", query={"stride": value})
-    for value in (1 / 64, 1 / 16):
-        yield Row("tabletop", "alpha_min", f"1/{1 / value:.0f}", query={"alpha_min": value})
-    for value in (1e-2, 0.1):
-        yield Row("tabletop", "transmittance_min", f"{value:g}", query={"transmittance_min": value})
-    everything = {"stride": 2, "alpha_min": 1 / 32, "transmittance_min": 5e-2}
-    yield Row("tabletop", "cut-offs together", "1/2, 1/32, 0.05", query=everything)
+    changes: list[tuple[str, str, dict[str, Any]]] = [
+        ("label mode", "evidence", {"label_mode": "evidence"}),
+        ("fixed recipe", "200000, degree 3, code 16", recipe),
+        ("fixed recipe", "the same, 0.05 dB of surplus", {**recipe, "max_psnr_drop_db": 0.05}),
+        ("steps", "1600", {"iterations": 1_600}),
+        *(("code size", f"{value}", {"code_size": value}) for value in (3, 13)),
+        *(("harmonics", f"degree {value}", {"max_sh_degree": value}) for value in (0, 3)),
+        *(("surplus", f"{value} dB", {"max_psnr_drop_db": value}) for value in (0.05, 0.2)),
+        *(("Gaussians", f"{value}", {"max_gaussians": value}) for value in (5_000, 10_000, 40_000, 80_000)),
+        *(("resolution", f"{value} px", {"max_side": value}) for value in (120, 170, 340, 480)),
+    ]
+    for factor, value, training in changes:
+        yield Row("tabletop", factor, value, training)
 
 
 def _frontier() -> Iterator[Row]:
@@ -139,5 +115,3 @@ def _detected() -> Iterator[Row]:
         yield Row("sample", "perception views", f"{views or 21}", _DETECTED, {"max_views": views})
     yield Row("sample", "closer look", "off", _DETECTED, {"max_views": 6, "closer_look": False})
     yield Row("sample", "segmenter", "sam2_hiera_tiny", _DETECTED, {"max_views": 6, "segmenter": "sam2_hiera_tiny"})
-    for views in (4, 16):
-        yield Row("tabletop", "perception views", f"{views or 32}", _DETECTED, {**_YOLO, "max_views": views})

@@ -1,4 +1,4 @@
-"""Trains a data set for a given time; writes PSNR against seconds as JSON and as a picture.
+"""Trains a data set for a given time; writes PSNR against seconds as JSON.
 
     python -m benchmarks.training DATA [--seconds 240] [--gaussians 40000] [--split test]
 
@@ -48,8 +48,6 @@ def main() -> None:
     result = _measure(options.data, settings, options.split, options.colors_alone)
     name = results_file(f"training_{options.data.resolve().name}_{options.seconds:.0f}s", options.split).stem
     write_json(RESULTS / f"{name}.json", result)
-    if options.split == "test":
-        _draw(result, RESULTS / f"{name}.png")
     print(json.dumps({key: value for key, value in result.items() if key not in ("curve", "settings")}, indent=1))
 
 
@@ -74,7 +72,7 @@ def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alon
     cpu, peak_mb = time.process_time() - cpu_before, peak_megabytes()
     chosen = chosen_on(folder.resolve().name, split)
     about = provenance(start, settings=settings.model_dump(mode="json"), chosen_on=chosen)
-    from fastsplat.service.evaluation.held_out_views import (
+    from benchmarks.evaluation.held_out_views import (
         evaluate_views,  # its libraries are not training's, and not in its peak
     )
 
@@ -93,26 +91,6 @@ def _measure(folder: Path, settings: TrainingSettings, split: Split, colors_alon
         "split": split,
         "curve": curve,
     }
-
-
-def _draw(result: dict[str, Any], path: Path) -> None:
-    # Loaded here, after the run: it is no part of the trainer, whose memory is measured.
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6.4, 4), layout="constrained")
-    axes.plot([point["elapsed_s"] for point in result["curve"]], [point["psnr"] for point in result["curve"]], "o-")
-    axes.set_xlabel("seconds of training")
-    axes.set_ylabel("PSNR on held-out views, dB")
-    axes.set_title(
-        f"{result['data']}: {result['psnr']:.2f} dB, SSIM {result['ssim']:.3f}, mIoU {result['mean_iou']:.3f}, "
-        f"{result['gaussians']:.0f} Gaussians",
-        fontsize="medium",
-    )
-    axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=110)
 
 
 if __name__ == "__main__":

@@ -201,9 +201,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """One scene with its dictionary, cameras and quality."""
         return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
-    def scenes(self, *, place: str = "") -> Iterator[SceneSummary]:
-        """All scenes, newest first, without dictionary, cameras and quality; of a scene as `place` its captures."""
-        pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest(place=place))
+    def scenes(self) -> Iterator[SceneSummary]:
+        """All scenes, newest first, without dictionary, cameras and quality."""
+        pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest())
         return (scene for page in pages for scene in page.scenes)
 
     def open_sample(self) -> Scene:
@@ -224,8 +224,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return (label for page in pages for label in page.labels)
 
     def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
-        """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
-        of earlier releases."""
+        """What became of each photo of a scene's capture, by name; none before its capture stage is done."""
         pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
         return (photo for page in pages for photo in page.photos)
 
@@ -254,7 +253,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
             timeout_s: when to give up; the server then stops, too.
-            choices: other fields of `QueryRequest`, as version, max_matches, asker_view, newest_capture.
+            choices: other fields of `QueryRequest`, as version, max_matches, asker_view.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)

@@ -1,4 +1,4 @@
-"""Putting a scene into another frame: a map's, or another capture's of the same place."""
+"""Putting a scene into the frame of a map."""
 
 from __future__ import annotations
 
@@ -18,20 +18,4 @@ class AlignIn(Request):
     proto: ClassVar[str] = "AlignSceneRequest"
 
     alignment: Alignment
-    request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""
-
-
-@dataclass(frozen=True)
-class AlignToIn(Request):
-    """A new version of a scene in the frame of another scene of the same place."""
-
-    proto: ClassVar[str] = "AlignToSceneRequest"
-
-    other: Annotated[
-        str,
-        Field(
-            description="id of the other scene, whose units are meters; the frame that both are in then has its "
-            "alignment's name, or this id"
-        ),
-    ] = ""
     request_id: Annotated[str, Field(description="same id: the version that it made is returned again (AIP-155)")] = ""

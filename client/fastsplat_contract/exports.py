@@ -11,7 +11,7 @@ from pydantic import Field
 from fastsplat_contract.queries import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map", "rerun"]
+ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map"]
 """The rows of `FORMATS`."""
 
 
@@ -25,7 +25,6 @@ class FormatFacts:
         description: what it is; ends a sentence that its name begins.
         cell: what the cell of a request is for it; "": it has none.
         whole: what a file of it is, as a sentence begins, where it is of whole scenes alone; else "".
-        repeatable: whether the same version is the same bytes, not just the same content.
     """
 
     ending: str
@@ -33,7 +32,6 @@ class FormatFacts:
     description: str
     cell: str = ""
     whole: str = ""
-    repeatable: bool = True
 
 
 FORMATS: Mapping[ExportFormat, FormatFacts] = {
@@ -70,7 +68,7 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
     "mcap": FormatFacts(
         "mcap",
         "application/octet-stream",
-        "for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames, floor map",
+        "for Foxglove and Rerun: named boxes, labelled points, cameras with their stored photos, frames, floor map",
         cell="the distance between points",
     ),
     "map": FormatFacts(
@@ -80,12 +78,6 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "meters with z up",
         cell="the width of its cells",
         whole="a map",
-    ),
-    "rerun": FormatFacts(
-        "rrd",
-        "application/octet-stream",
-        "for Rerun: the splat, boxes with names, cameras with their stored photos",
-        repeatable=False,
     ),
 }
 """All that is known of a format but what writes it, which is in the service."""

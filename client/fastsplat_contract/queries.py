@@ -103,14 +103,6 @@ class QueryIn(Request):
     asker_view: Annotated[
         str | None, Field(description="name of one of the scene's own cameras, instead of `asker`")
     ] = None
-    newest_capture: Annotated[
-        bool,
-        Field(
-            description="whether the newest capture of the scene's place (see ListScenes) that shows what is asked for "
-            "answers, unless a newer one saw that its place is empty; the answer names that capture as its scene, and "
-            "its sentence the day. Without views and version, which belong to one capture"
-        ),
-    ] = False
 
 
 @dataclass(frozen=True)
@@ -328,9 +320,6 @@ class QueryOut(NamedTuple):
     answers: Many[Answer]
     skipped: Annotated[
         Many[SkippedScene],
-        Field(
-            description="over all scenes, or all captures of a place: those that were not asked, newest first, the "
-            "first 1,000 of them"
-        ),
+        Field(description="over all scenes: those that were not asked, newest first, the first 1,000 of them"),
     ] = ()
     skipped_count: Annotated[int, Field(description="how many scenes were not asked")] = 0

@@ -10,16 +10,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fastsplat_contract.align_messages import AlignIn, AlignToIn
-from fastsplat_contract.keys import LifetimeIn
+from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.name_suggestions import SuggestIn
+from fastsplat_contract.name_suggestions import AskNamerIn, SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
 from fastsplat_contract.queries import CameraFormat, OfScene, Version
 from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from fastsplat_contract.wire import Int64, Many, Request
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 MAX_VIEWS = 16
 _FROM_0 = {"minimum": 0}
@@ -86,14 +83,6 @@ class GetSceneRequest(Request, OfScene):
 class ListScenesRequest(Request, InPages):
     """Which page of scenes."""
 
-    place: Annotated[
-        str,
-        Field(
-            description="id of a finished scene: only the captures of its place, which are the finished scenes in its "
-            "frame, itself among them, the newest photos first; empty: all scenes"
-        ),
-    ] = ""
-
 
 @dataclass(frozen=True)
 class UpdateSceneRequest(SceneUpdate, OfScene):
@@ -142,18 +131,13 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 
 
 @dataclass(frozen=True)
-class AskNamerRequest(Request, OfScene):
+class AskNamerRequest(AskNamerIn, OfScene):
     """The server's namer shall say what the things of which scene are."""
 
 
 @dataclass(frozen=True)
 class AlignSceneRequest(AlignIn, OfScene):
     """A new version of a scene in the frame of a map."""
-
-
-@dataclass(frozen=True)
-class AlignToSceneRequest(AlignToIn, OfScene):
-    """A new version of a scene in the frame of another scene of the same place."""
 
 
 @dataclass(frozen=True)
@@ -179,16 +163,6 @@ class ListVersionsRequest(Request, OfScene):
 @dataclass(frozen=True)
 class LookAgainRequest(LookAgainIn, OfScene):
     """What a scene is searched for once more."""
-
-
-@dataclass(frozen=True)
-class TrainMoreRequest(TrainMoreIn, OfScene):
-    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
-
-
-@dataclass(frozen=True)
-class WithdrawPhotosRequest(WithdrawPhotosIn, OfScene):
-    """Which photos a scene is to be made anew without."""
 
 
 @dataclass(frozen=True)
@@ -345,11 +319,6 @@ class RevokeKeyRequest(Request, OfKey):
 
 
 @dataclass(frozen=True)
-class ExpireKeyRequest(LifetimeIn, OfKey):
-    """Until when a key that is valid shall be."""
-
-
-@dataclass(frozen=True)
 class ListKnownNamesRequest(Request, InPages):
     """Which page of known names."""
 
@@ -358,9 +327,4 @@ class ListKnownNamesRequest(Request, InPages):
 class DeleteKnownNameRequest(Request):
     """Which name to suggest no more."""
 
-    name_id: Annotated[str, Field(description="which name")]
-
-
-@dataclass(frozen=True)
-class DeleteKnownNamesRequest(Request):
-    """Suggest no name any more."""
+    name_id: Annotated[str, Field(description="which name; `all`: every name of the project")]

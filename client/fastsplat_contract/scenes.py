@@ -23,7 +23,7 @@ SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "align", "look_again", "train_more", "observe", "suggest",
+    "scale", "align", "look_again", "observe", "suggest",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
@@ -72,7 +72,7 @@ class SceneSummary(Response):
     ]
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
-    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until getScene counts them")]
+    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until there is a version")]
     captured_at: Annotated[
         datetime | None,
         Field(
@@ -87,9 +87,6 @@ ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "p
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up."""
-
-
-_PLUS_Z = Vector3(0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class SceneVertical(Response):
     deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
     up: Annotated[
         Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
-    ] = _PLUS_Z
+    ]
 
 
 @travels(request=False)
@@ -257,8 +254,8 @@ class Edit(Request):
             "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
             "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
             "puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names that "
-            "things may have, which can be asked for and which nothing bears until a person gives them. look_again, "
-            "train_more and observe: stand in the versions that such calls have made, and are no edits to send"
+            "things may have, which can be asked for and which nothing bears until a person gives them. look_again "
+            "and observe: stand in the versions that such calls have made, and are no edits to send"
         ),
     ]
     label: Annotated[str | None, OneOf("target")] = None

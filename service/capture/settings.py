@@ -101,5 +101,4 @@ class PhotoSettings(SettingGroup, section="photos"):
     max_side: int = Field(1024, ge=64, le=8_192)
     """Pixels of a copy's longer side at most."""
     quality: int = Field(90, ge=10, le=95)
-    """Of the copies' JPEG: 90 is about 200 kB at 1024 pixels. A scene that photos join, or that is trained further,
-    learns from the copies: by those of 80 it loses half a dB of fine detail."""
+    """Of the copies' JPEG: 90 is about 200 kB at 1024 pixels."""

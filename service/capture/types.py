@@ -151,7 +151,7 @@ class CaptureReport:
         splat: name of the splat file that came with the upload, or "".
         scale: what the meters of a metric capture rest on, where they were measured here; None where they were not.
         vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
-        photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
+        photos: what became of each image, by name; empty if nobody has looked.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
         left_out: as `ValidatedUpload.left_out`; these are in no other number.
     """

@@ -85,4 +85,4 @@ def lower_priority(niceness: int) -> None:
     try:
         os.setpriority(os.PRIO_PROCESS, thread, min(_NICEST, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
     except OSError as error:  # a sandbox that forbids it
-        _log.warning("costly calls run at the priority of all others: %s", error.strerror)
+        _log.warning("calls in the background run at the priority of all others: %s", error.strerror)

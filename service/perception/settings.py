@@ -74,7 +74,7 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
     """What an open-set detector looks for when the user names nothing: detected classes, if any, or the tag list."""
     image_text: str = ""
-    """Finds things by their looks where no name answers: a model of pictures and texts. Empty: none does."""
+    """Embeds pictures of the things of new scenes: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")

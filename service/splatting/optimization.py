@@ -20,7 +20,7 @@ from fastsplat.service.splatting.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
-from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step, adam_step
+from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.strategy import DensificationStrategy
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import TrainingDivergedError
@@ -38,7 +38,6 @@ class Trainer:
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
         finish: whether to end the run early; asked once it has 250 steps.
-        only: bool [G], on the backend's device: which Gaussians change; None: all.
 
     Attributes:
         progress: 0..1; below 1 after `run` if it ended early.
@@ -57,13 +56,12 @@ class Trainer:
         extent: float,
         elapsed_s: float = 0.0,
         finish: Callable[[], bool] = lambda: False,
-        only: Tensor | None = None,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
         self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
         self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
-        self._finish, self._rest = finish, None if only is None else ~only
+        self._finish = finish
         self._photometric = PhotometricTraining(settings)
         self._device = state.parameters["means"].device
         self.progress = 0.0
@@ -128,19 +126,9 @@ class Trainer:
         fit = self._photometric.fit(self.state, progress, rendering, target, frame)
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()
-        self._spare_the_rest()
         self._photometric.step(self.state, number, progress, fit)
         adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
         return value, radii
-
-    def _spare_the_rest(self) -> None:
-        """Without a gradient from the first step on, Adam's moments stay zero, and a Gaussian as it is, to the bit."""
-        if self._rest is None:
-            return
-        for name in GAUSSIAN_PARAMETERS:
-            gradient = self.state.parameters[name].grad
-            if gradient is not None:
-                gradient.masked_fill_(self._rest.reshape(-1, *[1] * (gradient.ndim - 1)), 0)
 
     def _view_of(self, iteration: int) -> int:
         """The number of a view: every one once an epoch, in an order of the epoch's own."""

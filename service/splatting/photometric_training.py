@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.photometric import correct, fitted_correction, zero_mean
+from fastsplat.service.splatting.photometric import fitted_correction, zero_mean
 from fastsplat.service.splatting.raster.types import Rendering
-from fastsplat.service.splatting.scene_exposure import exposed, fits_to_photos
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import Frame, TrainingView
@@ -56,49 +53,6 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
     if settings.photometric == "on" or _differ(corrections):
         return {CORRECTIONS: corrections}
     return {FITS: torch.zeros(len(views), 4)}
-
-
-def continued_corrections(
-    begin: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
-) -> tuple[Gaussians, dict[str, Tensor]]:
-    """A finished scene as a run goes on from it, and what the run's parameters hold of its photos' corrections.
-
-    A finished scene tells at once whether its photos differ. Where they do, they are corrected from the first step by
-    what fits them to it, and it gets their mean exposure; else it stays as it is.
-    """
-    start = start_corrections(views, settings)
-    if not start:
-        return begin, start
-    fits = fits_to_photos(begin, views, settings.backend)
-    known = ~fits.isnan().any(dim=1)
-    if not bool(known.any()):
-        return begin, start
-    mean = fits[known].mean(dim=0)
-    fits = torch.where(known[:, None], fits - mean, 0.0)
-    if CORRECTIONS not in start and not _differ(fits):
-        return begin, start
-    return exposed(begin, mean), {CORRECTIONS: zero_mean(fits)}
-
-
-def with_colors_of(
-    scene: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
-) -> tuple[TrainingView, ...]:
-    """The views as the exposure and white balance of a finished scene would have shown them: those whose own differ
-    from these by more than those of one capture do from each other are corrected by what fits the scene to them."""
-    if settings.photometric == "off":
-        return tuple(views)
-    corrected = []
-    for view, fit in zip(views, fits_to_photos(scene, views, settings.backend), strict=True):
-        exposure, red, blue = fit.abs().tolist()  # NaN, where nothing can be told, is not larger than anything
-        if exposure > _EXPOSURE_SPREAD or max(red, blue) > _BALANCE_SPREAD:
-            frames = (replace(each, rgb=_bytes(correct(each.target(), -fit))) for each in view.frames)
-            view = replace(view, frames=tuple(frames))
-        corrected.append(view)
-    return tuple(corrected)
-
-
-def _bytes(colors: Tensor) -> Tensor:
-    return (colors.clamp(0, 1) * 255).round().to(torch.uint8)
 
 
 class PhotometricTraining:

@@ -17,7 +17,7 @@ from torch import Tensor
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.objective import render_frame
-from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, fitted_correction, to_light
+from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, to_light
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend, Rendering
 from fastsplat.service.splatting.training_views import Frame, TrainingView
@@ -82,20 +82,6 @@ def scene_exposure(
     """A finished scene with the exposure that it is shown with, and the EV by which that is below the photos' mean."""
     ev = display_ev(_parameters(gaussians, device_of(backend)), views, corrections, backend)
     return exposed(gaussians, torch.tensor([ev, 0.0, 0.0])), ev
-
-
-@torch.no_grad()
-def fits_to_photos(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> Tensor:
-    """[V, 3]: the correction that fits a finished scene to each photo (`fitted_correction`); NaN where none can be
-    told. On the CPU."""
-    parameters = _parameters(gaussians, device_of(backend))
-    rows = []
-    for view in (view.to(device_of(backend)) for view in views):
-        frame = view.frames[-1]
-        rendering = _render(parameters, view, frame, backend)
-        fit = fitted_correction(rendering.image, frame.target(), rendering.alpha, frame.valid)
-        rows.append(torch.full((3,), math.nan) if fit is None else fit.cpu())
-    return torch.stack(rows)
 
 
 def _parameters(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:

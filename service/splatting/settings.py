@@ -81,9 +81,6 @@ class TrainingOptions(Options):
     """How often every view is looked at when codes are fitted to exact label maps (`service.splatting.label_refit`)."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
-    warmup: float = Field(0.0, ge=0, lt=1)
-    """Share of the run over which all learning rates rise from 0: Adam's moments of a run that goes on from a finished
-    scene know nothing yet, and full steps by them would undo some of it."""
     background: Literal["black", "random"] = "black"
     """Behind the scene in training: black, or a random color a step, which leaves no holes."""
     densify_from: float = Field(0.03, ge=0, le=1)

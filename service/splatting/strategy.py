@@ -55,10 +55,3 @@ class RelocationStrategy:
         need = activate_opacities(state.parameters["logit_opacities"].detach())
         relocate_and_grow(state, need, target, _DEAD_OPACITY, generator)
         release_free_memory()
-
-
-class FixedRows:
-    """Every Gaussian keeps its row, and none is moved or added."""
-
-    def step_post_backward(self, state: SplatState, step: Step) -> None:
-        """See `DensificationStrategy`."""

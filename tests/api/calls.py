@@ -32,8 +32,7 @@ ELSEWHERE = {
     *("CreateScene", "Localize", "ObserveScene"),  # forms, pieces: see test_api_uploads, _localize, _observations
     "AlignScene",  # an edit by another name: see test_api_improving
     "OpenSample",  # the same scene for all who ask: see test_api_sample
-    "DeleteKnownNames",  # asks and answers nothing: see test_api_known_names
-    *("CreateKey", "CreateUploadKey", "ListKeys", "RevokeKey", "ExpireKey"),  # see test_api_keys
+    *("CreateKey", "CreateUploadKey", "ListKeys", "RevokeKey"),  # see test_api_keys
 }
 """The calls without examples, and where they are the same over both protocols."""
 

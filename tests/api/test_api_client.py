@@ -74,7 +74,7 @@ def test_a_capture_arrives_whole_with_its_options(
         again = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
         assert again.id == operation.id
         record = service._store.scenes.operation(operation.id)
-        stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+        stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
         assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
         assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
@@ -95,7 +95,7 @@ def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
     with client_of(faces) as client:
         operation = client.create_scene(tmp_path)
     record = service._store.scenes.operation(operation.id)
-    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
     manifest, files = read_manifest(stored)
     assert manifest.source == "nerfstudio" and len(manifest.photos) == len(transforms["frames"])
     assert len(manifest.label_maps) == len(transforms["frames"])  # the sample's masks are label maps: no detector runs
@@ -167,7 +167,7 @@ def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
             operation = client.create_scene(captures["archive"])
     assert len(carried) > 2
     record = service._store.scenes.operation(operation.id)
-    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
     assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
     service.delete_scene(operation.scene_id)
 

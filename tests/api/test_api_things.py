@@ -17,13 +17,10 @@ from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
-from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.proto_codec import from_proto, to_proto
 from fastsplat_contract.scenes import Edit, InsertSource
-from fastsplat_contract.thing_messages import PickedThing, PickRequest, Pixel, PixelBox, SceneThing
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
+from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
 from tests.api.served import Faces, rest_refusal
@@ -36,18 +33,10 @@ def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:
     return Edit("name", things=ids, name=text, aliases=aliases)
 
 
-def test_things_are_listed_alike(faces: Faces, client: Client, service: SceneService, scene_id: str) -> None:
+def test_things_are_listed_alike(client: Client, service: SceneService, scene_id: str) -> None:
     truth = service.answers.list_things(scene_id)
     assert [thing.name for thing in truth.things] == ["mug", "ball", "story book"] and truth.version == "1"
     assert_same(tuple(client.things(scene_id)), truth.things)
-    pages: list[SceneThing] = []
-    token = ""
-    while True:
-        page = faces.rpc.ListThings(pb.ListThingsRequest(scene_id=scene_id, page_size=2, page_token=token))
-        pages += [from_proto(SceneThing, thing) for thing in page.things]
-        if not (token := page.next_page_token):
-            break
-    assert_same(tuple(pages), truth.things)
     by_id = {item.thing_id: item for item in client.objects(scene_id)}
     for thing in truth.things:
         assert by_id[thing.id].label == thing.name and thing.box is not None
@@ -56,7 +45,7 @@ def test_things_are_listed_alike(faces: Faces, client: Client, service: SceneSer
 
 
 def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
-    faces: Faces, client: Client, service: SceneService, scene_id: str
+    client: Client, service: SceneService, scene_id: str
 ) -> None:
     (answer,) = client.query(scene_id, "ball", views=["front.png"], outputs=["mask2d"])
     mask = answer.masks[0].array()
@@ -79,11 +68,6 @@ def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
         assert (picked.mask is not None) == (request.view is not None or request.camera is not None)
         if picked.mask is not None:
             assert (picked.mask.array() ^ mask).sum() <= 0.1 * mask.sum()
-        body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
-        over_rest = faces.rest.post(f"/v1/scenes/{scene_id}:pick", json=body)
-        assert over_rest.status_code == 200, over_rest.text
-        assert_same(from_json(PickedThing, over_rest.content), picked)
-        assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(request))), picked)
     assert_same(client.pick(scene_id, "front.png", pixel=middle), service.answers.pick(requests[0]))
     assert_same(client.pick(scene_id, turned(0.0), box=box).thing, ball)
     assert_same(client.pick(scene_id, point=ball.box.center.position).thing, ball)
@@ -95,7 +79,7 @@ def test_two_places_at_once_are_refused(faces: Faces, scene_id: str) -> None:
 
 
 def test_a_name_is_asked_for_and_masked_by_every_call_until_it_is_undone(
-    faces: Faces, client: Client, service: SceneService, own: str
+    client: Client, service: SceneService, own: str
 ) -> None:
     before = client.scene(own)
     mug = client.pick(own, "front.png", pixel=(15.5, 18.5))
@@ -222,31 +206,16 @@ def with_part(service: SceneService, api_settings: Settings) -> Iterator[str]:
     service.delete_scene(scene_id)
 
 
-def test_parts_are_listed_picked_and_named_alike(
-    faces: Faces, client: Client, service: SceneService, with_part: str
-) -> None:
+def test_parts_are_listed_picked_and_named_alike(client: Client, service: SceneService, with_part: str) -> None:
     assert [(thing.id, thing.parts) for thing in client.things(with_part)] == [(1, (4,)), (2, ()), (3, ())]
     truth = service.answers.list_things(with_part, parts=True)
     assert [(thing.id, thing.kind, thing.parent) for thing in truth.things][:2] == [(1, "thing", 0), (4, "part", 1)]
     assert_same(tuple(client.things(with_part, parts=True)), truth.things)
-    pages: list[SceneThing] = []
-    token = ""
-    while True:
-        request = pb.ListThingsRequest(scene_id=with_part, page_size=1, page_token=token, parts=True)
-        page = faces.rpc.ListThings(request)
-        pages += (from_proto(SceneThing, thing) for thing in page.things)
-        if not (token := page.next_page_token):
-            break
-    assert_same(tuple(pages), truth.things)
     part = truth.things[1]
     assert part.box is not None
     pick = PickRequest(with_part, point=part.box.center.position, view="front.png")
     picked = service.answers.pick(pick)
     assert picked.thing.id == 1 and picked.part == part
-    body = {name: value for name, value in to_plain(pick).items() if name != "scene_id"}
-    over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
-    assert_same(from_json(PickedThing, over_rest.content), picked)
-    assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(pick))), picked)
     assert picked.mask is not None
     rows, columns = np.nonzero(picked.mask.array())
     by_pixel = {
@@ -256,11 +225,7 @@ def test_parts_are_listed_picked_and_named_alike(
     assert by_pixel == {None, part}
     for level, ids in (("part", (4,)), ("thing", (1,)), ("group", (1, 2))):
         asked = replace(pick, level=level, mask3d=True)
-        body = {name: value for name, value in to_plain(asked).items() if name != "scene_id"}
         by_level = service.answers.pick(asked)
-        over_rest = faces.rest.post(f"/v1/scenes/{with_part}:pick", json=body)
-        assert_same(from_json(PickedThing, over_rest.content), by_level)
-        assert_same(from_proto(PickedThing, faces.rpc.PickThing(to_proto(asked))), by_level)
         assert_same(
             client.pick(with_part, point=part.box.center.position, level=level, mask3d=True),
             replace(by_level, mask=None),

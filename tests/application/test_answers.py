@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.common.call_scheduling import SENTENCE_COST, run_by
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
@@ -26,7 +25,6 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryRequest
-from tests.application.conftest import ENCODER
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
 
@@ -174,24 +172,6 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
         assert len(bounded.answers.query(QueryRequest("", ("mug",))).answers) == 3
         assert bounded._scenes.count() == 2
         assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
-
-
-@pytest.mark.parametrize("text", ["mug", "how many cups are between the banana and the red mug behind it"])
-def test_every_sentence_that_is_encoded_is_charged_those_of_parts_of_a_text_too(service, ready, monkeypatch, text):
-    charged, encoded = [], []
-
-    class Runner:
-        def charge(self, cost: float) -> None:
-            charged.append(cost)
-
-    encoder = service._scenes._encoder(ENCODER)
-    real = encoder.encode
-    monkeypatch.setattr(encoder, "encode", lambda sentences: encoded.extend(sentences) or real(sentences))
-    service.answers.query(QueryRequest(ready.id, ("elephant",)))
-    opening = len(encoded)
-    with run_by(Runner()):
-        service.answers.query(QueryRequest(ready.id, (text,), negatives=("thing",)))
-    assert sum(charged) == SENTENCE_COST * (len(encoded) - opening) > 0
 
 
 def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):

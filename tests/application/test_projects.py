@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -103,19 +102,6 @@ def test_unfinished_uploads_are_a_projects_own(opened: SceneService) -> None:
         with pytest.raises(NotFoundError):
             call()
     assert uploads.append("a", upload.id, 0, [b"abc"]).offset == 3
-
-
-def test_an_upload_that_the_release_before_began_goes_on_in_the_default_project(
-    opened: SceneService, tmp_path: Path
-) -> None:
-    upload = opened.resumable.create("default", "a.zip", 3)
-    info = tmp_path / "uploads" / upload.id / "resumable.json"
-    before = {"owner": "0123456789ab", "name": "a.zip", "length": 3, "metadata": ""}
-    assert json.loads(info.read_text()).keys() - {"project", "key"} == before.keys() - {"owner"}
-    info.write_text(json.dumps(before))
-    assert opened.resumable.get("default", upload.id).length == 3
-    with pytest.raises(NotFoundError):
-        opened.resumable.get("a", upload.id)
 
 
 def test_projects_have_plain_names_of_their_own(opened: SceneService) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.published.__main__ import fetch, scenes_in
 from benchmarks.published.paper import PAPER, tables
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from tests.evaluation import made_data
+from tests.benchmarks.evaluation import made_data
 
 
 def test_scenes_of_both_layouts_are_found_and_read_as_what_the_paper_measured(tmp_path: Path) -> None:

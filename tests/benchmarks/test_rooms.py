@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.rooms.arranging import HARD, Room, extent
 from benchmarks.rooms.drawing import KINDS, ROOMS, Studio, camera_of, room_of, write_room
 from benchmarks.rooms.pictures import EVEN, phone_faults, photo_of
@@ -18,7 +19,6 @@ from benchmarks.rooms.rasterizing import projected_into, rasterized, soup_of
 from benchmarks.rooms.shapes import Meshes
 from benchmarks.rooms.truth import Shown, read_truth
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.evaluation.datasets.reading import read_dataset
 from fastsplat_contract.camera import PosedCamera
 
 _WIDTH = 64

@@ -24,7 +24,7 @@ from benchmarks.splits import HELD_OUT, add_split, results_file, with_split
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.splatting.training_views import capture_split
 from fastsplat_contract.errors import InvalidInputError
-from tests.evaluation import made_data
+from tests.benchmarks.evaluation import made_data
 
 _CHOOSING = ("training/__main__.py", "trade/__main__.py", "things/__main__.py")
 

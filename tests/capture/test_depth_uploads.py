@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from fastsplat.service.capture.formats.depth_maps import load_depth, save_depth
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.camera import Camera
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, MissingPackageError
 from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, points_file, turned
 
 
@@ -195,6 +196,14 @@ def test_confidence_and_compressed_floats(tmp_path, settings) -> None:
     (tmp_path / "2.depth").write_bytes(bytes(1 << 20))
     with pytest.raises(CorruptImageError, match="more than it may unpack to"):
         read_depth(tmp_path, DepthFile("2.depth", 1.0, (4, 3)), settings)
+
+
+def test_without_the_package_that_unpacks_it_the_refusal_names_the_extra(tmp_path, settings, monkeypatch) -> None:
+    (tmp_path / "0.depth").write_bytes(lzfse.compress(np.ones((3, 4), np.float32).tobytes()))
+    monkeypatch.setitem(sys.modules, "lzfse", None)
+    with pytest.raises(MissingPackageError) as caught:
+        read_depth(tmp_path, DepthFile("0.depth", 1.0, (4, 3)), settings)
+    assert caught.value.field == "0.depth" and "fastsplat[phones]" in caught.value.hint
 
 
 class _Evil:

@@ -145,7 +145,7 @@ def test_what_a_taken_over_validation_left_does_not_lead_elsewhere(
     with pytest.raises(InvalidInputError, match=r"link\.json"):
         read_manifest(folder)
     (folder / "files" / "link.json").unlink()
-    stored = json.loads((folder / "admitted.json").read_text())
-    (folder / "admitted.json").write_text(json.dumps({**stored, "video": name}))
+    stored = json.loads((folder / "validated.json").read_text())
+    (folder / "validated.json").write_text(json.dumps({**stored, "video": name}))
     with pytest.raises(InvalidInputError, match="leads to other files"):
         read_manifest(folder)

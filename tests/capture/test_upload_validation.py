@@ -194,7 +194,7 @@ def test_reduced_copies_and_masks_are_no_photos(upload, photo, settings) -> None
 
 
 def test_validating_twice_gives_the_same(upload, photo, settings) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), ".admitted/admitted.json": b"forged"})
+    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), ".validated/validated.json": b"forged"})
     first = validate_upload(folder, settings)
     listing = sorted(folder.rglob("*"))
     assert validate_upload(folder, settings) == first
@@ -202,7 +202,7 @@ def test_validating_twice_gives_the_same(upload, photo, settings) -> None:
 
 
 def test_building_what_was_never_validated(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "admitted.json": b'{"source": "images"}'})
+    folder = upload({"a.jpg": photo(1), "validated.json": b'{"source": "images"}'})
     with refused(InvalidInputError, "no validated upload"):
         build_capture(folder, folder.parent / "out", settings, silent)
 

@@ -68,8 +68,8 @@ DAMAGES = {
     "photos": "insert or replace into scene_photos values ('{id}', '[1]')",
     "no projects": "delete from projects",
     "no table": "drop table scene_photos",
-    "key": "insert into api_keys (id, name, kind, hash, created_at) values ('k', 'k', 'wizard', 'x', 1.0)",
-    "bytes": "insert or replace into holdings values ('{id}', -5)",
+    "key": "insert into api_keys (id, name, role, hash, created_at) values ('k', 'k', 'wizard', 'x', 1.0)",
+    "bytes": "insert or replace into quota_usage values ('{id}', -5)",
     "schema": "update alembic_version set version_num='zzz'",
 }
 

@@ -102,7 +102,7 @@ def test_the_key_of_a_made_up_word_is_its_own_key(word: str) -> None:
     assert label_key(label_key(word)) == label_key(word)
 
 
-def test_lists_that_had_no_name_twice_have_none_twice_now() -> None:
+def test_no_list_has_a_name_twice() -> None:
     for labels in (COCO_80, TAGS, *(scene.labels for scene in read_scenes())):
         assert len(dictionary_of(labels)) == len(labels)
 

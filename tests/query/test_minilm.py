@@ -12,8 +12,10 @@ import pytest
 from scipy.stats import binom
 
 from benchmarks.calibration.calibrate import acceptable, ask_scenes, measure, nonconformities
+from benchmarks.calibration.separation import auroc
+from benchmarks.evaluation.negative_nouns import negative_nouns
+from benchmarks.evaluation.predictions import ask_all
 from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.evaluation.negative_queries import measure_negative_queries, negative_nouns
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.language.calibration import calibration_for
@@ -237,8 +239,11 @@ def test_what_is_there_stands_out_from_a_hundred_nouns_that_are_not(
     absent = negative_nouns(labels)
     assert len(absent) >= 100
     for present in (list(labels), synonyms):
-        found = measure_negative_queries(index, present, absent)
-        assert found is not None and found.auroc >= 0.95 and found.said_absent > 0.8 and found.said_present == 1
+        there, missing = ask_all(index, present), ask_all(index, absent)
+        high, low = (np.array([answer.matches[0].similarity for answer in side]) for side in (there, missing))
+        assert auroc(high, low) >= 0.95
+        assert np.mean([answer.is_absent for answer in missing]) > 0.8
+        assert not any(answer.is_absent for answer in there)
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])

@@ -16,7 +16,7 @@ _MOST = 400
 def faults_of(folder: Path, kinds: set[str]) -> list[str]:
     """What is wrong with the fragments in `folder`."""
     found = []
-    for path in sorted(folder.iterdir()):
+    for path in sorted(folder.glob("*")):
         named = re.fullmatch(r"\+[a-z0-9-]+\.([a-z]+)\.md", path.name)
         text = path.read_text().strip()
         if named is None or named[1] not in kinds:
@@ -89,3 +89,5 @@ def test_a_change_of_the_product_since_the_last_release_needs_a_fragment(tmp_pat
     (tmp_path / "changes/+three.mended.md").unlink()
     commit("service/one.py", "4")
     assert "\nservice/one.py\n" in refused(), "a fragment that goes is none that comes"
+    commit("CHANGELOG.md", "Four.")
+    assert not refused(), "the changelog says it itself"

@@ -61,7 +61,7 @@ def _edited_elsewhere(deployment: Deployment, scene_id: str, name: str) -> None:
     store = deployment.service._store
     parent = store.scenes.scene(scene_id)
     shutil.copytree(store.blobs.version(scene_id, parent.version), store.blobs.version(scene_id, name))
-    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, []))
+    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, [], 0))
 
 
 def test_a_look_makes_a_version_that_is_undone_like_an_edit(looking: Deployment) -> None:

@@ -142,7 +142,7 @@ def test_what_the_capture_room_refuses_leaves_nothing(tmp_path, models_dir):
     with open_service(settings) as service:
         with service.new_upload() as upload:
             upload.write("photo.jpg", [b"this is a text"])
-            upload.write(".admitted/manifest.json", [b"{}"])
+            upload.write(".validated/manifest.json", [b"{}"])
             with pytest.raises(InvalidInputError):
                 service.create_scene(upload, "", "", SceneOptions())
         assert service.list_scenes() == ((), "")

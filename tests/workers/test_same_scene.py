@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.train_eval import train_on_split
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.datasets.reading import read_dataset
-from fastsplat.service.evaluation.train_eval import train_on_split
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.pipeline import Provenance, build_scene, capture_folder, scene_quality
 from fastsplat.service.planning.presets import PresetName
@@ -31,7 +31,7 @@ from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import finish_stage, start_stage
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.operations import SceneOptions
-from tests.evaluation import made_data
+from tests.benchmarks.evaluation import made_data
 
 TEST_VIEWS = (1, 4)
 
@@ -71,7 +71,7 @@ def _by_worker(upload: Path, work: Path, settings: Settings) -> Path:
 
 
 def _by_evaluation(folder: Path, work: Path, settings: Settings) -> Path:
-    trained = train_on_split(read_dataset(folder, settings.capture), settings, work / "capture", silent)
+    trained = train_on_split(read_dataset(folder, settings.capture), settings, work / "capture")
     return _written(trained.scene, work / "artefact")
 
 

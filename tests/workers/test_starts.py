@@ -24,7 +24,7 @@ _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
     store = open_store(tmp_path / "data")
-    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "admitted": ""}))
+    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "validated": ""}))
     yield store
     store.close()
 

@@ -16,7 +16,6 @@ from fastsplat.service.application.admin.project_keys import as_key
 from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
-from fastsplat.service.query.phrases.thing_looks import looks_calibration
 from fastsplat.service.settings import NamerSettings, Settings
 from fastsplat.service.store.reserve import floor_of
 from fastsplat.service.store.store import Store
@@ -171,7 +170,7 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = _looks_calibrated(settings)
+        calibrated = False  # what scores of such a model mean is not measured
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 
@@ -185,17 +184,6 @@ def weighed_with_encoder(settings: Settings) -> bool:
         and weighs_meanings(query)
         and model_for(calibration_key(perception.text_encoder, digest), perception.lexicon, query.templates) is not None
     )
-
-
-def _looks_calibrated(settings: Settings) -> bool | None:
-    """Whether answers weigh what the image-text model of the settings says; None if it cannot be opened, now."""
-    from fastsplat.service.perception.image_text import open_image_text
-
-    try:
-        model = open_image_text(settings.perception, settings.models)
-    except FastSplatError:
-        return None
-    return looks_calibration(model.name, model.sha256) is not None
 
 
 def _calibrated(

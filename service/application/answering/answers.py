@@ -7,15 +7,13 @@ from pathlib import Path
 
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
-from fastsplat.service.application.answering.captures import Captures
-from fastsplat.service.application.answering.costs import check_encodings, check_pixels, rendering_cost
+from fastsplat.service.application.answering.costs import check_encodings, check_pixels
 from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
@@ -53,13 +51,10 @@ class Answers:
         self._memory = memory
         self._known_names = known_names
         self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
-        self.captures = Captures(store, scenes, self._all_scenes, self._of_scene)
-        """Of places."""
 
     def query(self, request: QueryRequest) -> QueryOut:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first:
-        then those that were not asked are named, too, damaged ones or too many. With `newest_capture` as
-        `Captures.query`.
+        then those that were not asked are named, too, damaged ones or too many.
 
         Cameras, views and versions belong to one scene.
 
@@ -72,8 +67,6 @@ class Answers:
             CancelledError: nobody waits for the answer any more.
         """
         query = self._check(request)
-        if request.newest_capture:
-            return self.captures.query(query, request)
         if request.scene_id:
             return QueryOut(self._of_scene(query, request))
         return self._all_scenes.query(query, request)
@@ -92,7 +85,6 @@ class Answers:
             posed = request.camera or index.view(request.view or "")
             index.check_view(posed)
             gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
-            charge(rendering_cost([posed], 1, gaussians))
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
                 ranked = self._known_names.suggesting(request.scene_id, index.ranked)
                 return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
@@ -256,9 +248,6 @@ class Answers:
         def read(index: SceneIndex, read_version: str) -> Measurement:
             from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
 
-            gaussians = len(index.scene.gaussians)
-            pixels = [_one_pixel(place.camera) for place in request.places if place.camera is not None]
-            charge(rendering_cost(pixels, 1, gaussians))
             return measure(index, request.places, read_version)
 
         return self._scenes.reading(request.scene_id, request.version, read)
@@ -272,7 +261,6 @@ class Answers:
                 check_pixels(views, len(request.texts))
                 for posed in views:
                     index.check_view(posed)
-                charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
             asker = asker_of(index, request)
             ranked = self._known_names.suggesting(request.scene_id, index.ranked)
             size, field = _bytes_to_hold(index, cameras, request)
@@ -341,10 +329,6 @@ def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: Q
         check_cancelled()
         masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
     return tuple(masks)
-
-
-def _one_pixel(posed: PosedCamera) -> PosedCamera:
-    return dataclasses.replace(posed, camera=dataclasses.replace(posed.camera, width=1, height=1))
 
 
 def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:

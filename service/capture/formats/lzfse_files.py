@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import struct
 
+from fastsplat.service.common.optional_packages import LZFSE, needed
 from fastsplat_contract.errors import CorruptImageError
 
 _END, _PLAIN, _LZFSE, _LZVN = b"bvx$", b"bvx-", b"bvx2", b"bvxn"
@@ -17,13 +18,15 @@ def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
 
     Raises:
         CorruptImageError: it is cut short, damaged, no LZFSE, or of another size.
+        MissingPackageError: the package that decodes it is not installed.
     """
     size = _unpacked_bytes(packed)
     if size is None:
         raise CorruptImageError(f"{name} is cut short or damaged", field=name, hint=_HINT)
     if size != expected_bytes:
         raise _wrong_size(name, size, expected_bytes)
-    import lzfse  # only here: few uploads need it
+    with needed(LZFSE, "the depth of Record3D's recordings", name):
+        import lzfse
 
     try:
         content = bytes(lzfse.decompress(packed))

@@ -11,11 +11,10 @@ from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
 from fastsplat_contract.errors import InvalidInputError
 
-VALIDATED = ".admitted"
+VALIDATED = ".validated"
 """Name of the validated folder, inside the raw upload's, so that both are removed together."""
 FILES = "files"
-_MANIFEST = "admitted.json"
-# Both names are of the first release, whose data folders can be opened still.
+_MANIFEST = "validated.json"
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    stored["depth_sizes"] = {path: tuple(size) for path, size in stored.get("depth_sizes", {}).items()}
+    stored["depth_sizes"] = {path: tuple(size) for path, size in stored["depth_sizes"].items()}
     manifest, files = UploadManifest(**stored), validated / FILES
     photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
     for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):

@@ -1,25 +1,30 @@
 """Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
 
 A photo's number is that of its camera. The copies are undistorted, as the scene's pinhole cameras, and made of pixels
-alone, without place or device. Photos of observations lie below `observed/`.
+alone, without place or device. Beside them lie `lenses.json`, known lenses of photos, and `observed/`, those of
+observations.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fastsplat.service.capture.formats.kept_capture import keep_rest
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.atomic import link_or_copy
+from fastsplat.service.common.radial_lens import RadialLens
+from fastsplat_contract.errors import SceneFileError
 
 _FOLDER = "photos"
+_LENSES = "lenses.json"
 
 
 def write_photos(
@@ -36,16 +41,15 @@ def write_photos(
     if settings.keep == "off" or capture.report.source == "splat":
         return 0
     (folder / _FOLDER).mkdir()
-    sizes = []
     for number, view in enumerate(capture.views):
         on_photo(number)
         with Image.open(view.image_path) as image:
             small = image.convert("RGB")
         small.thumbnail((settings.max_side, settings.max_side), Image.Resampling.LANCZOS, reducing_gap=3.0)
         small.info.clear()
-        sizes.append(small.size)
         _save(small, photo_path(folder, number), settings)
-    keep_rest(capture, folder / _FOLDER, sizes)
+    lenses = [asdict(view.lens) for view in capture.views if view.lens is not None]
+    (folder / _FOLDER / _LENSES).write_text(json.dumps(lenses))
     return len(capture.views)
 
 
@@ -77,14 +81,26 @@ def write_observed_photos(
 
 
 def _save(picture: Image.Image, path: Path, settings: PhotoSettings) -> None:
-    # Colors in full size: halved ones cost a scene that is trained further as much as a far lower quality. Optimized
-    # tables would save some percent, but a picture of noise does not fit into Pillow's buffer then.
+    # Optimized tables would save some percent, but a picture of noise does not fit into Pillow's buffer then.
     picture.save(path, format="JPEG", quality=settings.quality, subsampling=0)
 
 
-def photo_folder(folder: Path) -> Path:
-    """Where the photos of a version are, and what else is kept of the capture."""
-    return folder / _FOLDER
+def kept_lenses(folder: Path) -> tuple[RadialLens, ...]:
+    """The lenses of those photos of a version of which they are known.
+
+    Args:
+        folder: of the version.
+
+    Raises:
+        SceneFileError: the file that has them is damaged.
+    """
+    path = folder / _FOLDER / _LENSES
+    if not path.is_file():
+        return ()
+    try:
+        return tuple(RadialLens(float(row["focal"]), float(row["k1"])) for row in json.loads(path.read_text()))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SceneFileError("the kept lenses are damaged", field=path.name) from error
 
 
 def share_photos(source: Path, target: Path) -> None:

@@ -191,7 +191,6 @@ def _suggest(order: _Order) -> Scene:
 
 _CALLS = {
     "look_again": ("looking again", "LookAgain"),
-    "train_more": ("training a scene further", "TrainMore"),
     "observe": ("an observation", "ObserveScene"),
 }
 """Actions that stand in versions and that nobody sends as edits: what they are, and by which call they are made."""

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from benchmarks.evaluation.depth_error import depth_error
+from benchmarks.evaluation.image_quality import psnr
+from benchmarks.evaluation.mask3d_iou import TrueSurface, gaussian_truth, mask3d_counts
+from benchmarks.evaluation.segmentation import MaskCounts, mask_counts
 from benchmarks.training.posed_folder import load_posed_folder
 from fastsplat.service.capture.types import Capture, View
 from fastsplat.service.common.progress import silent
-from fastsplat.service.evaluation.depth_error import depth_errors
-from fastsplat.service.evaluation.image_quality import psnr
-from fastsplat.service.evaluation.mask3d_iou import TrueSurface, gaussian_truth, mask3d_counts
-from fastsplat.service.evaluation.segmentation import MaskCounts, mask_counts
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.depth_regularization import depth_spread, squared_depths
 from fastsplat.service.splatting.gaussians import splats_of
@@ -97,9 +97,9 @@ def _measure(result: TrainedSplats, root: Path, capture: Capture, labelling: Lab
         truth = cv2.resize(labelling.label_maps[row], size, interpolation=cv2.INTER_NEAREST)
         labels += mask_counts(logits.argmax(axis=2), truth.astype(np.int64), classes)
         true_depth = cv2.resize(_true_depth(root, view), size, interpolation=cv2.INTER_NEAREST)
-        errors = depth_errors((out.depth / out.alpha.clamp_min(1e-6)).numpy(), true_depth)
-        assert errors is not None
-        depth.append(errors.abs_rel)
+        error = depth_error((out.depth / out.alpha.clamp_min(1e-6)).numpy(), true_depth)
+        assert error is not None
+        depth.append(error)
         spread.append(float(depth_spread(out.alpha, out.depth, out.image[..., -1])))
         surfaces.append(TrueSurface(posed, _true_depth(root, view), labelling.label_maps[row]))
     own = (gaussians.codes @ head.weight.T + head.bias).argmax(axis=1)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.evaluation.held_out_views import evaluate_views
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.evaluation.held_out_views import evaluate_views
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.scene.scene_files import read_scene, write_scene

@@ -1,0 +1,204 @@
+"""Protocols of other papers agree with cases computed by hand, and with their formulas written out pixel by pixel."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from benchmarks.evaluation.datasets.reading import read_dataset
+from benchmarks.evaluation.datasets.types import Dataset, QueryTruth, TrueView
+from benchmarks.evaluation.published.mask_pairs import (
+    PairScore,
+    direct_selection,
+    lerf_mask,
+    pair_score,
+    silhouette_mask,
+)
+from benchmarks.evaluation.published.relevancy_maps import (
+    localized,
+    majority_smoothed,
+    mean_filtered,
+    thresholded_mask,
+)
+from benchmarks.evaluation.registry import METRICS
+from benchmarks.evaluation.scene_evaluation import evaluate_scene
+from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat_contract.camera import PosedCamera
+from fastsplat_contract.errors import InvalidInputError
+from tests.benchmarks.evaluation import made_data, naive
+from tests.scenes import labelled_scene
+
+RNG = np.random.default_rng(7)
+
+
+def _square(rows: slice, columns: slice, shape: tuple[int, int] = (40, 50)) -> NDArray[np.bool_]:
+    mask = np.zeros(shape, np.bool_)
+    mask[rows, columns] = True
+    return mask
+
+
+@pytest.mark.parametrize(("shape", "side"), [((9, 14), 4), ((9, 14), 5), ((33, 40), 30), ((7, 9), 30)])
+def test_the_mean_filter_is_that_of_the_published_code(shape: tuple[int, int], side: int) -> None:
+    values = RNG.random(shape).astype(np.float32)
+    assert mean_filtered(values, side) == pytest.approx(naive.mean_filtered(values, side), abs=1e-5)
+
+
+def test_the_mean_filter_moves_localization_from_a_lone_pixel_to_the_thing() -> None:
+    relevancy = np.where(_square(slice(5, 25), slice(5, 25), (60, 80)), 0.8, 0.0)
+    relevancy[50, 70] = 1.0
+    thing, speck = (5.0, 5.0, 25.0, 25.0), (69.0, 49.0, 72.0, 52.0)
+    assert localized(relevancy, [thing]) and not localized(relevancy, [speck])
+    assert localized(relevancy, [speck], mean_filter_px=1) and not localized(relevancy, [thing], mean_filter_px=1)
+    assert localized(relevancy, [speck, thing]), "any box is enough"
+    assert localized(relevancy, [(25.0, 25.0, 5.0, 5.0)]), "corners in any order"
+    assert not localized(relevancy, []) and not localized(np.zeros((4, 4)), [(0.0, 0.0, 4.0, 4.0)])
+
+
+def test_edges_of_boxes_count_and_one_of_several_equal_peaks_is_enough() -> None:
+    relevancy = np.zeros((10, 10))
+    relevancy[3, 4] = relevancy[8, 8] = 1
+    assert localized(relevancy, [(4, 3, 4, 3)], mean_filter_px=1)
+    assert localized(relevancy, [(8, 8, 9, 9)], mean_filter_px=1)
+    assert not localized(relevancy, [(4.1, 3, 7, 7)], mean_filter_px=1)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (5, 6), (20, 17)])
+def test_the_majority_is_that_of_the_published_code(shape: tuple[int, int]) -> None:
+    mask = RNG.random(shape) < 0.5
+    assert (majority_smoothed(mask) == naive.majority(mask)).all()
+
+
+def test_a_mask_lies_above_its_threshold_of_the_upper_half_of_the_range() -> None:
+    ramp = np.repeat(np.linspace(-3, 2, 101)[None], 60, axis=0).astype(np.float32)
+    for threshold in (0.4, 0.5):
+        mask = thresholded_mask(ramp, threshold, mean_filter_px=1)
+        first = int(np.flatnonzero(mask[30])[0])
+        assert ramp[30, first] == pytest.approx(-3 + 5 * (0.5 + threshold / 2), abs=0.11)
+    assert not thresholded_mask(np.full((40, 40), 0.9)).any(), "a map of one value has no upper half"
+
+
+def test_a_mask_is_what_the_formula_says_pixel_by_pixel() -> None:
+    relevancy = RNG.random((24, 31))
+    relevancy[6:18, 8:22] += 1.5
+    blended = (naive.mean_filtered(relevancy, 8) + relevancy) / 2
+    stretched = (blended - blended.min()) / (blended.max() - blended.min() + 1e-9)
+    expected = naive.majority(np.clip(2 * stretched - 1, 0, 1) > 0.4)
+    mask = thresholded_mask(relevancy, 0.4, mean_filter_px=8)
+    assert (mask == expected).all() and 0.1 < mask.mean() < 0.5
+
+
+@pytest.mark.parametrize("broken", [np.zeros((2, 3, 4)), np.zeros((0, 3)), np.zeros(5)])
+def test_what_is_no_map_is_refused(broken: NDArray[np.float64]) -> None:
+    for call in (mean_filtered, thresholded_mask, lambda values: localized(values, [])):
+        with pytest.raises(InvalidInputError, match="relevancy map"):
+            call(broken)
+    with pytest.raises(InvalidInputError, match="threshold"):
+        thresholded_mask(np.ones((3, 3)), 1.0)
+    with pytest.raises(InvalidInputError, match="filter"):
+        mean_filtered(np.ones((3, 3)), 0)
+
+
+def test_nan_is_no_relevancy() -> None:
+    values = RNG.random((12, 12))
+    holes = np.where(values < 0.1, np.nan, values)
+    assert (thresholded_mask(holes) == thresholded_mask(np.where(values < 0.1, 0, values))).all()
+
+
+def test_a_pair_has_the_ious_of_its_masks_and_of_their_boundaries() -> None:
+    truth = _square(slice(4, 24), slice(4, 24))
+    predicted = _square(slice(4, 24), slice(14, 34))
+    score = pair_score("mug", truth, predicted)
+    assert score.iou == pytest.approx(200 / 600) and score.predicted
+    edges = [naive.region(mask, 1) for mask in (truth, predicted)]  # 2 % of 64 pixels
+    assert score.boundary_iou == pytest.approx(naive.iou(*edges)) and score.boundary_iou < score.iou
+    assert pair_score("mug", truth, truth) == PairScore("mug", True, 1, 1)
+    missing = pair_score("mug", truth, None)
+    assert (missing.predicted, missing.iou, missing.boundary_iou) == (False, 0, 0)
+    with pytest.raises(InvalidInputError, match="nowhere"):
+        pair_score("mug", np.zeros((3, 3), np.bool_), None)
+
+
+def test_a_prediction_of_another_size_is_brought_to_the_truths() -> None:
+    coarse = RNG.random((10, 12)) < 0.4
+    truth = np.kron(coarse, np.ones((3, 3), np.bool_)).astype(np.bool_)
+    assert pair_score("mug", truth, coarse).iou == 1
+
+
+def _score(text: str, iou: float, *, predicted: bool = True) -> PairScore:
+    return PairScore(text, predicted, iou, iou / 2)
+
+
+def test_each_paper_weights_its_pairs_in_its_own_way() -> None:
+    """Two views, of which the second shows one text; "bed" was not answered once."""
+    scores = [
+        _score("mug", 0.9),
+        _score("bed", 0.0, predicted=False),
+        _score("cup", 0.3),
+        _score("mug", 0.5),
+        _score("bed", 0.6),
+    ]
+    strict, lenient = lerf_mask(scores, strict=True), lerf_mask(scores, strict=False)
+    assert strict.miou == pytest.approx((0.7 + 0.3 + 0.3) / 3)
+    assert lenient.miou == pytest.approx((0.7 + 0.6 + 0.3) / 3)
+    assert (strict.mbiou, lenient.mbiou) == pytest.approx((strict.miou / 2, lenient.miou / 2))
+    direct = direct_selection([score.iou for score in scores])
+    assert direct.miou == pytest.approx(2.3 / 5)
+    assert (direct.accuracy_25, direct.accuracy_50) == pytest.approx((4 / 5, 2 / 5)), "0.5 is not above 0.5"
+
+
+def test_nothing_asked_is_nothing_measured() -> None:
+    figures = (lerf_mask([], strict=True).miou, direct_selection([]).accuracy_25)
+    assert all(math.isnan(figure) for figure in figures)
+    silent = [_score("mug", 0.0, predicted=False)]
+    assert lerf_mask(silent, strict=True).miou == 0 and math.isnan(lerf_mask(silent, strict=False).miou)
+
+
+def _dataset(views: tuple[TrueView, ...], labels: tuple[str, ...]) -> Dataset:
+    return Dataset(Path("made"), "lerf_ovs", dictionary_of(labels), (), views)
+
+
+def test_selected_gaussians_are_drawn_whole_though_others_hide_them() -> None:
+    """A wide ball hides a small one: no rendered label is the small one's, and its silhouette has all of it."""
+    labels = ("front ball", "hidden ball")
+    scene = labelled_scene(
+        [[0, 0, 1.5], [0, 0, 3]], [1, 2], labels, undetected_bias=4.0, encoder=made_data.WordEncoder()
+    )
+    index = made_data.index(scene)
+    posed = PosedCamera(made_data.CAMERA, np.eye(4), "a")
+    alone = made_data.index(
+        labelled_scene([[0, 0, 3]], [1], (labels[1],), undetected_bias=4.0, encoder=made_data.WordEncoder())
+    )
+    whole = alone.label_map(posed) > 0
+    assert whole.any() and not (index.label_map(posed) == 2).any()
+    queries = (QueryTruth(labels[1], whole, ((0.0, 0.0, 64.0, 48.0),)),)
+    report = evaluate_scene(index, _dataset((TrueView("a", posed, index.render(posed), queries=queries),), labels))
+    assert report.figures["miou_opengaussian"] > 0.6 and report.figures["acc50_opengaussian"] == 1
+    assert report.figures["miou_views"] == 0 == report.figures["miou_lerf_mask"]
+    assert not silhouette_mask(np.array([0.7, 0.2])).any() and silhouette_mask(np.array([0.71])).all()
+
+
+def test_every_published_figure_is_in_the_report_and_a_perfect_scene_has_the_best(tmp_path: Path) -> None:
+    dataset = read_dataset(made_data.nerfstudio(tmp_path / "made"), CaptureSettings())
+    report = evaluate_scene(made_data.index(), dataset)
+    names = {metric.name for metric in METRICS}
+    exact = {
+        "miou_lerf_mask", "miou_lerf_mask_lenient", "mbiou_lerf_mask", "mbiou_lerf_mask_lenient",
+        "acc25_opengaussian",
+    }  # fmt: skip
+    blurred = {"localization_langsplat", "miou_langsplat"}  # 30 px is half of these pictures
+    assert exact | blurred | {"miou_opengaussian", "acc50_opengaussian"} <= names
+    assert {name: report.figures[name] for name in exact} == pytest.approx(dict.fromkeys(exact, 1))
+    assert 0.4 < report.figures["miou_opengaussian"] < 1, "a silhouette ends where a ball is more than 0.7 opaque"
+
+
+def test_an_unanswered_question_counts_in_the_strict_figure_alone(tmp_path: Path) -> None:
+    dataset = read_dataset(made_data.nerfstudio(tmp_path / "made"), CaptureSettings())
+    index = made_data.index(made_data.scene((*made_data.LABELS[:2], "purple elephant")))
+    report = evaluate_scene(index, dataset)
+    assert report.figures["miou_lerf_mask_lenient"] == 1
+    assert report.figures["miou_lerf_mask"] == pytest.approx(2 / 3)
