@@ -84,14 +84,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=scene_examples.LABELS,
         ),
         Handler(
-            calls.LIST_OBJECTS,
-            lambda service, asked: service.answers.list_objects(
-                asked.scene_id, asked.version, asked.label, asked.page_size, asked.page_token
-            ),
-            computes=True,
-            example=scene_examples.OBJECTS,
-        ),
-        Handler(
             calls.LIST_THINGS,
             lambda service, asked: service.answers.list_things(
                 asked.scene_id, asked.version, asked.page_size, asked.page_token, asked.parts
@@ -149,13 +141,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             lambda service, asked: service.namer.agree(asked.host),
             example=admin_examples.NAMER,
             bodies=admin_examples.AGREEMENTS,
-        ),
-        Handler(
-            calls.ALIGN_SCENE,
-            lambda service, asked: service.versions.edit(
-                asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()
-            ),
-            bodies=change_examples.ALIGNED,
         ),
         Handler(
             calls.UNDO_EDIT,
@@ -216,11 +201,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True, renders=True),
         Handler(calls.DOWNLOAD_CAMERAS, lambda service, asked: service.camera_file(asked.scene_id, asked.format)),
-        Handler(
-            calls.DOWNLOAD_MASK_PLY,
-            lambda service, asked: service.answers.mask_ply(asked.scene_id, asked.text, asked.version),
-            computes=True,
-        ),
         Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True, renders=True),
         Handler(
             calls.DOWNLOAD_THING_IDS,

@@ -76,7 +76,7 @@ def _lines(answer: Answer) -> list[str]:
         lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")
     for thing in answer.objects or ():
         unit = "m" if thing.meters else "scene units"
-        lines.append(f"  thing {thing.thing_id}, {thing.label}, at {point(thing.centroid)} {unit}")
+        lines.append(f"  thing {thing.id}, {thing.name}, at {point(thing.centroid or ())} {unit}")
     return lines
 
 

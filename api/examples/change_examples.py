@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
@@ -19,7 +18,7 @@ from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn,
 from fastsplat_contract.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
-from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
+from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
@@ -135,26 +134,6 @@ SUGGESTED: Bodies = {
             ),
             "a-name-for-these-suggestions",
         ),
-    ),
-}
-ALIGNED: Bodies = {
-    "pairs": (
-        "into a map, by three points of both",
-        AlignIn(
-            Alignment(
-                "map",
-                pairs=(
-                    PointPair(Vector3(0.0, 0.0, 0.0), Vector3(1.0, 2.0, 0.0)),
-                    PointPair(Vector3(1.0, 0.0, 0.0), Vector3(1.0, 3.0, 0.0)),
-                    PointPair(Vector3(0.0, 1.0, 0.0), Vector3(0.0, 2.0, 0.0)),
-                ),
-            ),
-            "one-more-name-of-your-choice",
-        ),
-    ),
-    "transform": (
-        "by a rigid motion",
-        AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
     ),
 }
 NAMER_ASKED: Bodies = {"all": ("about all things without a name", AskNamerIn("a-sixth-name-of-your-choice"))}

@@ -20,7 +20,6 @@ from fastsplat_contract.members import description_of
 from fastsplat_contract.pictures import PictureFormat, PictureKind, PictureRequest, RenderIn
 from fastsplat_contract.queries import QueryIn, QueryOut, QueryRequest
 
-_PLY = "application/x-ply"
 _MEDIA_TYPES: dict[PictureFormat, str] = {
     "png": "image/png",
     "npy": "application/octet-stream",
@@ -155,20 +154,6 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             request, threads.answer(lambda: service.answers.picture(picture), background=True)
         )
         return Response(content, media_type=_MEDIA_TYPES[body.format])
-
-    @router.get(
-        "/v1/scenes/{scene_id}/mask.ply",
-        response_class=Response,
-        responses={**file_response(_PLY, description="3DGS PLY"), **_UNCHANGED},
-    )
-    async def mask_ply(request: Request, scene_id: str, text: _Text, version: Version = "") -> Response:
-        """Only the Gaussians that answer the text, as a 3DGS PLY."""
-        exact, headers = await tagged("mask.ply", scene_id, version, text)
-        if (unchanged := not_modified(request, headers)) is not None:
-            return unchanged
-        ply = await while_connected(request, threads.answer(lambda: service.answers.mask_ply(scene_id, text, exact)))
-        headers["Content-Disposition"] = 'attachment; filename="mask.ply"'
-        return Response(ply, media_type=_PLY, headers=headers)
 
     @router.get(
         "/v1/scenes/{scene_id}/mask3d.bin",

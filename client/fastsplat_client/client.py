@@ -42,7 +42,6 @@ from fastsplat_contract.queries import Answer, CameraFormat, Output, QueryOut, Q
 from fastsplat_contract.scenes import (
     DictionaryEntry,
     Scene,
-    SceneObject,
     SceneSummary,
 )
 from fastsplat_contract.server_info import ServerInfo
@@ -228,12 +227,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
         return (photo for page in pages for photo in page.photos)
 
-    def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
-        """The things of a scene that have a name, as oriented boxes. Deprecated: use `things`; `best_views` says which
-        cameras see a thing best."""
-        pages = self._pages(calls.LIST_OBJECTS, requests.ListObjectsRequest(scene_id, version, label=label))
-        return (thing for page in pages for thing in page.objects)
-
     def query(
         self,
         scene_id: str,
@@ -352,12 +345,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                     if failures >= self._retry.tries:
                         raise
                     time.sleep(self._retry.pause(failures - 1))
-
-    def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
-        """Just the Gaussians that answer, as a 3DGS PLY."""
-        choices: dict[str, Any] = {"version": version, "max_matches": 1, "mask3d_encoding": "ply"}
-        (answer,) = self.query(scene_id, text, outputs=["mask3d"], **choices)
-        return answer.mask3d or b""
 
     def export(
         self,

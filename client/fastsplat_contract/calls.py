@@ -37,14 +37,12 @@ from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.requests import (
-    AlignSceneRequest,
     AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
     DeleteKnownNameRequest,
     DeleteSceneRequest,
     DownloadCamerasRequest,
-    DownloadMaskPlyRequest,
     DownloadPhotoRequest,
     DownloadScenePlyRequest,
     DownloadThingIdsRequest,
@@ -63,7 +61,6 @@ from fastsplat_contract.requests import (
     ListKnownNamesRequest,
     ListLabelsRequest,
     ListNextPhotosRequest,
-    ListObjectsRequest,
     ListOperationsRequest,
     ListPhotosRequest,
     ListPhotoVerdictsRequest,
@@ -82,7 +79,7 @@ from fastsplat_contract.requests import (
     WaitOperationRequest,
     WatchOperationRequest,
 )
-from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
+from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 from fastsplat_contract.thing_sheets import ThingSheet
@@ -124,10 +121,6 @@ LIST_PHOTO_VERDICTS = Call(
 LIST_LABELS = Call(
     "ListLabels", "scenes", ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
     "The dictionary in pages, by label id.")
-LIST_OBJECTS = Call(
-    "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
-    "The things of a scene that have a name, as oriented boxes, in pages: a view of its things.",
-    deprecated="ListThings; ListBestViews says which cameras see a thing best")
 LIST_THINGS = Call(
     "ListThings", "scenes", ListThingsRequest, ThingList, SHOW, f"GET {_SCENE}/things",
     "Every thing of a scene, with or without a name, in pages, by id.")
@@ -154,10 +147,6 @@ ASK_NAMER = Call(
     "Ask the server's namer what the things of a scene without a name are: an operation that suggests what it says.\n"
     "Refused where the server has none, and before the project agreed to its host.",
     body_optional=True, status=202)
-ALIGN_SCENE = Call(
-    "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
-    "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
-    deprecated="EditScene with the action align")
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",
@@ -229,10 +218,6 @@ DOWNLOAD_CAMERAS = Call(
 DOWNLOAD_SCENE_PLY = Call(
     "DownloadScenePly", "queries", DownloadScenePlyRequest, bytes, FETCH, f"GET {_SCENE}/scene.ply",
     "The whole scene as a standard 3DGS PLY, in chunks.", pieces_out="Chunk")
-DOWNLOAD_MASK_PLY = Call(
-    "DownloadMaskPly", "queries", DownloadMaskPlyRequest, bytes, SHOW, f"GET {_SCENE}/mask.ply",
-    "Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.", pieces_out="Chunk",
-    deprecated="Query with the output mask3d in the encoding ply, or ExportScene with the things of its answer")
 EXPORT_SCENE = Call(
     "ExportScene", "queries", ExportRequest, bytes, FETCH, f"GET {_SCENE}/scene.{{format}}",
     "The scene as a file for other programs, in chunks; see ExportFormat.", pieces_out="Chunk")

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fastsplat_contract.queries import Version
+from fastsplat_contract.scenes import Version
 from fastsplat_contract.wire import Many, Request
 
 ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map"]

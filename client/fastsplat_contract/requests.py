@@ -10,12 +10,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import AskNamerIn, SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
-from fastsplat_contract.queries import CameraFormat, OfScene, Version
-from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
+from fastsplat_contract.queries import CameraFormat
+from fastsplat_contract.scenes import EditIn, OfScene, RedoIn, RestoreIn, SceneUpdate, UndoIn, Version
 from fastsplat_contract.wire import Int64, Many, Request
 
 MAX_VIEWS = 16
@@ -105,15 +104,6 @@ class ListLabelsRequest(Request, InPages, OfScene):
 
 
 @dataclass(frozen=True)
-class ListObjectsRequest(Request, InPages, OfVersion):
-    """Which page of a scene's objects."""
-
-    label: Annotated[
-        str, Field(description="only those of this dictionary entry (its label or an alias); empty: all")
-    ] = ""
-
-
-@dataclass(frozen=True)
 class ListThingsRequest(Request, InPages, OfVersion):
     """Which page of a scene's things."""
 
@@ -133,11 +123,6 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 @dataclass(frozen=True)
 class AskNamerRequest(AskNamerIn, OfScene):
     """The server's namer shall say what the things of which scene are."""
-
-
-@dataclass(frozen=True)
-class AlignSceneRequest(AlignIn, OfScene):
-    """A new version of a scene in the frame of a map."""
 
 
 @dataclass(frozen=True)
@@ -245,13 +230,6 @@ class DownloadScenePlyRequest(Request, OfVersion):
         Int64,
         Field(description="bytes to leave out at the beginning, to go on where a download broke; needs a version"),
     ] = 0
-
-
-@dataclass(frozen=True)
-class DownloadMaskPlyRequest(Request, OfVersion):
-    """Which Gaussians of a scene as PLY."""
-
-    text: Annotated[str, Field(description="the question")] = ""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, Th
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.thing_messages import SceneThing
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
@@ -234,25 +234,25 @@ class SceneIndex:
             scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
         )
 
-    @cached_property
-    def objects(self) -> tuple[SceneObject, ...]:
-        """The things that have a name, as earlier releases say them, see `objects_of`; made by the first question for
-        them."""
-        from fastsplat.service.query.things.objects import objects_of
-
-        return objects_of(self.things)
-
-    def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
-        """The objects that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
-        are in `mask3d`.
+    def objects_of(self, answer: Answer) -> tuple[SceneThing, ...]:
+        """The things and parts that an answer is about, which have a name and can be seen, in the order of the entries,
+        then from the largest; with the cameras that see each best. Their Gaussians are in `mask3d`.
 
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
-        meant = answer.meant_things
-        named = [each for each in self.objects if each.label_id in place and (meant is None or each.thing_id in meant)]
-        return tuple(sorted(named, key=lambda each: place[each.label_id]))
+        if not place:
+            return ()
+        things, meant = self.things, answer.meant_things
+        named = [
+            each
+            for each in (*things.listed, *things.listed_parts)
+            if each.label_id in place and each.box is not None and (meant is None or each.id in meant)
+        ]
+        named.sort(key=lambda each: (place[each.label_id], -things.extents[each.id].opacity))
+        views = things.best_views([each.id for each in named])
+        return tuple(replace(each, best_views=views.get(each.id, ())) for each in named)
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.

@@ -66,8 +66,6 @@ EXAMPLES = (
     Example("UpdateScene", SceneUpdate("desk <b>☕</b>"), "own"),
     Example("ListLabels"),
     Example("ListLabels", {"page_size": 2}),
-    Example("ListObjects"),
-    Example("ListObjects", {"label": "ball", "version": "1"}),
     *(Example("ListThings", fields) for fields in ({}, {"page_size": 2}, {"parts": True, "version": "1"})),
     *(
         Example("PickThing", PickRequest("", **place))
@@ -111,7 +109,6 @@ EXAMPLES = (
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
     Example("DownloadScenePly"),
-    Example("DownloadMaskPly", {"text": "mug"}),
     Example("DownloadThingIds"),
     _export("spz", coarse=True),
     *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),

@@ -30,7 +30,6 @@ CALLS: Mapping[str, Call[Any, Any]] = {call.rpc: call for call in calls.CALLS}
 ELSEWHERE = {
     *("Query", "StreamQuery", "WatchOperation"),  # answered in pieces
     *("CreateScene", "Localize", "ObserveScene"),  # forms, pieces: see test_api_uploads, _localize, _observations
-    "AlignScene",  # an edit by another name: see test_api_improving
     "OpenSample",  # the same scene for all who ask: see test_api_sample
     *("CreateKey", "CreateUploadKey", "ListKeys", "RevokeKey"),  # see test_api_keys
 }

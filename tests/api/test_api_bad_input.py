@@ -192,7 +192,7 @@ def test_query_parameters_are_checked(faces: Faces, scene_id: str) -> None:
         f"/v1/scenes/{scene_id}/rainbow.png?view=front.png": "kind",
         f"/v1/scenes/{scene_id}/mask.png?view=front.png": "text",
         f"/v1/scenes/{scene_id}/rgb.png": "view",
-        f"/v1/scenes/{scene_id}/mask.ply": "text",
+        f"/v1/scenes/{scene_id}/mask3d.bin": "text",
         "/v1/operations/none:wait?timeout_s=1e9": "timeout_s",
     }
     for path, field in cases.items():

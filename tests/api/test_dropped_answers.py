@@ -102,7 +102,6 @@ def server(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> 
 def _request(rpc: str, scene_id: str) -> Any:
     """One that is answered."""
     more: dict[str, dict[str, Any]] = {
-        "DownloadMaskPly": {"text": "mug"},
         "DownloadPhoto": {"view": "front.png"},
         "ExportScene": {"format": pb.EXPORT_FORMAT_PLY},
         "Query": {"texts": ["mug", "ball"], "outputs": [pb.OUTPUT_MASK3D, pb.OUTPUT_OBJECTS]},

@@ -61,7 +61,7 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
         ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
     )
     mug, banana = service.answers.query(request).answers
-    assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
+    assert [answer.outcome for answer in (mug, banana)] == ["here", "here"]
     assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
     for answer, side in ((mug, slice(0, 20)), (banana, slice(20, 40))):
@@ -101,11 +101,12 @@ def test_pictures_show_the_view(service, ready):
 
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
     whole = read_ply(service.answers.scene_ply(ready.id)[0])
-    (tmp_path / "mask.ply").write_bytes(service.answers.mask_ply(ready.id, "banana"))
-    part = read_ply(tmp_path / "mask.ply")
-    assert len(whole) == 2 and np.array_equal(part.means, whole.means[1:])
-    (tmp_path / "none.ply").write_bytes(service.answers.mask_ply(ready.id, "quarterly tax return"))
-    assert len(read_ply(tmp_path / "none.ply")) == 0
+    parts = []
+    for text in ("banana", "quarterly tax return"):
+        request = QueryRequest(ready.id, (text,), outputs=frozenset({"mask3d"}), mask3d_encoding="ply")
+        (tmp_path / "mask.ply").write_bytes(service.answers.query(request).answers[0].mask3d)
+        parts.append(read_ply(tmp_path / "mask.ply"))
+    assert len(whole) == 2 and np.array_equal(parts[0].means, whole.means[1:]) and len(parts[1]) == 0
 
 
 def test_an_unfinished_scene_says_what_to_wait_for(service, post):
@@ -114,7 +115,6 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
         lambda: service.answers.query(QueryRequest(info.id, ("mug",))).answers,
         lambda: service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg")),
         lambda: service.answers.scene_ply(info.id),
-        lambda: service.answers.mask_ply(info.id, "mug"),
     ]
     for call in calls:
         with pytest.raises(NotReadyError, match="still being made") as caught:
@@ -143,7 +143,6 @@ def test_senseless_questions_are_refused(service, ready):
         (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
         (InvalidInputError, lambda: service.answers.query(QueryRequest("", ())).answers),
         (LimitExceededError, lambda: service.answers.query(QueryRequest("", ("x" * 100_000,))).answers),
-        (InvalidInputError, lambda: service.answers.mask_ply(ready.id, "")),
     ]
     for error, call in refused:
         with pytest.raises(error) as caught:

@@ -39,12 +39,10 @@ def _post(service: SceneService, request_id: str = "", content: bytes = b"pictur
 _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "get_scene": lambda service, scene: service.get_scene(scene),
     "list_labels": lambda service, scene: service.list_labels(scene),
-    "list_objects": lambda service, scene: service.answers.list_objects(scene),
     "list_versions": lambda service, scene: service.versions.all(scene),
     "current_version": lambda service, scene: service.versions.resolve(scene),
     "camera_file": lambda service, scene: service.camera_file(scene, "json"),
     "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
-    "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
     "export": lambda service, scene: service.exports.file(ExportRequest(scene)),
     "thing_ids": lambda service, scene: service.answers.thing_ids(scene),
     "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))).answers,

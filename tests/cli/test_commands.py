@@ -283,7 +283,7 @@ def test_what_came_of_a_job_is_said_in_a_line_or_two(home: Home) -> None:
 def test_a_question_is_answered_by_its_sentence_first(home: Home) -> None:
     answers = home.json("ask $scene mug elephant")["answers"]
     said = home.run("ask $scene mug elephant").stdout.splitlines()
-    assert said[0] == answers[0]["explanation"] and answers[1]["explanation"] in said[1:]
+    assert said[0] == answers[0]["sentence"] and answers[1]["sentence"] in said[1:]
     assert said[1].startswith("  thing 1, mug, at (")
 
 

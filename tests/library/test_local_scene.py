@@ -55,7 +55,7 @@ def test_a_folder_answers_as_the_service_does(scene: LocalScene, folder: Path) -
             request = QueryRequest(scene.id, (text,), views=("front.png",), outputs=frozenset({"objects", "mask2d"}))
             (answer,) = service.answers.query(request).answers
             assert scene.ask(text, viewpoints=("front.png",)) == answer
-    assert scene.ask("elephant").verdict == "absent"
+    assert scene.ask("elephant").is_absent
 
 
 def test_masks_show_what_answers(scene: LocalScene) -> None:

@@ -117,7 +117,7 @@ def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], Sc
     for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
         index = ask(scene)
         (answer,) = index.ask(["mug"])
-        assert answer.matches == () and answer.verdict == "absent"
+        assert answer.matches == () and answer.is_absent
         assert not index.gaussian_classes.any() and not index.label_map(front).any()
         assert not index.mask2d(answer, front).mask.any() and not label_gaussians(scene).confidence.any()
 

@@ -90,10 +90,9 @@ def without(labels: Sequence[str], *gone: str) -> list[str]:
 )
 def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, first: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "related" and answer.decided_by == "score"
+    assert answer.relation in ("kind_of", "related")
     assert answer.matches[0].label == first == relevant(answer)[0]
     assert answer.sentence.startswith(("Probably here (", "Here (")) and f'): "{first}", ' in answer.sentence
-    assert answer.threshold is not None and answer.matches[0].similarity >= answer.threshold
     assert answer.probability == answer.matches[0].probability
     assert answer.coverage == 0.9 and answer.matches[0].label_id in answer.label_set
 
@@ -121,11 +120,11 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
 ) -> None:
     answer = ask(labels, text)
     assert (answer.probability or 0) < 1
-    if answer.verdict == "undecided":  # nothing measures what it says of the name
+    if answer.outcome == "cannot_say":  # nothing measures what it says of the name
         assert relevant(answer) in ([first], []) and answer.phrase is not None and answer.phrase.refusal is not None
     else:
         assert relevant(answer)[0] == first
-        assert answer.verdict == "related" and answer.probability == answer.matches[0].probability
+        assert answer.relation != "same" and answer.probability == answer.matches[0].probability
 
 
 @pytest.mark.parametrize(
@@ -141,7 +140,7 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
 )
 def test_a_name_that_is_only_mentioned_is_unlikely(ask: Ask, labels: Sequence[str], text: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "undecided" or (answer.verdict != "exact" and 0 in answer.label_set)
+    assert answer.outcome == "cannot_say" or (answer.relation != "same" and 0 in answer.label_set)
     assert all((match.probability or 0) < 0.6 for match in answer.matches)
 
 
@@ -155,7 +154,7 @@ def test_what_a_question_denies_is_never_shown(ask: Ask) -> None:
 
 def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
     answer = ask(TABLETOP, "scissors")
-    assert answer.verdict == "exact" and relevant(answer) == ["red scissors"] and answer.probability == 1
+    assert answer.outcome == "here" and relevant(answer) == ["red scissors"] and answer.probability == 1
     assert answer.sentence.startswith('Here: "red scissors"')
     for text, kind in (("opener", "can opener"), ("holder", "utensil holder"), ("pan", "frying pan")):
         assert kind in relevant(ask(TABLETOP, text))
@@ -163,15 +162,15 @@ def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
 
 @pytest.mark.parametrize("labels", [KITCHEN, LIVING_ROOM, FRUIT_TABLE], ids=["kitchen", "living room", "fruit table"])
 def test_most_absent_things_are_absent(ask: Ask, labels: Sequence[str]) -> None:
-    verdicts = [ask(labels, text).verdict for text in ABSENT]
-    assert verdicts.count("absent") >= len(ABSENT) - 1
-    assert "exact" not in verdicts
+    answers = [ask(labels, text) for text in ABSENT]
+    assert sum(answer.is_absent for answer in answers) >= len(ABSENT) - 1
+    assert "same" not in [answer.relation for answer in answers]
 
 
 @pytest.mark.parametrize("text", ["🧸", "茶壶", "чайник", "إبريق الشاي", "x" * 1000, "object"])
 def test_unusual_texts_get_an_answer(ask: Ask, text: str) -> None:
     answer = ask(KITCHEN, text)
-    assert answer.verdict in ("related", "absent", "undecided") and len(answer.matches) == len(KITCHEN)
+    assert answer.relation != "same" and len(answer.matches) == len(KITCHEN)
 
 
 def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Callable[..., Scene]) -> None:

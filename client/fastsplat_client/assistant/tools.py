@@ -48,7 +48,7 @@ from fastsplat_client.assistant.tool_results import (
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import Scene, SceneObject, SceneSummary
+from fastsplat_contract.scenes import Scene, SceneSummary
 from fastsplat_contract.thing_messages import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
@@ -178,7 +178,7 @@ def find(client: Client, text: str, scene: str) -> Found:
     answer = _ask(client, shown.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
     leading = _leading_objects(answer)
-    counted = [each.thing_id for each in leading]
+    counted = [each.id for each in leading]
     # What may be here, or merely serves in its place, is no number of it.
     refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
     if answer.phrase is not None:
@@ -347,17 +347,17 @@ def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
     return next((each.name.casefold() for each in things if each.id == thing_id), "")
 
 
-def _leading_objects(answer: Answer) -> list[SceneObject]:
+def _leading_objects(answer: Answer) -> list[SceneThing]:
     leading = next((match.label_id for match in answer.matches if match.relevant), None)
     return [each for each in answer.objects or () if each.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
-    measured = client.measure(scene_id, each.thing_id, version=version)
+def _located(client: Client, scene_id: str, each: SceneThing, version: str) -> WhereAbouts:
+    measured = client.measure(scene_id, each.id, version=version)
     place = measured.places[0]
     return WhereAbouts(
-        each.thing_id,
-        each.label,
+        each.id,
+        each.name,
         point(place.point),
         round(place.plus_minus, 4),
         [known_length(side) for side in measured.sides],

@@ -199,21 +199,6 @@ class Mask3dEncoding(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MASK3D_ENCODING_INDICES: _ClassVar[Mask3dEncoding]
     MASK3D_ENCODING_PLY: _ClassVar[Mask3dEncoding]
 
-class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    VERDICT_UNSPECIFIED: _ClassVar[Verdict]
-    VERDICT_EXACT: _ClassVar[Verdict]
-    VERDICT_RELATED: _ClassVar[Verdict]
-    VERDICT_ABSENT: _ClassVar[Verdict]
-    VERDICT_POSSIBLE: _ClassVar[Verdict]
-    VERDICT_UNDECIDED: _ClassVar[Verdict]
-
-class DecidedBy(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    DECIDED_BY_UNSPECIFIED: _ClassVar[DecidedBy]
-    DECIDED_BY_NAME: _ClassVar[DecidedBy]
-    DECIDED_BY_SCORE: _ClassVar[DecidedBy]
-
 class Relation(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     RELATION_UNSPECIFIED: _ClassVar[Relation]
@@ -511,15 +496,6 @@ MASK3D_ENCODING_BITS: Mask3dEncoding
 MASK3D_ENCODING_RUNS: Mask3dEncoding
 MASK3D_ENCODING_INDICES: Mask3dEncoding
 MASK3D_ENCODING_PLY: Mask3dEncoding
-VERDICT_UNSPECIFIED: Verdict
-VERDICT_EXACT: Verdict
-VERDICT_RELATED: Verdict
-VERDICT_ABSENT: Verdict
-VERDICT_POSSIBLE: Verdict
-VERDICT_UNDECIDED: Verdict
-DECIDED_BY_UNSPECIFIED: DecidedBy
-DECIDED_BY_NAME: DecidedBy
-DECIDED_BY_SCORE: DecidedBy
 RELATION_UNSPECIFIED: Relation
 RELATION_SAME: Relation
 RELATION_KIND_OF: Relation
@@ -1169,62 +1145,6 @@ class ListLabelsResponse(_message.Message):
     next_page_token: str
     def __init__(self, labels: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
-class ListObjectsRequest(_message.Message):
-    __slots__ = ("scene_id", "version", "label", "page_size", "page_token")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    LABEL_FIELD_NUMBER: _ClassVar[int]
-    PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
-    PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    label: str
-    page_size: int
-    page_token: str
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., label: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
-
-class ListObjectsResponse(_message.Message):
-    __slots__ = ("objects", "next_page_token", "version")
-    OBJECTS_FIELD_NUMBER: _ClassVar[int]
-    NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
-    next_page_token: str
-    version: str
-    def __init__(self, objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
-
-class SceneObject(_message.Message):
-    __slots__ = ("id", "label_id", "label", "score", "centroid", "box", "gaussian_count", "meters", "best_views", "thing_id")
-    ID_FIELD_NUMBER: _ClassVar[int]
-    LABEL_ID_FIELD_NUMBER: _ClassVar[int]
-    LABEL_FIELD_NUMBER: _ClassVar[int]
-    SCORE_FIELD_NUMBER: _ClassVar[int]
-    CENTROID_FIELD_NUMBER: _ClassVar[int]
-    BOX_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIAN_COUNT_FIELD_NUMBER: _ClassVar[int]
-    METERS_FIELD_NUMBER: _ClassVar[int]
-    BEST_VIEWS_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
-    id: str
-    label_id: int
-    label: str
-    score: float
-    centroid: Vector3
-    box: Box
-    gaussian_count: int
-    meters: bool
-    best_views: _containers.RepeatedScalarFieldContainer[str]
-    thing_id: int
-    def __init__(self, id: _Optional[str] = ..., label_id: _Optional[int] = ..., label: _Optional[str] = ..., score: _Optional[float] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., gaussian_count: _Optional[int] = ..., meters: _Optional[bool] = ..., best_views: _Optional[_Iterable[str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
-
-class Box(_message.Message):
-    __slots__ = ("center", "size")
-    CENTER_FIELD_NUMBER: _ClassVar[int]
-    SIZE_FIELD_NUMBER: _ClassVar[int]
-    center: Pose
-    size: Vector3
-    def __init__(self, center: _Optional[_Union[Pose, _Mapping]] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
-
 class ListThingsRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token", "parts")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -1250,7 +1170,7 @@ class ListThingsResponse(_message.Message):
     def __init__(self, things: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class SceneThing(_message.Message):
-    __slots__ = ("id", "name", "source", "probability", "suggestions", "kind", "surface", "consensus", "gaussian_count", "box", "meters", "parent", "parts", "centroid", "guess", "groups", "reads", "last_seen", "missing_since", "seen_in")
+    __slots__ = ("id", "name", "source", "probability", "suggestions", "kind", "surface", "consensus", "gaussian_count", "box", "meters", "parent", "parts", "centroid", "guess", "groups", "reads", "last_seen", "missing_since", "seen_in", "label_id", "best_views")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
@@ -1271,6 +1191,8 @@ class SceneThing(_message.Message):
     LAST_SEEN_FIELD_NUMBER: _ClassVar[int]
     MISSING_SINCE_FIELD_NUMBER: _ClassVar[int]
     SEEN_IN_FIELD_NUMBER: _ClassVar[int]
+    LABEL_ID_FIELD_NUMBER: _ClassVar[int]
+    BEST_VIEWS_FIELD_NUMBER: _ClassVar[int]
     id: int
     name: str
     source: NameSource
@@ -1291,7 +1213,9 @@ class SceneThing(_message.Message):
     last_seen: _timestamp_pb2.Timestamp
     missing_since: _timestamp_pb2.Timestamp
     seen_in: str
-    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ThingRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ...) -> None: ...
+    label_id: int
+    best_views: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ThingRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ..., label_id: _Optional[int] = ..., best_views: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class NameSuggestion(_message.Message):
     __slots__ = ("name", "probability", "scene_id", "aliases", "said_by")
@@ -1316,6 +1240,14 @@ class SuggestionSource(_message.Message):
     model: str
     probability: float
     def __init__(self, source: _Optional[str] = ..., model: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
+
+class Box(_message.Message):
+    __slots__ = ("center", "size")
+    CENTER_FIELD_NUMBER: _ClassVar[int]
+    SIZE_FIELD_NUMBER: _ClassVar[int]
+    center: Pose
+    size: Vector3
+    def __init__(self, center: _Optional[_Union[Pose, _Mapping]] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
 
 class ThingRead(_message.Message):
     __slots__ = ("kind", "text", "probability", "views")
@@ -1504,10 +1436,9 @@ class EditSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., request_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Edit(_message.Message):
-    __slots__ = ("action", "label", "object_id", "color", "transform", "things", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
+    __slots__ = ("action", "label", "color", "transform", "things", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
     ACTION_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
-    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     TRANSFORM_FIELD_NUMBER: _ClassVar[int]
     THINGS_FIELD_NUMBER: _ClassVar[int]
@@ -1524,7 +1455,6 @@ class Edit(_message.Message):
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
     action: EditAction
     label: str
-    object_id: str
     color: Color
     transform: Pose
     things: _containers.RepeatedScalarFieldContainer[int]
@@ -1539,7 +1469,7 @@ class Edit(_message.Message):
     kinds: _containers.RepeatedScalarFieldContainer[str]
     filter: GaussianFilter
     suggestions: _containers.RepeatedCompositeFieldContainer[SuggestedName]
-    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., object_id: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., things: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
+    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., things: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
 
 class Color(_message.Message):
     __slots__ = ("r", "g", "b")
@@ -1720,16 +1650,6 @@ class AskNamerRequest(_message.Message):
     scene_id: str
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
-
-class AlignSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "alignment", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    alignment: Alignment
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class UndoEditRequest(_message.Message):
     __slots__ = ("scene_id", "version")
@@ -1914,17 +1834,13 @@ class QueryRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
-    __slots__ = ("scene_id", "text", "verdict", "explanation", "matches", "probability", "label_set", "coverage", "decided_by", "threshold", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")
+    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
-    VERDICT_FIELD_NUMBER: _ClassVar[int]
-    EXPLANATION_FIELD_NUMBER: _ClassVar[int]
     MATCHES_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     LABEL_SET_FIELD_NUMBER: _ClassVar[int]
     COVERAGE_FIELD_NUMBER: _ClassVar[int]
-    DECIDED_BY_FIELD_NUMBER: _ClassVar[int]
-    THRESHOLD_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MATCH_COUNT_FIELD_NUMBER: _ClassVar[int]
     GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
@@ -1940,14 +1856,10 @@ class Answer(_message.Message):
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     text: str
-    verdict: Verdict
-    explanation: str
     matches: _containers.RepeatedCompositeFieldContainer[Match]
     probability: float
     label_set: _containers.RepeatedScalarFieldContainer[int]
     coverage: float
-    decided_by: DecidedBy
-    threshold: float
     version: str
     match_count: int
     gaussians: int
@@ -1961,7 +1873,7 @@ class Answer(_message.Message):
     outcome: Outcome
     sentence: str
     provisional: Provisional
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., explanation: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., decided_by: _Optional[_Union[DecidedBy, str]] = ..., threshold: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., things: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., things: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
 
 class Match(_message.Message):
     __slots__ = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
@@ -2106,16 +2018,6 @@ class DownloadScenePlyRequest(_message.Message):
     version: str
     offset: int
     def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., offset: _Optional[int] = ...) -> None: ...
-
-class DownloadMaskPlyRequest(_message.Message):
-    __slots__ = ("scene_id", "text", "version")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    TEXT_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    text: str
-    version: str
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class ExportSceneRequest(_message.Message):
     __slots__ = ("scene_id", "format", "version", "things", "cell", "coarse")
@@ -2910,11 +2812,11 @@ class QueryResponse(_message.Message):
     answer: Answer
     masks: _containers.RepeatedCompositeFieldContainer[ViewMask]
     mask3d: bytes
-    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
+    objects: _containers.RepeatedCompositeFieldContainer[SceneThing]
     matches: _containers.RepeatedCompositeFieldContainer[Match]
     skipped: _containers.RepeatedCompositeFieldContainer[SkippedScene]
     skipped_count: int
-    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
+    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
 
 class StreamQueryRequest(_message.Message):
     __slots__ = ("question", "pose")

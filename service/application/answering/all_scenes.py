@@ -27,7 +27,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest, SkippedScene
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.thing_messages import SceneThing
 
 _log = logging.getLogger(__name__)
 
@@ -122,13 +122,13 @@ def completed(
     *,
     masks: tuple[ViewMask, ...] = (),
     mask3d: bytes | None = None,
-    objects: tuple[SceneObject, ...] | None = None,
+    objects: tuple[SceneThing, ...] | None = None,
 ) -> Answer:
     """An answer as it is sent: of which scene and version, with as many matches as are shown, and the outputs."""
     shown = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
-        things=answer.things or tuple(thing.thing_id for thing in objects or ()),
+        things=answer.things or tuple(thing.id for thing in objects or ()),
         scene_id=request.scene_id,
         version=version,
         matches=answer.matches if shown < 0 else answer.matches[:shown],

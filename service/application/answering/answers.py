@@ -8,7 +8,7 @@ from pathlib import Path
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
 from fastsplat.service.application.answering.costs import check_encodings, check_pixels
-from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, view_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
@@ -32,7 +32,6 @@ from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
-from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 
 _Camera = tuple[str, int, PosedCamera]
@@ -110,22 +109,6 @@ class Answers:
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version
 
-    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
-        """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
-
-        Raises:
-            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
-        """
-        query = check_query((text,), self._settings.query)
-
-        def read(index: SceneIndex, _: str) -> bytes:
-            ranked = self._known_names.suggesting(scene_id, index.ranked)
-            (answer,) = ranked.answer(query, lambda: index.things)
-            with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
-                return mask_ply(index.scene.gaussians, index.mask3d(answer))
-
-        return self._scenes.reading(scene_id, version, read)
-
     def thing_ids(self, scene_id: str, version: str = "") -> bytes:
         """Which thing each Gaussian belongs to: little-endian uint16 [G] by row, 0 for none.
 
@@ -133,40 +116,6 @@ class Answers:
             NotFoundError, NotReadyError: as `query`.
         """
         return self._scenes.reading(scene_id, version, lambda index, _: index.things.owner.astype("<u2").tobytes())
-
-    def list_objects(
-        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
-    ) -> ObjectList:
-        """The things of a scene as oriented boxes, in pages as `list_scenes`.
-
-        Args:
-            scene_id: which scene.
-            version: of the scene; "" is the current one.
-            label: only those of this dictionary entry, by its label or an alias; "" for all.
-            page_size, page_token: as `SceneService.list_scenes`.
-
-        Returns:
-            The page, the token of the next one ("" after the last), and the version that was read.
-
-        Raises:
-            NotFoundError: there is no such scene, version or label.
-            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
-        """
-        size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> ObjectList:
-            objects = index.objects
-            if label:
-                label_id = index.scene.dictionary.id_of(label)
-                if label_id is None:
-                    raise NotFoundError(
-                        f"no label {label[:80]!r} in this scene", field="label", hint="List its labels, or ask a query."
-                    )
-                objects = tuple(thing for thing in objects if thing.label_id == label_id)
-            page, token = page_of(objects, size, page_token, f"objects {scene_id} {read_version} {label}")
-            return ObjectList(tuple(page), token, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
 
     def list_things(
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
@@ -275,7 +224,9 @@ class Answers:
                         mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
                         if "mask3d" in request.outputs
                         else None,
-                        objects=index.objects_of(answer) if "objects" in request.outputs else None,
+                        objects=self._known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
+                        if "objects" in request.outputs
+                        else None,
                     )
                     for answer in ranked.answer(query, lambda: index.things, asker)
                 )

@@ -188,7 +188,7 @@ def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tupl
     (answer,) = ranked.answer(query, lambda: index.things)
     if answer.is_absent:
         return ()
-    return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
+    return answer.things or tuple(thing.id for thing in index.objects_of(answer))
 
 
 def size_of(path: Path) -> int:

@@ -106,9 +106,9 @@ def make_prompted_thing(
 
 
 def _check_missing(index: SceneIndex, edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:
-    if edit.things or edit.label is not None or edit.object_id is not None:
+    if edit.things or edit.label is not None:
         raise InvalidInputError(
-            "add takes no thing, label or object", field="things", hint="To cut a piece out of a thing, split it."
+            "add takes no thing or label", field="things", hint="To cut a piece out of a thing, split it."
         )
     same = taken[1:] / np.maximum(whole[1:] + taken.sum() - taken[1:], 1e-300)
     if len(same) and same.max() >= _SAME:

@@ -32,7 +32,6 @@ export type RenderIn = Schemas["RenderIn"];
 export type Role = AccessKey["role"];
 export type Scene = Schemas["Scene"];
 export type SceneList = Schemas["SceneList"];
-export type SceneObject = Schemas["SceneObject"];
 export type SceneSummary = Schemas["SceneSummary"];
 export type SceneThing = Schemas["SceneThing"];
 export type SceneVersion = Schemas["SceneVersion"];
