@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +29,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.thing_reads import ThingRead
-from tests.scene.conftest import sealed
+from tests.scene.conftest import make_scene, sealed
 from tests.scenes import labelled_scene
 
 IDS = (2, 5, 9)
@@ -71,7 +70,7 @@ def _things(count: int) -> Things:
 
 
 @pytest.fixture
-def scene(make_scene: Callable[..., Scene]) -> Scene:
+def scene() -> Scene:
     return replace(make_scene(count=80), things=_things(80))
 
 
@@ -84,7 +83,7 @@ def test_things_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> 
         assert (getattr(read.membership, name) == getattr(scene.things.membership, name)).all()
 
 
-def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_a_scene_without_things_has_no_file_of_them(tmp_path: Path) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     assert read_scene(tmp_path / "v1").things is None
     assert not (tmp_path / "v1" / "things.safetensors").exists()
@@ -207,7 +206,7 @@ def test_names_that_are_none_are_refused(scene: Scene, name: str) -> None:
         rename_thing(scene, 2, name)
 
 
-def test_who_is_not_there_cannot_be_named(scene: Scene, make_scene: Callable[..., Scene]) -> None:
+def test_who_is_not_there_cannot_be_named(scene: Scene) -> None:
     with pytest.raises(NotFoundError, match="thing 3"):
         rename_thing(scene, 3, "cup")
     with pytest.raises(NotFoundError, match="no things"):
