@@ -56,9 +56,7 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
         return StagePlan(job.settings.training)
     with intact(job.folder / _PLAN):
         stored = json.loads((job.folder / _PLAN).read_text())
-        # A plan of another release may name a setting that is no more.
-        settings = TrainingSettings.model_validate(stored["settings"], extra="ignore")
-        return StagePlan(settings, tuple(stored["tradeoffs"]))
+        return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(stored["tradeoffs"]))
 
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:

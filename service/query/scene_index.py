@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.language.embeddings import TextCaches, embed_labels, embed_names
+from fastsplat.service.query.language.prompt_context import SceneLabels
 from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.language.ranking import Ranker
-from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
@@ -23,7 +23,6 @@ from fastsplat.service.query.things.gaussian_labels import label_by_things, labe
 from fastsplat.service.query.things.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
-from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.coarse import coarse_scene
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
@@ -35,7 +34,7 @@ if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
     from fastsplat.service.query.coarse_view import CoarseView
-    from fastsplat.service.query.drawing.scene_renderer import Renderer
+    from fastsplat.service.query.drawing.scene_renderer import Mask2D, Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
     from fastsplat.service.query.phrases.thing_looks import LooksModel
     from fastsplat.service.query.things.thing_index import SceneThings
@@ -106,7 +105,8 @@ class SceneIndex:
             unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
-        labels = labels_of(scene, names.dictionary)
+        embeddings = np.array(scene.label_embeddings)
+        labels = SceneLabels(names.dictionary, embeddings, scene.text_encoder, scene.label_templates)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
         sizes = sizes_in_meters(scene, None if before is None else (before.scene, before.ranked.sizes))
         self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks, sizes)

@@ -1,17 +1,47 @@
-"""Where Gaussians are moved and added: pure operations on a run's state (3DGS-MCMC, Kheradmand et al. 2024)."""
+"""When and where a run moves and adds Gaussians (3DGS-MCMC, Kheradmand et al. 2024)."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales
-from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState
+from fastsplat.service.splatting.schedule import event_due
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step
+from fastsplat.service.splatting.torch_runtime import release_free_memory
 
+_DEAD_OPACITY = 0.005
+"""A Gaussian less opaque than this is relocated."""
 MAX_COPIES = 16
 """No Gaussian is cut into more parts than this at once; the sums below lose precision beyond."""
+
+
+def densify_if_due(state: SplatState, step: Step, settings: TrainingSettings, start_count: int) -> None:
+    """Move dead Gaussians of a run to where opacity is, and add new ones there, on a schedule (3DGS-MCMC without its
+    noise). Random numbers are drawn from seed and iteration alone, so that a continued run ends as one that was not
+    interrupted.
+
+    Args:
+        state: after an optimizer step; all of its tensors may become longer ones.
+        step: that it has just done.
+        settings: the run's.
+        start_count: Gaussians at the start of the run.
+    """
+    progress = step.progress
+    if not event_due(step.progress_before, progress, settings.densify_events):
+        return
+    if not settings.densify_from <= progress <= settings.densify_until:
+        return
+    target = planned_count(progress, start_count, settings.max_gaussians, settings.densify_from, settings.full_count_at)
+    seed = np.random.SeedSequence((settings.seed, 4, state.iteration)).generate_state(1, np.uint64)
+    generator = torch.Generator().manual_seed(int(seed[0] >> 1))
+    need = activate_opacities(state.parameters["logit_opacities"].detach())
+    relocate_and_grow(state, need, target, _DEAD_OPACITY, generator)
+    release_free_memory()
 
 
 def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:

@@ -87,7 +87,7 @@ class Recorder:
             self._psnr = psnr(shown, target, frame.valid)
 
     def after_step(self, state: SplatState, step: Step) -> None:
-        """After a step and what the strategy made of it. What `progress` raises ends the run."""
+        """After a step and what densification made of it. What `progress` raises ends the run."""
         settings, now = self._settings, time.monotonic()
         self._losses.append(step.loss)
         if self._held_out and event_due(step.progress_before, step.progress, settings.evaluations):

@@ -43,19 +43,17 @@ class SplatState:
 
 @dataclass(frozen=True)
 class Step:
-    """One completed step of a run, for its strategy and its recorder.
+    """One completed step of a run, for densification and the recorder.
 
     Attributes:
         progress_before, progress: of the run, 0..1, before and after the step.
         elapsed_s: seconds of optimization since the run began, those before a checkpoint included.
-        radii: int32 [G], pixels of each Gaussian in the view of the step, 0 for culled ones.
     """
 
     progress_before: float
     progress: float
     elapsed_s: float
     loss: float
-    radii: Tensor
 
 
 def new_state(parameters: Mapping[str, Tensor], device: torch.device | None = None) -> SplatState:

@@ -43,7 +43,6 @@ from fastsplat.service.splatting.schedule import image_scales
 from fastsplat.service.splatting.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
-from fastsplat.service.splatting.strategy import DensificationStrategy, RelocationStrategy
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training_views import (
     TrainingView,
@@ -63,7 +62,6 @@ def train(
     progress: Progress,
     checkpoint_dir: Path | None = None,
     *,
-    strategy: DensificationStrategy | None = None,
     watch: TrainingWatch = UNWATCHED,
 ) -> TrainedSplats:
     """Trains a scene until `settings.iterations`, `settings.time_budget_s` or `watch.finish`, whichever comes first.
@@ -76,7 +74,6 @@ def train(
             gaussians, iterations_per_second, seconds_left; may raise `CancelledError`, which ends the run at once.
         checkpoint_dir: where the run's state is kept; a checkpoint there is continued, to the bit when the run is
             bounded by iterations alone.
-        strategy: decides over number and places of the Gaussians; by default `RelocationStrategy`.
         watch: is shown pictures of the training, and may end it once it has 250 steps; by default nobody.
 
     Raises:
@@ -127,7 +124,7 @@ def train(
             there,
             anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
-            strategy=strategy or RelocationStrategy(settings, len(run.start.points)),
+            start_count=len(run.start.points),
             recorder=recorder,
             settings=settings,
             extent=run.extent,

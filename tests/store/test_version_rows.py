@@ -41,11 +41,9 @@ def _scene(store: Store, number: int = 1) -> str:
     return scene_id
 
 
-def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None, beside: bool = False) -> NewVersion:
+def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None) -> NewVersion:
     """A version whose request id says nothing of its age, as those of clients do."""
-    return NewVersion(
-        scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), 0, max_versions=max_versions, beside=beside
-    )  # fmt: skip
+    return NewVersion(scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), 0, max_versions=max_versions)
 
 
 def _lineage(store: Store, scene_id: str) -> list[str]:
@@ -134,7 +132,7 @@ def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tu
         scene_id = _scene(stores[0], number)
         stores[0].versions.publish(_new(scene_id, "old", "trained"))
         stores[0].versions.publish(_new(scene_id, "new", "old"))
-        newest = _new(scene_id, "newest", "trained", max_versions=2, beside=True)
+        newest = _new(scene_id, "newest", "new", max_versions=2)
         _at_once(
             partial(stores[0].versions.publish, newest),
             partial(stores[1].versions.restore, scene_id, "old"),
@@ -156,14 +154,6 @@ def test_a_redo_goes_to_the_version_that_was_left_whatever_the_clocks_say(
     monkeypatch.setattr(time, "time", lambda: now - 3600)  # another machine's clock
     assert store.versions.step_back(scene_id, "first").version == "trained"
     assert store.versions.step_forward(scene_id, "trained").version == "first"
-
-
-def test_a_redo_takes_back_an_undo_though_a_version_was_put_beside(stores: tuple[Store, Store]) -> None:
-    store, scene_id = stores[0], _scene(stores[0])
-    store.versions.publish(_new(scene_id, "edited", "trained"))
-    store.versions.publish(_new(scene_id, "beside", "trained", beside=True))
-    store.versions.step_back(scene_id, "edited")
-    assert store.versions.step_forward(scene_id, "trained").version == "edited"
 
 
 def test_without_an_expected_version_an_undo_is_of_whatever_is_current(stores: tuple[Store, Store]) -> None:

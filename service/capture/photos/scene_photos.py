@@ -1,8 +1,8 @@
 """Small copies of a capture's photos that stay with its scene: `photos/00000.jpg` and so on in a version's folder.
 
 A photo's number is that of its camera. The copies are undistorted, as the scene's pinhole cameras, and made of pixels
-alone, without place or device. Beside them lie `lenses.json`, known lenses of photos, and `observed/`, those of
-observations.
+alone, without place or device. Beside them lie `lenses.json`, the lenses of those photos of which they are known, and
+below `observed/` the photos of observations.
 """
 
 from __future__ import annotations

@@ -26,10 +26,9 @@ from fastsplat.service.query.language.probability import (
     named_belief,
     scored_belief,
 )
-from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts
+from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts, SceneLabels
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
-from fastsplat.service.query.language.scene_labels import SceneLabels
 from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER, unnamed_probability

@@ -18,7 +18,6 @@ from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.settings import LearningRates
-from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train
 from fastsplat_contract.errors import CancelledError, InvalidInputError, TrainingDivergedError
 from tests.splatting.train.conftest import masked, same_run
@@ -71,19 +70,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(world, quic
     )
     assert same_run(first, again)
     assert not same_run(first, other)
-
-
-def test_another_strategy_takes_the_place_of_relocation(world, quick) -> None:
-    steps: list[Step] = []
-
-    class Fixed:
-        def step_post_backward(self, state: SplatState, step: Step) -> None:
-            assert state.iteration == len(steps) + 1 and len(step.radii) == state.count == 150
-            steps.append(step)
-
-    trained = train(*world, quick(iterations=12, densify_events=12, cull_opacity=0), silent, strategy=Fixed())
-    assert len(steps) == 12 and len(trained.gaussians) == 150
-    assert [step.progress for step in steps] == [step.progress_before for step in steps[1:]] + [1.0]
 
 
 def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
