@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,7 +29,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.thing_reads import ThingRead
-from tests.scene.conftest import sealed
+from tests.scene.conftest import make_scene, sealed
 
 IDS = (2, 5, 9)
 
@@ -70,7 +69,7 @@ def _things(count: int) -> Things:
 
 
 @pytest.fixture
-def scene(make_scene: Callable[..., Scene]) -> Scene:
+def scene() -> Scene:
     return replace(make_scene(count=80), things=_things(80))
 
 
@@ -83,7 +82,7 @@ def test_things_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> 
         assert (getattr(read.membership, name) == getattr(scene.things.membership, name)).all()
 
 
-def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_a_scene_without_things_has_no_file_of_them(tmp_path: Path) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     assert read_scene(tmp_path / "v1").things is None
     assert not (tmp_path / "v1" / "things.safetensors").exists()
