@@ -68,7 +68,8 @@ DAMAGES = {
     "photos": "insert or replace into scene_photos values ('{id}', '[1]')",
     "no projects": "delete from projects",
     "no table": "drop table scene_photos",
-    "key": "insert into api_keys (id, name, role, hash, created_at, project, scene_id) values ('k', 'k', 'wizard', 'x', 1.0, 'default', '')",
+    "key": "insert into api_keys (id, name, role, hash, created_at, project, scene_id) "
+    "values ('k', 'k', 'wizard', 'x', 1.0, 'default', '')",
     "bytes": "insert or replace into quota_usage values ('{id}', -5)",
     "schema": "update alembic_version set version_num='zzz'",
 }
