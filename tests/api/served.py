@@ -103,19 +103,23 @@ def rpc_refusal(error: grpc.RpcError) -> Refusal:
     return Refusal(error.code().name, info.reason, status.message, details)
 
 
-class EndlessQuestions:
-    """A service whose questions end only by being stopped."""
+class OwnQuestions:
+    """A service that answers questions in a way of its own, and all else as another one."""
 
     def __init__(self, service: SceneService) -> None:
         self._service = service
         self.begun, self.stopped = threading.Event(), threading.Event()
 
     @property
-    def answers(self) -> EndlessQuestions:
+    def answers(self) -> OwnQuestions:
         return self
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._service, name)
+
+
+class EndlessQuestions(OwnQuestions):
+    """A service whose questions end only by being stopped."""
 
     def query(self, request: QueryRequest) -> QueryOut:
         self.begun.set()
