@@ -108,7 +108,7 @@ def photos(session: Session, scene: SceneId) -> None:
     session.tell(
         PhotoVerdictList(verdicts, "", bool(verdicts), placed, len(verdicts)),
         table(columns, [(each.name, _verdict(each), each.advice) for each in verdicts]),
-        nothing="nobody has looked at the photos of this scene: see the job, or it is of an earlier release",
+        nothing="nobody has looked at the photos of this scene: see the job",
     )
     if verdicts:
         typer.echo(f"{placed} of {len(verdicts)} photos have a place", err=True)
