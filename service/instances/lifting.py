@@ -66,12 +66,11 @@ def lift_regions_of(
     ids: NDArray[np.integer],
     count: int,
     *,
-    valid: NDArray[np.bool_] | None = None,
     backend: Backend = "cpu",
 ) -> LiftedRegions:
     """Regions 1..`count` that do not overlap, as `lift_masks`; `ids` int [H, W] has the region of each pixel, 0 for
     none."""
-    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, valid, backend)
+    sums = _sums(splats, viewmat, camera, ids.astype(np.int32), count + 1, None, backend)
     return lift_regions(sums, one_piece_each(count, sums))
 
 

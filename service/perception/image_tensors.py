@@ -55,13 +55,13 @@ class Letterbox:
         return ((boxes - shift) / self.scale).astype(np.float32)
 
 
-def letterboxed(image: Image, side: int, fill: int = 114) -> tuple[NDArray[np.float32], Letterbox]:
+def letterboxed(image: Image, side: int) -> tuple[NDArray[np.float32], Letterbox]:
     """float32 [1, 3, side, side] in 0..1 with the image in the middle, and where it lies."""
     height, width = image.shape[:2]
     scale = side / max(height, width)
     inner_w, inner_h = max(1, round(width * scale)), max(1, round(height * scale))
     left, top = (side - inner_w) // 2, (side - inner_h) // 2
-    canvas = np.full((side, side, 3), fill, np.uint8)
+    canvas = np.full((side, side, 3), 114, np.uint8)
     canvas[top : top + inner_h, left : left + inner_w] = cv2.resize(image, (inner_w, inner_h))
     return _planar(canvas.astype(np.float32) / 255), Letterbox(scale, left, top)
 

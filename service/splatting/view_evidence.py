@@ -37,8 +37,7 @@ def view_evidence(
 ) -> Evidence:
     """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
 
-    The same input gives the same integers on one kind of processor, so what was added with `merged` can be taken away
-    with `without`.
+    The same input gives the same integers on one kind of processor.
 
     Args:
         gaussians: G of them.
