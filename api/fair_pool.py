@@ -1,7 +1,7 @@
 """Fair thread pool: callers take turns, so that one caller's queue does not delay another's.
 
-Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin. What costs much runs on threads of a
-lower priority, so that the operating system gives the cores to short calls first.
+Fair queuing as by Nagle, RFC 970: a queue for each caller, served round robin. What takes long runs on
+threads of a lower priority, so that the operating system gives the cores to short calls first.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ class FairPool:
     """Thread pool for blocking work, round robin over callers; one caller never has all threads.
 
     There are two classes of threads: those of the process's own priority, and as many of a lower one, in the
-    background. A call goes to the background if it is said to be costly, or if its caller has lately used the threads
-    for more than its share while others call, too. A machine that is idle otherwise loses nothing by that.
+    background. A call goes to the background if it is of a kind that takes long, or if its caller has lately used the
+    threads for more than its share while others call, too. A machine that is idle otherwise loses nothing by that.
 
     A caller alone may have all threads of a class but one, so that another's next call begins at once. While others
     call, too, its share is smaller: there are twice as many threads as cores, and calls that compute are faster side by
@@ -91,13 +91,13 @@ class FairPool:
         self._niceness = niceness
         self._threads: tuple[list[threading.Thread], list[threading.Thread]] = ([], [])
 
-    def submit(self, caller: str, function: Callable[[], _R], *, costly: bool = False) -> Future[_R]:
+    def submit(self, caller: str, function: Callable[[], _R], *, background: bool = False) -> Future[_R]:
         """Queue a call; its future can be cancelled as long as it waits.
 
         Args:
             caller: whose turn it takes.
             function: the call.
-            costly: run it in the background.
+            background: it takes long: the caller's other calls come first.
 
         Raises:
             RuntimeError: the pool is closed.
@@ -108,7 +108,7 @@ class FairPool:
                 raise RuntimeError("the pool is closed")
             now = self._clock()
             self._uses.setdefault(caller, _Use(0.0, now, now)).called_at = now
-            background = costly or self._is_over_share(caller, now)
+            background = background or self._is_over_share(caller, now)
             self._callers.setdefault(caller, _Caller()).waiting[background].append(_Entry(future, function))
             self._changed.notify_all()
             threads = self._threads[background]

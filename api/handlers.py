@@ -38,6 +38,7 @@ class Handler(Generic[Q, A]):
         call: which.
         ask: asks the service, as its caller has it; runs on a thread.
         computes: whether it is a question or a picture, see `Threads.answer`.
+        renders: whether it renders, or takes as long.
         example: what it answers, for the API's description; once for each type of answers.
         bodies: what may stand in REST's body, each with a summary; once for each type of bodies.
     """
@@ -45,12 +46,13 @@ class Handler(Generic[Q, A]):
     call: Call[Q, A]
     ask: Callable[[SceneService, Q], A]
     computes: bool = False
+    renders: bool = False
     example: A | None = None
     bodies: Bodies = field(default_factory=dict)
 
     async def run(self, threads: Threads, function: Callable[[], R]) -> R:
         """The result of a function that asks, on a thread of those that such calls have."""
-        return await (threads.answer(function) if self.computes else threads.call(function))
+        return await (threads.answer(function, self.renders) if self.computes else threads.call(function))
 
 
 HANDLERS: Mapping[str, Handler[Any, Any]] = {
@@ -62,7 +64,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.LIST_SCENES,
-            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token, asked.place),
+            lambda service, asked: service.list_scenes(asked.page_size, asked.page_token),
             example=scene_examples.SCENES,
         ),
         Handler(
@@ -80,14 +82,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LIST_LABELS,
             lambda service, asked: service.list_labels(asked.scene_id, asked.page_size, asked.page_token),
             example=scene_examples.LABELS,
-        ),
-        Handler(
-            calls.LIST_OBJECTS,
-            lambda service, asked: service.answers.list_objects(
-                asked.scene_id, asked.version, asked.label, asked.page_size, asked.page_token
-            ),
-            computes=True,
-            example=scene_examples.OBJECTS,
         ),
         Handler(
             calls.LIST_THINGS,
@@ -123,6 +117,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.PREVIEW_EDIT,
             lambda service, asked: service.versions.preview(asked.scene_id, asked.edits, asked.version),
             computes=True,
+            renders=True,
             example=change_examples.EDIT_PREVIEW,
             bodies=change_examples.PREVIEWED,
         ),
@@ -138,26 +133,14 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
         ),
         Handler(
             calls.ASK_NAMER,
-            lambda service, asked: service.namer.ask(asked.scene_id, caller_id()),
-            example=scene_examples.NAMED_BY_NAMER,
+            lambda service, asked: service.namer.order(asked.scene_id, asked.request_id),
+            bodies=change_examples.NAMER_ASKED,
         ),
         Handler(
             calls.AGREE_TO_NAMER,
             lambda service, asked: service.namer.agree(asked.host),
             example=admin_examples.NAMER,
             bodies=admin_examples.AGREEMENTS,
-        ),
-        Handler(
-            calls.ALIGN_SCENE,
-            lambda service, asked: service.versions.edit(
-                asked.scene_id, (Edit("align", alignment=asked.alignment),), asked.request_id, "", caller_id()
-            ),
-            bodies=change_examples.ALIGNED,
-        ),
-        Handler(
-            calls.ALIGN_TO_SCENE,
-            lambda service, asked: service.shared_frame.align(asked.scene_id, asked, caller_id()),
-            bodies=change_examples.ALIGNED_TO,
         ),
         Handler(
             calls.UNDO_EDIT,
@@ -183,16 +166,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LOOK_AGAIN,
             lambda service, asked: service.look_again(asked.scene_id, asked),
             bodies=change_examples.SOUGHT,
-        ),
-        Handler(
-            calls.TRAIN_MORE,
-            lambda service, asked: service.training.order(asked.scene_id, asked),
-            bodies=change_examples.TRAINED,
-        ),
-        Handler(
-            calls.WITHDRAW_PHOTOS,
-            lambda service, asked: service.withdrawal.order(asked.scene_id, asked),
-            bodies=change_examples.WITHDRAWN,
         ),
         Handler(
             calls.GET_OPERATION,
@@ -226,19 +199,8 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             lambda service, asked: service.jobs.placed_cameras(asked.operation_id),
             example=job_watching_examples.PLACED,
         ),
-        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True),
-        Handler(calls.DOWNLOAD_CAMERAS, lambda service, asked: service.camera_file(asked.scene_id, asked.format)),
-        Handler(
-            calls.DOWNLOAD_MASK_PLY,
-            lambda service, asked: service.answers.mask_ply(asked.scene_id, asked.text, asked.version),
-            computes=True,
-        ),
-        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True),
-        Handler(
-            calls.DOWNLOAD_THING_IDS,
-            lambda service, asked: service.answers.thing_ids(asked.scene_id, asked.version),
-            computes=True,
-        ),
+        Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True, renders=True),
+        Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True, renders=True),
         Handler(
             calls.LIST_PHOTOS,
             lambda service, asked: service.photos.all(asked.scene_id, asked.version, asked.page_size, asked.page_token),
@@ -248,6 +210,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LIST_NEXT_PHOTOS,
             lambda service, asked: service.photos.next_photos(asked.scene_id, asked.version),
             computes=True,
+            renders=True,
             example=change_examples.NEXT_PHOTOS,
         ),
         Handler(
@@ -270,6 +233,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.LOCALIZE,
             lambda service, asked: service.localizing.localize(asked),
             computes=True,
+            renders=True,
             example=localize_examples.LOCALIZATION,
         ),
         Handler(
@@ -296,6 +260,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, asked.things, asked.text, asked.max_views, asked.version
             ),
             computes=True,
+            renders=True,
             example=scene_examples.BEST_VIEWS,
         ),
         Handler(
@@ -304,6 +269,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
                 asked.scene_id, asked.version, asked.page_size, asked.page_token
             ),
             computes=True,
+            renders=True,
             example=scene_examples.THING_SHEET,
         ),
         Handler(
@@ -326,11 +292,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             calls.REVOKE_KEY,
             lambda service, asked: service.keys.revoke(caller_role(), asked.key_id),
             example=admin_examples.KEY,
-        ),
-        Handler(
-            calls.EXPIRE_KEY,
-            lambda service, asked: service.keys.expire(caller_role(), asked.key_id, asked.lifetime_s),
-            bodies=admin_examples.LIFETIMES,
         ),
         Handler(
             calls.ESTIMATE_JOB,
@@ -360,25 +321,6 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=admin_examples.KNOWN_NAMES,
         ),
         Handler(calls.DELETE_KNOWN_NAME, lambda service, asked: service.known_names.forget(asked.name_id)),
-        Handler(calls.DELETE_KNOWN_NAMES, lambda service, asked: service.known_names.forget_all()),
-        Handler(
-            calls.CHECK_KNOWN_NAMES,
-            lambda service, asked: service.known_names.check(asked.pack),
-            example=admin_examples.NAMES_CHECK,
-            bodies=admin_examples.CHECKS,
-        ),
-        Handler(
-            calls.EXPORT_NAME_PACK,
-            lambda service, asked: service.known_names.export_pack(asked.license),
-            example=admin_examples.NAME_PACK,
-            bodies=admin_examples.PACK_LICENSES,
-        ),
-        Handler(
-            calls.ADD_NAME_PACK,
-            lambda service, asked: service.known_names.add_pack(asked.pack),
-            example=admin_examples.KNOWN_PACK,
-            bodies=admin_examples.PACKS,
-        ),
     )
 }
 """By the name of the RPC."""

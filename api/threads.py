@@ -42,19 +42,25 @@ class Threads:
         `metrics` learns what waits and runs."""
         self._limits = limits or LimitSettings()
         threads = self._limits.threads or max(4, 2 * (os.cpu_count() or 1))
-        self._calls = FairPool(threads, "call", self._limits.costly_niceness)
+        self._calls = FairPool(threads, "call", self._limits.niceness)
         self._uploads = UploadReceiver(self._limits, uploads or UploadSettings(), max(2, 2 * validations))
         self._metrics = metrics or Metrics()
 
-    async def answer(self, function: Callable[[], _R]) -> _R:
+    async def answer(self, function: Callable[[], _R], background: bool = False) -> _R:
         """As `call`, for a question or a picture, which have less time.
+
+        Args:
+            function: the service call.
+            background: it renders, so that it runs where it holds up no short call.
 
         Raises:
             DeadlineExceededError: it was not done in the time that the server gives it.
         """
-        return await self.call(function, self._limits.answer_s)
+        return await self.call(function, self._limits.answer_s, background)
 
-    async def call(self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S) -> _R:
+    async def call(
+        self, function: Callable[[], _R], timeout_s: float = _CALL_DEADLINE_S, background: bool = False
+    ) -> _R:
         """Run a service call on a thread and await its answer. If this coroutine is cancelled, so is the call: it stops
         at its next `check_cancelled`; keys take turns.
 
@@ -62,11 +68,9 @@ class Threads:
             DeadlineExceededError: it was not done in the time that the server gives it.
         """
         cancellation = Cancellation(timeout_s)
-        account = _Account(self._limits.costly)
 
         def watched() -> _R:
-            account.begin()
-            with cancellable(cancellation), run_by(account):
+            with cancellable(cancellation), run_by(cancellation):
                 cancellation.check()
                 return function()
 
@@ -75,10 +79,9 @@ class Threads:
                 try:
                     with self._metrics.queued() as call:
                         run = partial(contextvars.copy_context().run, call.run, watched)  # the thread knows who calls
-                        call.future = self._calls.submit(caller_id(), run, costly=account.costly)
+                        call.future = self._calls.submit(caller_id(), run, background=background)
                         return await asyncio.wrap_future(call.future)
                 except CallAgainError as again:  # it waits here, without a thread
-                    account.costly = account.costly or again.costly
                     await asyncio.sleep(again.after_s)
         except asyncio.CancelledError:
             cancellation.cancel()
@@ -94,26 +97,3 @@ class Threads:
         """Wait for what runs, drop what waits."""
         self._uploads.close()
         self._calls.close()
-
-
-class _Account:
-    """What one call will cost, and so to which threads it belongs.
-
-    Args:
-        limit: pixels from which on it belongs to the costly ones.
-    """
-
-    def __init__(self, limit: int) -> None:
-        self._limit = limit
-        self._cost = 0.0
-        self.costly = False
-
-    def begin(self) -> None:
-        """The call is made, or made again."""
-        self._cost = 0.0
-
-    def charge(self, cost: float) -> None:
-        """See `CallRunner.charge`."""
-        self._cost += cost
-        if self._cost > self._limit and not self.costly:
-            raise CallAgainError(costly=True)

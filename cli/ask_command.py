@@ -41,9 +41,6 @@ def ask(
     ] = "",
     picture: Annotated[Path | None, typer.Option(help="Write a PNG of the answer to one text.")] = None,
     version: Version = "",
-    newest_capture: Annotated[
-        bool, typer.Option(help="Of all captures of the scene's place the newest that saw it answers, with its day.")
-    ] = False,
     wait: Annotated[
         Until | None,
         typer.Option(
@@ -66,7 +63,6 @@ def ask(
         version=session.version(scene_id, version),
         asker=asker,
         asker_view=asker_view or None,
-        newest_capture=newest_capture,
     )
     told = session.client.ask_everywhere(request)
     session.tell(told, "\n".join(line for answer in told.answers for line in _lines(answer)))
@@ -80,7 +76,7 @@ def _lines(answer: Answer) -> list[str]:
         lines.append(f"  by a draft: {_DRAFTS[answer.provisional.stage]}; the scene is not finished")
     for thing in answer.objects or ():
         unit = "m" if thing.meters else "scene units"
-        lines.append(f"  thing {thing.thing_id}, {thing.label}, at {point(thing.centroid)} {unit}")
+        lines.append(f"  thing {thing.id}, {thing.name}, at {point(thing.centroid or ())} {unit}")
     return lines
 
 

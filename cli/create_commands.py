@@ -1,4 +1,4 @@
-"""`fastsplat scenes create`, `train-more` and `withdraw-photos`: jobs that a worker does."""
+"""`fastsplat scenes create`: a job that a worker does."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Annotated, cast
 
 import typer
 
-from fastsplat.cli.options import SceneId, Watch, service_command
+from fastsplat.cli.options import Watch, service_command
 from fastsplat.cli.scene_commands import scenes_app
 from fastsplat.cli.session import Session
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-from fastsplat_contract.operations import Lens, Movers, Operation, PresetName, Privacy, SceneOptions, UpAxis
+from fastsplat_contract.operations import Lens, Movers, PresetName, Privacy, SceneOptions, UpAxis
 
 Labels = Annotated[str, typer.Option(help="Names to look for, separated by commas. Default: the server decides.")]
 Preset = Annotated[PresetName | None, typer.Option(help="Default: the server's.")]
@@ -90,72 +90,6 @@ def create(
     session.tell_job(operation, lambda done: f"scene {done.scene_id} is ready", watch=watch)
 
 
-@service_command(scenes_app, "train-more")
-def train_more(
-    session: Session,
-    scene: SceneId,
-    seconds: Annotated[float | None, typer.Option(help="Of optimization.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Of optimization, instead of seconds.")] = None,
-    preset: Preset = None,
-    with_observation: Annotated[
-        list[str],
-        typer.Option(metavar="ID", help="Photos that join the scene: those of `observe`, by its id. Repeat for more."),
-    ] = [],
-    watch: Watch = False,
-) -> None:
-    """Train a scene further, from where it is, with the photos that are kept with it; or let photos join it, and train
-    what these show alone."""
-    scene_id = session.scene(scene)
-    ids = [session.observation(scene_id, each) for each in with_observation]
-    operation = session.client.train_more(scene_id, seconds=seconds, steps=steps, preset=preset, observations=ids)
-    session.tell_job(operation, _trained, watch=watch)
-
-
-@service_command(scenes_app, "withdraw-photos")
-def withdraw_photos(
-    session: Session,
-    scene: SceneId,
-    photos: Annotated[list[str], typer.Argument(metavar="PHOTO...", help="Names of photos, as `photos` shows them.")],
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether you are sure.")] = False,
-    watch: Watch = False,
-) -> None:
-    """Make a scene anew without some of its photos, for ever: all its versions of before are deleted with them."""
-    scene_id = session.scene(scene)
-    if not yes:
-        question = f"Make scene {scene_id} anew without {len(photos)} photos, and delete all its versions for ever?"
-        typer.confirm(question, abort=True, err=True)
-    operation = session.client.withdraw_photos(scene_id, photos)
-    session.tell_job(operation, _withdrawn, watch=watch)
-
-
 def names_of(labels: str) -> tuple[str, ...]:
     """Names that commas separate."""
     return tuple(part.strip() for part in labels.split(",") if part.strip())
-
-
-def _withdrawn(operation: Operation) -> str:
-    made = operation.withdraw_photos
-    assert made is not None
-    lost = "".join(f"\nnot made again: {edit}" for edit in made.lost)
-    return (
-        f"{', '.join(made.photos)} gone, with {len(made.removed)} versions\n"
-        f"version {made.version} is trained without; edits of {made.carried} versions are made again{lost}"
-    )
-
-
-def _trained(operation: Operation) -> str:
-    made = operation.train_more
-    assert made is not None
-    psnr = (
-        "" if made.psnr is None or made.psnr_before is None else f", PSNR {made.psnr_before:.2f} to {made.psnr:.2f} dB"
-    )
-    stands = "is current" if made.current else "is there, and another one is current"
-    joined = ""
-    if made.joined:
-        joined = f"{len(made.joined)} photos have joined, {made.unchanged:,} Gaussians are as they were\n"
-    joined += "".join(f"left out: {each}\n" for each in made.left_out)
-    return (
-        f"{joined}{made.steps} steps in {made.seconds:.0f} s, "
-        f"{made.gaussians_before:,} to {made.gaussians:,} Gaussians{psnr}\n"
-        f"version {made.version} {stands}"
-    )

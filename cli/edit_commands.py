@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from fastsplat.cli.options import SceneId, service_command
+from fastsplat.cli.options import SceneId, Watch, service_command
 from fastsplat.cli.session import Session
 from fastsplat.cli.thing_commands import things_app
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_json
 from fastsplat_contract.name_suggestions import SuggestIn
+from fastsplat_contract.operations import Operation
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import Pixel, PixelBox, ThingList
@@ -85,7 +86,7 @@ def ask_namer(
         str,
         typer.Argument(
             help="Of a model's OpenAI-compatible interface, e.g. http://localhost:11434/v1, to which pictures go from "
-            "here; left out: the server's own namer is asked."
+            "here; left out: the server's own namer is asked, by a job."
         ),
     ] = "",
     model: Annotated[str, typer.Argument(help="As the interface calls it; it must see pictures.")] = "",
@@ -93,6 +94,7 @@ def ask_namer(
     agree: Annotated[
         str, typer.Option(help="Agree, once for the project, that pictures go to this host of the server's namer.")
     ] = "",
+    watch: Watch = False,
 ) -> None:
     """Suggest names that a model sees in pictures of the things without a name; they go to its host."""
     from fastsplat_client.namer import Namer, suggest_by
@@ -100,25 +102,27 @@ def ask_namer(
     if not url:
         if agree:
             session.client.agree_to_namer(agree)
-        told = session.client.ask_namer(session.scene(scene))
-        session.tell(told, _asked(told.suggested, told.shown, told.refused, "the server's namer"))
-        _tell_problem(session, told.problem)
+        session.tell_job(session.client.ask_namer(session.scene(scene)), _said, watch=watch)
         return
     namer = Namer(url, model, namer_key.read_text().strip() if namer_key is not None else "")
     said = suggest_by(session.client, session.scene(scene), namer)
-    asked = _asked(len(said.names), said.shown, said.refused, f"{namer.model} at {namer.host}")
-    session.tell(SuggestIn(said.names), asked)
-    _tell_problem(session, said.problem)
+    by = f"{namer.model} at {namer.host}"
+    session.tell(SuggestIn(said.names), _asked(len(said.names), said.shown, said.refused, by, said.problem))
 
 
-def _asked(names: int, shown: int, refused: int, who: str) -> str:
-    told = f"{names} names suggested for {shown} things by {who}"
-    return f"{told}\n{refused} refused: unusable, or the same for too many things" if refused else told
+def _said(operation: Operation) -> str:
+    told = operation.ask_namer
+    assert told is not None
+    return _asked(told.suggested, told.shown, told.refused, "the server's namer", told.problem)
 
 
-def _tell_problem(session: Session, problem: str) -> None:
-    if problem and not session.as_json:
-        typer.echo(f"not all things were asked about: {problem}", err=True)
+def _asked(names: int, shown: int, refused: int, who: str, problem: str) -> str:
+    lines = [f"{names} names suggested for {shown} things by {who}"]
+    if refused:
+        lines.append(f"{refused} refused: unusable, or the same for too many things")
+    if problem:
+        lines.append(f"not all things were asked about: {problem}")
+    return "\n".join(lines)
 
 
 @service_command(things_app)

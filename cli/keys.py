@@ -14,7 +14,7 @@ from fastsplat.cli.short_ids import LEAST, SHOWN
 from fastsplat.cli.tables import Column, day, table
 from fastsplat_contract.keys import KeyList, Role
 
-keys_app = typer.Typer(help="Access keys of a project: create, share, list, expire, revoke them.", no_args_is_help=True)
+keys_app = typer.Typer(help="Access keys of a project: create, share, list, revoke them.", no_args_is_help=True)
 
 _DAY_S = 86_400.0
 
@@ -90,14 +90,3 @@ def revoke(session: Session, key: _KeyId) -> None:
     """Revoke a key for ever; running servers refuse it within seconds."""
     told = session.client.keys.revoke(session.key(key))
     session.tell(told, f"key {told.id} is revoked")
-
-
-@service_command(keys_app)
-def expire(
-    session: Session,
-    key: _KeyId,
-    days: Annotated[float, typer.Option(help="It expires in so many days from now, sooner or later than it would.")],
-) -> None:
-    """Let a valid key expire at another time."""
-    told = session.client.keys.expire(session.key(key), days * _DAY_S)
-    session.tell(told, f"key {told.id} expires in {days:g} days")

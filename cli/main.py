@@ -14,10 +14,8 @@ from fastsplat.cli import (  # noqa: F401  each adds its commands to a group
     create_commands,
     edit_commands,
     export,
-    foxglove,
     localize,
     measure_commands,
-    name_packs,
     version_commands,
 )
 from fastsplat.cli.ask_command import ask
@@ -25,7 +23,6 @@ from fastsplat.cli.backup_commands import backup, restore
 from fastsplat.cli.check import check
 from fastsplat.cli.demo.command import demo
 from fastsplat.cli.doctor import doctor
-from fastsplat.cli.health import health
 from fastsplat.cli.jobs import jobs_app
 from fastsplat.cli.keys import keys_app
 from fastsplat.cli.local_commands import train, view
@@ -64,7 +61,7 @@ for _name, _group in {
 service_command(app)(ask)
 service_command(app)(status)
 service_command(app, json=False)(mcp)
-for _command in (demo, train, view, serve_command, check, tags, doctor, health, backup, restore):
+for _command in (demo, train, view, serve_command, check, tags, doctor, backup, restore):
     app.command()(_command)
 
 

@@ -1,4 +1,4 @@
-"""`fastsplat things measure` and `scale`: lengths in a scene, and its scale by lengths that are known."""
+"""`fastsplat things measure` and `scale`: lengths in a scene, and its scale by lengths and sizes that are known."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_prompts import Pixel
 
 _PLACE = "the id of a thing (3), a point (0.1,0.2,0.3), or a pixel of one of the scene's cameras (front.png:120,80)"
-_PlusMinus = Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")]
 
 
 @service_command(things_app)
@@ -38,29 +37,27 @@ def measure(
 def scale(
     session: Session,
     scene: SceneId,
-    first: Annotated[str, typer.Argument(help=f"From here: {_PLACE.partition(', ')[2]}.")],
-    second: Annotated[str, typer.Argument(help="To there: a point or a pixel.")],
-    meters: Annotated[float, typer.Argument(help="How far that is in the world.")],
-    plus_minus: _PlusMinus = 0.0,
+    places: Annotated[
+        list[str],
+        typer.Argument(help=f"The id of a thing, or two places: {_PLACE.partition(', ')[2]}.", metavar="PLACE..."),
+    ],
+    meters: Annotated[float, typer.Argument(help="The thing's longest side, or how far the places are apart.")],
+    height: Annotated[bool, typer.Option("--height", help="It is the thing's height, not its longest side.")] = False,
+    plus_minus: Annotated[float, typer.Option(help="Meters: how far off that may be, in 95 % of cases.")] = 0.0,
 ) -> None:
-    """Make the scene's units meters by a length that you have measured; several are combined."""
-    _scale(session, scene, KnownLength(_place(first), _place(second), meters, plus_minus))
-
-
-@service_command(things_app, "scale-by-size")
-def scale_by_size(
-    session: Session,
-    scene: SceneId,
-    thing: Annotated[int, typer.Argument(help="The id of the thing.")],
-    meters: Annotated[float, typer.Argument(help="Its size in the world.")],
-    height: Annotated[bool, typer.Option("--height", help="That is its height, not its longest side.")] = False,
-    plus_minus: _PlusMinus = 0.0,
-) -> None:
-    """Make the scene's units meters by a thing whose size you know; combined with known lengths and tags."""
-    _scale(session, scene, KnownSize(thing, meters, plus_minus, "height" if height else "longest"))
-
-
-def _scale(session: Session, scene: str, known: KnownLength | KnownSize) -> None:
+    """Make the scene's units meters by a length or a thing's size that you have measured; several are combined."""
+    first, *others = (_place(text) for text in places)
+    known: KnownLength | KnownSize
+    if first.thing and not others:
+        known = KnownSize(first.thing, meters, plus_minus, "height" if height else "longest")
+    elif len(others) == 1 and not height:
+        known = KnownLength(first, others[0], meters, plus_minus)
+    else:
+        raise InvalidInputError(
+            f"a scale by {len(places)} places",
+            field="places",
+            hint="Name two places, or one thing; --height is of a thing.",
+        )
     scene_id = session.scene(scene)
     made = session.client.scale_scene(scene_id, known)
     scaling = session.client.scene(scene_id).scaling

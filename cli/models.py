@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from fastsplat.cli.settings import load_settings
-from fastsplat.cli.tables import Column, size, table
+from fastsplat.cli.tables import Column, table
 from fastsplat_contract.errors import FastSplatError
 
 if TYPE_CHECKING:  # loads OpenCV and onnxruntime, which the other commands do without
@@ -113,23 +113,9 @@ def pull_with_progress(
         )
 
 
-@models_app.command("pack")
-def pack(
-    archive: Annotated[Path, typer.Argument(metavar="FILE", help="To write; what is there is replaced.")],
-    names: Annotated[list[str] | None, typer.Argument(help="Models; none: all that are there.")] = None,
-    models: _Directory = None,
-) -> None:
-    """Write models into one file, for a machine without a network."""
-    from fastsplat.service.perception.model_pull.model_archive import pack as pack_models
-
-    with _errors(Console()):
-        packed = pack_models(models or load_settings().models, archive, names or ())
-        typer.echo(f"{archive}: {', '.join(packed)}, {size(archive.stat().st_size)}")
-
-
 @models_app.command("unpack")
 def unpack(
-    archive: Annotated[Path, typer.Argument(metavar="FILE", help="That models pack has written.")],
+    archive: Annotated[Path, typer.Argument(metavar="FILE", help="A zip of folders of a model directory.")],
     models: _Directory = None,
 ) -> None:
     """Put the models of a file in place, verified and tried out as if they had been pulled."""

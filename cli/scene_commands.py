@@ -27,14 +27,9 @@ _SHOWN_NAMES = 60
 
 
 @service_command(scenes_app, "list")
-def list_scenes(
-    session: Session,
-    place: Annotated[
-        str, typer.Option(help="A scene: only the captures of its place, the newest photos first.", metavar="SCENE")
-    ] = "",
-) -> None:
+def list_scenes(session: Session) -> None:
     """Show all scenes, newest first."""
-    scenes = tuple(session.client.scenes(place=session.scene(place) if place else ""))
+    scenes = tuple(session.client.scenes())
     columns = (
         Column("scene"),
         Column("name", "cut"),
@@ -147,25 +142,6 @@ def align(
     session.tell(made, "\n".join(lines))
     for number in result.outliers:
         typer.echo(f"pair {number + 1} did not count: it is {result.residuals[number]:.4g} m off", err=True)
-
-
-@service_command(scenes_app, "align-to")
-def align_to(
-    session: Session,
-    scene: SceneId,
-    other: Annotated[str, typer.Argument(metavar="OTHER", help="Another scene of the same place, in meters.")],
-) -> None:
-    """Put a scene into the frame of another capture of the same place, by its own photos, as a new version."""
-    scene_id = session.scene(scene)
-    made = session.client.align_to(scene_id, session.scene(other))
-    result = session.client.scene(scene_id).alignment
-    assert result is not None and result.rms is not None
-    agreeing = result.pairs - len(result.outliers)
-    session.tell(
-        made,
-        f"{agreeing} of {result.pairs} places fit to {result.rms:.4g} m (root mean square)\n"
-        f"frame {result.frame}, version {made.version} is current",
-    )
 
 
 def _facts(scene: Scene) -> str:

@@ -80,10 +80,6 @@ class Session:
         """The whole name of a version of a scene, "" for "": the current one; errors as `whole_id`."""
         return text and whole_id("version", text, (each.version for each in self.client.versions(scene_id)))
 
-    def observation(self, scene_id: str, text: str) -> str:
-        """The whole id of an observation of a scene; errors as `whole_id`."""
-        return whole_id("observation", text, (each.id for each in self.client.observations(scene_id)))
-
     def current(self, scene_id: str) -> str:
         """The name of the version that is current."""
         return next(each.version for each in self.client.versions(scene_id) if each.current)

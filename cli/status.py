@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
 from fastsplat.cli.session import Session
+from fastsplat.cli.settings import load_settings
 from fastsplat.cli.tables import duration, facts, minute, size
 from fastsplat_contract.server_status import (
     DiskHealth,
@@ -14,9 +19,29 @@ from fastsplat_contract.server_status import (
     WorkerHealth,
 )
 
+if TYPE_CHECKING:
+    from fastsplat.service.settings import Settings
 
-def status(session: Session) -> None:
+_TIMEOUT_S = 5.0
+
+
+def status(
+    session: Session,
+    here: Annotated[
+        Literal["api", "worker"] | None,
+        typer.Option(
+            help="Exit with 0 and without output if that of this host is well, else print why and exit with 1: for "
+            "containers and service managers."
+        ),
+    ] = None,
+) -> None:
     """Show what the server can do, the project's quotas, and to operators the health of workers, queue and disk."""
+    if here is not None:
+        settings = load_settings()
+        if problem := _api_problem(settings) if here == "api" else _worker_problem(settings):
+            typer.echo(problem, err=True)
+            raise typer.Exit(1)
+        return
     told = session.client.server_status()
     session.tell(told, _facts(told))
 
@@ -71,3 +96,33 @@ def _model(model: ModelStatus) -> str:
 def _quota(quota: QuotaStatus) -> str:
     shown = size if quota.kind == "bytes" else "{:,.0f}".format
     return shown(quota.used) + ("" if quota.limit is None else f" of {shown(quota.limit)}")
+
+
+def _api_problem(settings: Settings) -> str:
+    import ssl
+    import urllib.error
+    import urllib.request
+
+    encrypted = settings.tls_cert is not None
+    url = f"http{'s' if encrypted else ''}://127.0.0.1:{settings.http_port}/readyz"
+    # The certificate names the host that clients know, not this loopback address.
+    context = ssl._create_unverified_context() if encrypted else None
+    try:
+        with urllib.request.urlopen(url, timeout=_TIMEOUT_S, context=context):
+            return ""
+    except (urllib.error.URLError, OSError) as error:
+        return f"{url} does not answer: {error}"
+
+
+def _worker_problem(settings: Settings) -> str:
+    from fastsplat.service.store.store import open_store
+    from fastsplat.workers.process_group import machine_id
+
+    store = open_store(settings.data_dir, settings.database_url, settings.artefacts)
+    try:
+        timeout_s = settings.jobs.stalled_worker_timeout_s
+        if store.workers.alive_on(machine_id(), timeout_s):
+            return ""
+        return f"no worker of this machine had a heartbeat in the last {timeout_s:.0f} s"
+    finally:
+        store.close()

@@ -16,7 +16,7 @@ from fastsplat.cli.short_ids import LEAST, whole_id
 from fastsplat.cli.tables import Column, minute, point, table
 from fastsplat_contract import calls
 from fastsplat_contract.detection_messages import Detection
-from fastsplat_contract.known_names import KnownNameList
+from fastsplat_contract.known_names import EVERY_NAME, KnownNameList
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.requests import GetThingSheetRequest
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, SceneThing, ThingList
@@ -176,22 +176,21 @@ def look_again(
 def known(
     session: Session,
     forget: Annotated[
-        str, typer.Option(metavar="ID", help=f"Suggest this name no more; {LEAST} letters of its id will do.")
+        str,
+        typer.Option(
+            metavar="ID", help=f"Suggest this name no more; {LEAST} letters of its id will do. With all: none of them."
+        ),
     ] = "",
-    forget_all: Annotated[bool, typer.Option("--forget-all", help="Suggest none of them any more.")] = False,
 ) -> None:
     """Show what people named in the project's scenes, which is suggested in its other scenes."""
+    known_names = session.client.known_names
     if forget:
-        known_names = session.client.known_names
-        ids = [*(each.id for each in known_names.all()), *(each.id for each in known_names.packs())]
-        known_names.forget(whole_id("name", forget, ids))
-    if forget_all:
-        session.client.known_names.forget_all()
-    names, packs = tuple(session.client.known_names.all()), session.client.known_names.packs()
+        whole = forget if forget == EVERY_NAME else whole_id("name", forget, (each.id for each in known_names.all()))
+        known_names.forget(whole)
+    names = tuple(known_names.all())
     columns = (Column("id"), Column("name", "cut"), Column("thing", right=True), Column("named"))
     rows = [(each.id, each.name, str(each.thing_id), minute(each.named_at)) for each in names]
-    rows += [(each.id, f"a pack of {each.names} names", "", minute(each.added_at)) for each in packs]
-    session.tell(KnownNameList(names, "", packs), table(columns, rows), nothing="no names are known")
+    session.tell(KnownNameList(names, ""), table(columns, rows), nothing="no names are known")
 
 
 def thing_name(thing: SceneThing) -> str:

@@ -113,7 +113,9 @@ def _message(name: str, kinds: list[Any], registry: Registry) -> str:
 def _enum(choice: Any, name: str, registry: Registry) -> str:
     prefix = re.sub(r"(?<=.)(?=[A-Z])", "_", name).upper()
     numbers = registry.numbers(name, get_args(choice))
-    lines = [f"  {prefix}_UNSPECIFIED = 0;\n", *_reserved(registry.retired(name, get_args(choice)))]
+    retired = registry.retired(name, get_args(choice)).items()
+    lines = [f"  {prefix}_UNSPECIFIED = 0;\n"]
+    lines += _reserved({f"{prefix}_{value.upper()}": number for value, number in retired})
     lines += [f"  {prefix}_{value.upper()} = {number};\n" for value, number in numbers.items()]
     return f"enum {name} {{\n{''.join(lines)}}}"
 

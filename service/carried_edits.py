@@ -147,7 +147,7 @@ def _applied(edit: Edit, before: SceneIndex, after: SceneIndex, index: SceneInde
         return apply_edit(index, edit, piece=_piece(before, after, index))
     if edit.source is None:
         return apply_edit(index, edit, max_gaussians=max_gaussians)
-    there = replace(edit, label=None, object_id=None, things=_made(before, after), transform=_UNMOVED)
+    there = replace(edit, label=None, things=_made(before, after), transform=_UNMOVED)
     return apply_edit(index, there, source=after, max_gaussians=max_gaussians)
 
 
@@ -170,13 +170,13 @@ def _translated(edit: Edit, before: SceneIndex, ids: dict[int, int]) -> tuple[Ed
     if edit.known_sizes:
         sizes = tuple(KnownSize(**{**vars(size), "thing": _known(size.thing, ids)}) for size in edit.known_sizes)
         return replace(edit, known_sizes=sizes), []
-    if edit.source is not None or not (edit.things or edit.label or edit.object_id):
+    if edit.source is not None or not (edit.things or edit.label):
         return edit, []
     things = edited_things(before, edit)
     known = [ids[thing] for thing in things if thing in ids]
     if not known:
         raise NotFoundError("nothing that it is about was found again", field="things")
-    again = replace(edit, label=None, object_id=None, things=tuple(known))
+    again = replace(edit, label=None, things=tuple(known))
     return again, [thing for thing in things if thing not in ids]
 
 

@@ -245,16 +245,12 @@ def name_sightings(index: SceneIndex, sightings: Sightings, settings: Settings) 
 
 
 def _searched(scene: Scene, texts: Sequence[str]) -> dict[str, object]:
-    """How many names the scene was searched for, and which, with some more. Of scenes of earlier releases the number is
-    known alone, and that the names of the dictionary are among them."""
-    count, names = scene.quality.get("searched_names"), scene.quality.get("searched_for")
+    """How many names the scene was searched for, and which, with some more."""
+    names = scene.quality.get("searched_for")
     listed = [str(name) for name in names] if isinstance(names, (list, tuple)) else []
-    before = count if isinstance(count, int) else len(listed)
     known = {label_key(name) for name in listed}
-    if before > len(listed):
-        known |= {label_key(entry.label) for entry in scene.dictionary.entries}
-    new = [text for text in texts if label_key(text) not in known]
-    return {"searched_names": before + len(new), "searched_for": [*listed, *new]}
+    listed += [text for text in texts if label_key(text) not in known]
+    return {"searched_names": len(listed), "searched_for": listed}
 
 
 def _candidates(scene: Scene) -> list[PosedCamera]:

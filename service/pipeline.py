@@ -90,7 +90,7 @@ def capture_folder(folder: Path, work: Path, settings: CaptureSettings, progress
     """The capture of a folder of photos, a video, an archive or a posed data set, checked as any upload is.
 
     Args:
-        folder: the files; its subfolder `.admitted` is written.
+        folder: the files; its subfolder `.validated` is written.
         work: a folder for the result, which must not exist.
         settings: limits, and how poses are found.
         progress: hears of the stage; may raise `CancelledError`.

@@ -115,11 +115,9 @@ class LimitOptions(Options):
     head_s: float = Field(15.0, gt=0)
     """Seconds in which the head of an HTTP request must have come."""
     threads: int = Field(0, ge=0)
-    """Threads that answer requests, round robin over keys, and as many for costly ones; 0: two a core, at least
+    """Threads that answer requests, round robin over keys, and as many for those that render; 0: two a core, at least
     four."""
-    costly: int = Field(2**20, ge=1)
-    """Requests that cost more pixels than this run on the threads for costly ones; a sentence counts 16384."""
-    costly_niceness: int = Field(10, ge=0, le=19)
+    niceness: int = Field(10, ge=0, le=19)
     """How much nicer (Linux) those threads are than the others; 0: not at all."""
 
 

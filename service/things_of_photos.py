@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.instances.scene_things import find_scene_things
 from fastsplat.service.instances.thing_appearances import with_appearances
@@ -77,39 +77,12 @@ def find_things(
         return None, trained.gaussians
     if discovery.things == "off" or not described:
         return things, gaussians
-    reading = tell("reading", _READING_FROM, 1.0)
-    private = is_private(capture, settings)
-    return described_things(things, gaussians, capture.views, settings, reading, private=private), gaussians
-
-
-def described_things(
-    things: Things,
-    gaussians: Gaussians,
-    views: Sequence[View],
-    settings: Settings,
-    on_view: Callable[[int, int], None],
-    *,
-    private: bool,
-) -> Things:
-    """The things described by what they look like, with what is written on them.
-
-    Args:
-        things: of the Gaussians.
-        gaussians: with the things' codes.
-        views: that show them.
-        settings: of all rooms.
-        on_view: hears of every view that is read.
-        private: see `is_private`.
-
-    Raises:
-        ModelUnavailableError: a model's file is damaged.
-    """
-    side, backend, models = settings.discovery.max_side, settings.training.backend, settings.models
+    side, backend, private = discovery.max_side, training.backend, is_private(capture, settings)
     encoder = open_appearance_encoder(settings.perception, models)
     looks = None if private else find_image_text(settings.perception, models)
     if encoder or looks:
-        things = with_appearances(things, gaussians, views, encoder, side, looks=looks, backend=backend)
+        things = with_appearances(things, gaussians, capture.views, encoder, side, looks=looks, backend=backend)
     if not private:
-        reader = find_reader(settings.perception, models)
-        things = with_reads(things, gaussians, views, reader, side, on_view, backend=backend)
-    return things
+        reader, on_view = find_reader(settings.perception, models), tell("reading", _READING_FROM, 1.0)
+        things = with_reads(things, gaussians, capture.views, reader, side, on_view, backend=backend)
+    return things, gaussians

@@ -30,7 +30,6 @@ REST = (
     "capture/test_repetition.py",
     "capture/test_scale_tags.py",
     "capture/test_spoiled_photos.py",
-    "cli/test_foxglove.py",
     "cli/test_mcp_sample.py",
     "cli/test_serve.py",
     "client/test_wheel.py",

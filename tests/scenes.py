@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import uuid
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -109,7 +108,6 @@ def finish_job(
     *,
     version: str = "1",
     stages: Sequence[Mapping[str, Any]] = (),
-    artefact: Path | None = None,
     draft: Provisional | None = None,
     **row: Any,
 ) -> None:
@@ -121,7 +119,6 @@ def finish_job(
         scene: what it made.
         version: name of the scene's first version.
         stages: what the worker reports before.
-        artefact: the scene's own folder, as an earlier release wrote it; None: it is written now.
         draft: what the scene is made of: then the job goes on.
         **row: further values of every label's row.
     """
@@ -129,7 +126,7 @@ def finish_job(
     assert claim is not None
     scene = scene if draft is None else draft_of(scene, draft)
     folder = store.blobs.version(store.scenes.operation(operation_id).scene_id, version)
-    write_version(scene, folder, artefact)
+    write_version(scene, folder)
     if stages:
         store.jobs.report(claim, [dict(stage) for stage in stages])
     counts = np.bincount(scene.gaussians.codes.argmax(axis=1), minlength=len(scene.dictionary) + 1)
@@ -185,12 +182,9 @@ def queued_job(name: str = "") -> NewJob:
     )
 
 
-def write_version(scene: Scene, folder: Path, artefact: Path | None = None) -> None:
-    """The files of a version: the artefact, or a copy of one that is there, and the PLY."""
-    if artefact is None:
-        write_scene(scene, folder / "artefact")
-    else:
-        shutil.copytree(artefact, folder / "artefact")
+def write_version(scene: Scene, folder: Path) -> None:
+    """The files of a version: the artefact, and the PLY."""
+    write_scene(scene, folder / "artefact")
     write_ply(scene.gaussians, folder / "scene.ply")
 
 

@@ -19,7 +19,6 @@ from fastsplat.workers.protocol import Job
 from fastsplat.workers.results import intact, stage_seconds
 
 _PLAN = "plan.json"
-_FORMER_KEY = "given_up"  # of plans that version 0.1.0 wrote
 
 
 def job_speed(job: Job) -> Speed:
@@ -57,10 +56,7 @@ def stored_plan(job: Job) -> StagePlan[TrainingSettings]:
         return StagePlan(job.settings.training)
     with intact(job.folder / _PLAN):
         stored = json.loads((job.folder / _PLAN).read_text())
-        tradeoffs = stored.get("tradeoffs", stored.get(_FORMER_KEY, ()))
-        # A plan of another release may name a setting that is no more.
-        settings = TrainingSettings.model_validate(stored["settings"], extra="ignore")
-        return StagePlan(settings, tuple(tradeoffs))
+        return StagePlan(TrainingSettings.model_validate(stored["settings"]), tuple(stored["tradeoffs"]))
 
 
 def _store(job: Job, plan: StagePlan[TrainingSettings]) -> None:

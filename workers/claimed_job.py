@@ -28,7 +28,6 @@ from fastsplat.workers.made_scenes import (
     MadeScene,
     edited_draft,
     read_made,
-    replaced_result,
     write_edited,
 )
 from fastsplat.workers.patience import at_once, patient
@@ -53,7 +52,6 @@ class ClaimedJob:
         self._versions = store.versions
         self._scenes = store.scenes
         self._projects, self._namer_host = store.projects, namer_host
-        self._withdrawals = store.withdrawals
         self._blobs = store.blobs
         self.claim = claim
         self.id = claim.operation.id
@@ -62,7 +60,7 @@ class ClaimedJob:
         self._progress_files = dict(claim.operation.progress_files or {})
         self._older_files: dict[str, str] = {}
         self._noted: str | None = None
-        self._drafted = claim.operation.replaces  # or it may be: an earlier attempt may have published one
+        self._drafted = claim.operation.makes_scene  # or it may be: an earlier attempt may have published one
         self._carried: Sequence[str] = ()
 
     @property
@@ -90,7 +88,7 @@ class ClaimedJob:
     def upload(self) -> Path:
         """Folder of the validated upload, on this machine."""
         folder = self._blobs.fetch_upload(self.claim.operation.upload_id)
-        return folder / str(self.claim.operation.options["admitted"])
+        return folder / str(self.claim.operation.options["validated"])
 
     @patient
     def current_version(self) -> tuple[Path, str]:
@@ -104,27 +102,6 @@ class ClaimedJob:
         if current is None:
             raise no_scene(self.scene_id)
         return current, version
-
-    @patient
-    def trained_version(self) -> str:
-        """Name of the version that all others were made of; `NotFoundError`: there is no such scene (any more)."""
-        return self._versions.of(self._scenes.scene(self.scene_id))[0].version
-
-    @patient
-    def version(self, name: str) -> Path:
-        """Folder, on this machine, of a version of the scene.
-
-        Raises:
-            NotFoundError: it is not stored any more.
-        """
-        folder = self._blobs.fetch_version(self.scene_id, name)
-        if folder is None:
-            raise NotFoundError(
-                f"version {name!r}, which is to be trained further, is not stored any more",
-                field="version",
-                hint="Order it anew, of the current version.",
-            )
-        return folder
 
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
         """Write progress. Returns what was asked of the job, as far as is known: does not wait.
@@ -173,8 +150,7 @@ class ClaimedJob:
         self._progress_files["draft"] = {"file": name, "info": info}
 
     def note_edits(self) -> None:
-        """Tell the trainer of a job that makes its scene, or makes it anew, what people have made of the newest draft,
-        or of the scene as it was trained: does not wait."""
+        """Tell the trainer of a job that makes its scene what people have made of the newest draft: does not wait."""
         if not self._drafted:
             return
         with suppress(DatabaseError, ObjectStoreError, NotFoundError, OSError):
@@ -199,7 +175,7 @@ class ClaimedJob:
 
     @patient
     def note_photos(self) -> None:
-        """Write what became of the photos, if the capture stage has said so: workers of earlier releases have not."""
+        """Write what became of the photos, if the capture stage has said so."""
         path = self.folder / "capture" / PHOTOS
         if path.is_file():
             self._jobs.record_photos(self.claim, json.loads(path.read_text()))
@@ -271,35 +247,11 @@ class ClaimedJob:
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
     @patient
-    def replace_scene(self, stage: str) -> None:
-        """Publish the result of `stage`, the last one, in the place of all versions of a finished scene; then remove
-        these, and whatever else has its photos as they were, and only then make the operation SUCCEEDED.
-
-        Raises:
-            ConflictError: the scene was edited meanwhile.
-            NotFoundError: it was deleted.
-            OSError: the disk is full.
-        """
-        if not self.claim.operation.replaced:
-            before = [version for scene_id, version in self._blobs.versions() if scene_id == self.scene_id]
-            made = self._made(stage)
-            new = {self.run_id, *self._carried}
-            result = replaced_result(made, self.run_id, self.claim.operation.order["photos"], set(before) - new)
-            self.claim = self._withdrawals.replace(
-                self.claim, made.summary, made.carried, edited=made.edited, result=result
-            )
-        assert self.claim.operation.result is not None
-        if upload_id := self._scenes.operation(self._scenes.scene(self.scene_id).operation_id).upload_id:
-            self._blobs.drop_upload(upload_id)
-        self._blobs.erase_versions(self.scene_id, self.claim.operation.result["removed"])
-        self._withdrawals.succeed(self.claim)
-
-    @patient
     def drop_result(self, stage: str) -> None:
         """Remove the result of `stage`, the last one, here and where it was published, so that it is made again;
         a scene that was not published yet is kept for that."""
         result, kept = self.folder / stage, self.folder / f"{stage}{KEPT}"
-        if self.claim.operation.replaces and result.is_dir():
+        if self.claim.operation.makes_scene and result.is_dir():
             remove(kept)
             result.rename(kept)
         remove(result)
@@ -332,7 +284,7 @@ class ClaimedJob:
                 self._blobs.drop_upload(self.claim.operation.upload_id)
             if deleted and self.claim.operation.makes_scene:
                 self._blobs.drop_scene(self.scene_id)
-            elif deleted or not (outcome.state == "done" or self.claim.operation.replaced):  # only what this job made
+            elif deleted or outcome.state != "done":  # only what this job made
                 self._blobs.drop_version(self.scene_id, self.run_id)
 
     def _made(self, stage: str) -> MadeScene:

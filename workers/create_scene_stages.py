@@ -9,7 +9,7 @@ from pathlib import Path
 
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.capture.photos.scene_photos import share_photos, write_photos
+from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.sfm.placed_cameras import placed_of
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import Progress, ProgressEvent
@@ -67,7 +67,7 @@ def _perception(job: Job, folder: Path, progress: Progress) -> None:
         options.labels,
         files.progress,
         time_budget_s=options.time_budget_s,
-        early=early if capture.splat is None and job.shows_drafts else None,
+        early=early if capture.splat is None else None,
     )
     save_labelling(labelled.labelling, folder)
     (folder / _TRADEOFFS).write_text(json.dumps(labelled.tradeoffs))
@@ -85,9 +85,7 @@ def _training(job: Job, folder: Path, progress: Progress) -> None:
     def draft(splats: TrainedSplats, share: float) -> None:
         drafts.of_training(splats, capture, labelling, views, settings, share)
 
-    watch = TrainingWatch(files.preview, finish_requested(job))
-    if job.shows_drafts:
-        watch = TrainingWatch(files.preview, finish_requested(job), draft, training_drafts())
+    watch = TrainingWatch(files.preview, finish_requested(job), draft, training_drafts())
     save_trained(train_scene(capture, labelling, settings, files.progress, checkpoint_folder(job), watch), folder)
 
 
@@ -107,9 +105,6 @@ def _assemble(job: Job, folder: Path, progress: Progress) -> None:
     scene = assemble_scene(trained, labelling, capture, settings, quality, progress)
     progress(ProgressEvent("export", 0.4, "writing the scene"))
     write_made(scene, folder)
-    if job.base is not None:
-        share_photos(job.result("capture"), folder)
-        return
     views = len(capture.views)
 
     def on_photo(done: int) -> None:

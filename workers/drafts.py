@@ -79,11 +79,9 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
         return ()
     settings, encoder = job.settings, open_text_encoder(scene.text_encoder[0], job.settings.models)
     opened = partial(SceneIndex, encoder=encoder, settings=settings.query)
-    draft, versions, left = opened(read_scene(Path(edited.folder) / "artefact")), [], list[str]()
+    draft, versions = opened(read_scene(Path(edited.folder) / "artefact")), []
     for version in edited.versions:
         edits = [from_plain(Edit, {name: row[name] for name in row if name in _OF_EDIT}) for row in version.edits]
-        left += [f"{edit.action}: not made again, as it rests on all photos" for edit in edits if _may_show(edit, job)]
-        edits = [edit for edit in edits if not _may_show(edit, job)]
         versions.append(DraftVersion(edits, opened(read_scene(Path(version.folder) / "artefact"))))
     carried = carry_edits(opened(scene), draft, versions, max_gaussians=settings.store.max_gaussians)
     rows: list[dict[str, Any]] = []
@@ -107,18 +105,8 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
                 "quality": summary["quality"] if changed_views(each.index.scene.quality) else None,
             }
         )
-    lost = (*left, *carried.lost)
-    _note(folder, edited.versions[-1].version, rows, lost)
-    return lost
-
-
-def _may_show(edit: Edit, job: Job) -> bool:
-    """Whether an edit may bring back what photos showed that a job withdraws: Gaussians of the scene itself, names that
-    a model read in its pictures, photos of other days with what differed from it."""
-    if "photos" not in job.order:
-        return False
-    own = edit.source is not None and edit.source.scene_id == job.order["scene"]
-    return own or edit.action in ("suggest", "observe", "look_again", "train_more")
+    _note(folder, edited.versions[-1].version, rows, carried.lost)
+    return carried.lost
 
 
 def _note(folder: Path, edited: str, rows: Sequence[dict[str, Any]], lost: Sequence[str]) -> None:

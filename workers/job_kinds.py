@@ -20,14 +20,12 @@ class Sources(NamedTuple):
     """What a job reads, on this machine.
 
     Attributes:
-        folder: the admitted upload's; of a job on a finished scene, that of its current version.
+        folder: the validated upload's; of a job on a finished scene, that of its current version.
         version: of a job on a finished scene: whose folder it is.
-        base: of a job that begins with a certain version: that version's folder and name.
     """
 
     folder: Path
     version: str = ""
-    base: tuple[Path, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -59,16 +57,6 @@ def _current_version(job: ClaimedJob) -> Sources:
     return Sources(*job.current_version())
 
 
-def _current_and_ordered_version(job: ClaimedJob) -> Sources:
-    ordered = str(job.claim.operation.order["version"])
-    return Sources(*job.current_version(), (job.version(ordered), ordered))
-
-
-def _current_and_trained_version(job: ClaimedJob) -> Sources:
-    trained = job.trained_version()
-    return Sources(*job.current_version(), (job.version(trained), trained))
-
-
 def _publish_scene(job: ClaimedJob, stage: str) -> None:
     scene_id, project = job.scene_id, job.claim.operation.project
     job.publish_scene(stage, order_job("ask_namer", scene_id, "", {}, project) if job.may_ask_namer() else None)
@@ -88,11 +76,7 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
         summary["gaussians"],
         summary["dictionary"],
         edits,
-        scaling=summary.get("scaling"),
-        alignment=summary.get("alignment"),
-        quality=summary.get("quality"),
-        things=summary.get("things"),
-        beside=summary.get("beside", False),
+        things=summary["things"],
         max_versions=job.max_versions,
     )
     job.succeed_with_version(new, result)
@@ -105,10 +89,6 @@ def _publish_suggestions(job: ClaimedJob, stage: str) -> None:
         _publish_version(job, stage)
     else:
         job.succeed_with_version(None, {**summary["result"], "version": summary["parent"]})
-
-
-def _replace_scene(job: ClaimedJob, stage: str) -> None:
-    job.replace_scene(stage)
 
 
 KINDS: Mapping[OperationKind, JobKind] = {
@@ -124,23 +104,11 @@ KINDS: Mapping[OperationKind, JobKind] = {
         run="fastsplat.workers.look_again_stages:STAGES",
         publish=_publish_version,
     ),
-    "train_more": JobKind(
-        stages=("training", "merging"),
-        sources=_current_and_ordered_version,
-        run="fastsplat.workers.train_more_stages:STAGES",
-        publish=_publish_version,
-    ),
     "ask_namer": JobKind(
         stages=("asking", "suggesting"),
         sources=_current_version,
         run="fastsplat.workers.ask_namer_stages:STAGES",
         publish=_publish_suggestions,
         asks_namer=True,
-    ),
-    "withdraw_photos": JobKind(
-        stages=("capture", "perception", "training", "export"),
-        sources=_current_and_trained_version,
-        run="fastsplat.workers.withdraw_stages:STAGES",
-        publish=_replace_scene,
     ),
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
-_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality")
+_OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 
 @dataclass(frozen=True)
@@ -114,24 +114,6 @@ class MadeScene:
         return {"carried": len(self.carried), "lost": list(self.lost)} if self.edited else None
 
 
-def replaced_result(made: MadeScene, version: str, photos: Sequence[str], removed: Collection[str]) -> dict[str, Any]:
-    """A `WithdrawPhotosResult` as JSON.
-
-    Args:
-        made: in the place of all versions of before.
-        version: its name.
-        photos: names of those that are gone.
-        removed: names of the versions that go.
-    """
-    return {
-        "version": version,
-        "photos": list(photos),
-        "removed": sorted(removed),
-        "carried": len(made.carried),
-        "lost": list(made.lost),
-    }
-
-
 def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, find: Callable[[str], Path]) -> MadeScene:
     """What a folder holds, that is `version` of the scene, or is to be.
 
@@ -148,7 +130,7 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
 
     values = json.loads((folder / SUMMARY).read_text())
     of_scene = {name: values[name] for name in _OF_SCENE}
-    summary = SceneSummary(version=version, things=values.get("things"), **of_scene)
+    summary = SceneSummary(version=version, **of_scene)
     carried: list[NewVersion] = []
     rows = values.get("carried", ())
     before = read_scene(folder / "artefact").things if rows else None

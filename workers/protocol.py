@@ -21,14 +21,13 @@ class Job:
     Attributes:
         operation_id: whose job this is.
         attempt: counts the trainers of this job; part of the name of everything unfinished.
-        upload: the admitted upload's folder; of a job on a finished scene, the folder of its current version.
+        upload: the validated upload's folder; of a job on a finished scene, the folder of its current version.
         folder: the job's work folder, shared by all attempts.
         options: the user's choices.
         settings: the operator's, with what the user chose.
         stages: names of its stages, in order.
         order: of a job on a finished scene: what was ordered, as JSON.
         version: of a job on a finished scene: whose folder `upload` is.
-        base: of a job that begins with a certain version: that version's folder and name.
         exclude: paths of photos in the upload that are left out.
     """
 
@@ -41,17 +40,11 @@ class Job:
     stages: tuple[str, ...] = ()
     order: Mapping[str, Any] = field(default_factory=dict)
     version: str = ""
-    base: tuple[Path, str] | None = None
     exclude: tuple[str, ...] = ()
 
     def result(self, stage: str) -> Path:
         """Folder of a stage's finished result; if it exists, it is complete."""
         return self.folder / stage
-
-    @property
-    def shows_drafts(self) -> bool:
-        """Whether drafts of its scene are published: a finished scene stays as it is until the job is done."""
-        return not self.version
 
     @property
     def finish_mark(self) -> Path:
@@ -76,7 +69,6 @@ class Job:
             "stages": self.stages,
             "order": dict(self.order),
             "version": self.version,
-            "base": None if self.base is None else [str(self.base[0]), self.base[1]],
             "exclude": self.exclude,
             "run": run,
         }
@@ -96,7 +88,6 @@ def read_job(line: bytes) -> tuple[Job, str]:
         stages=tuple(spec["stages"]),
         order=spec["order"],
         version=spec["version"],
-        base=None if spec["base"] is None else (Path(spec["base"][0]), spec["base"][1]),
         exclude=tuple(spec["exclude"]),
     )
     return job, spec["run"]

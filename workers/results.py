@@ -51,8 +51,6 @@ def finish_stage(job: Job, stage: str, folder: Path, seconds: float) -> None:
 def discard_damaged(job: Job) -> tuple[str, ...]:
     """Take away the first stage's result that is not as it was written, and those after it, because they were made of
     it; returns the stages that are to be done again for that.
-
-    A result of a release before results had digests counts as whole.
     """
     done = [stage for stage in job.stages if job.result(stage).is_dir()]
     for number, stage in enumerate(done):

@@ -69,9 +69,9 @@ class Supervisor:
             FencedError: another worker has claimed the job.
             StoppingError: this worker is stopping, and the job was given back.
         """
-        error = None if self._job.claim.operation.replaced else self.start_limit_error()
+        error = self.start_limit_error()
         outcome = DONE if error is None else failed(error)
-        if not self._job.claim.operation.replaced and (self._job.claim.attempt == 1 or not self._job.is_published()):
+        if self._job.claim.attempt == 1 or not self._job.is_published():
             for stage in self._kind.stages:
                 if outcome == DONE:
                     outcome = self.run_stage(stage)
@@ -163,7 +163,7 @@ class Supervisor:
             )
         job.folder.mkdir(parents=True, exist_ok=True)
         job.note_edits()
-        folder, version, base = self._kind.sources(job)
+        folder, version = self._kind.sources(job)
         spec = Job(
             job.id,
             attempt,
@@ -174,7 +174,6 @@ class Supervisor:
             self._kind.stages,
             job.claim.operation.order,
             version,
-            base,
             job.claim.operation.excluded,
         )
         self._trainer = TrainerProcess(spec, self._kind.run, job.log, asks_namer=self._kind.asks_namer)

@@ -36,5 +36,5 @@ def load_trained(folder: Path) -> TrainedSplats:
         gaussians = Gaussians(**arrays)
     with intact(folder / "report.json"):
         report = json.loads((folder / "report.json").read_text())
-        photometric = {name: tuple(row) for name, row in report.get("photometric", {}).items()}
+        photometric = {name: tuple(row) for name, row in report["photometric"].items()}
         return TrainedSplats(gaussians, head, report["quality"], tuple(report["held_out"]), evidence, photometric)

@@ -60,12 +60,10 @@ class Worker:
 
 def start(worker: Worker) -> None:
     """Begin to claim jobs, in a thread; returns at once."""
-    settings, jobs = worker.settings, worker.settings.jobs
+    jobs = worker.settings.jobs
     # Before anything that writes: a suspended worker may hold the lock that a write waits for.
     _repeat(worker, "kill suspended workers", _kill_suspended, jobs.heartbeat_interval_s)
     worker.heartbeat.update()
-    for left_over in settings.data_dir.glob("jobs.sqlite*"):  # the queue of earlier releases
-        left_over.unlink(missing_ok=True)
     _repeat(worker, "update heartbeat", lambda worker: worker.heartbeat.update(), jobs.heartbeat_interval_s)
     _repeat(worker, "run jobs", _run_waiting, jobs.poll_interval_s)
     _repeat(worker, "prune stalled workers", _prune_stalled, jobs.stalled_worker_timeout_s / 2)

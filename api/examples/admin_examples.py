@@ -6,19 +6,8 @@ from datetime import UTC, datetime
 
 from fastsplat.api.examples.change_examples import Bodies
 from fastsplat.api.examples.example_parameters import IDS, PAGE_TOKEN
-from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, LifetimeIn, NewKey, UploadKeyIn
-from fastsplat_contract.known_names import (
-    AddNamePackRequest,
-    CheckKnownNamesRequest,
-    ExportNamePackRequest,
-    KindCheck,
-    KnownName,
-    KnownNameList,
-    KnownNamesCheck,
-    KnownPack,
-    NamePack,
-    PackedName,
-)
+from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
+from fastsplat_contract.known_names import KnownName, KnownNameList
 from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
 from fastsplat_contract.operating_messages import CreateProjectRequest, Project
 from fastsplat_contract.server_status import (
@@ -96,11 +85,3 @@ NEW_KEYS: Bodies = {
 UPLOAD_KEYS: Bodies = {"default": ("a link for one's phone", UploadKeyIn())}
 PROJECT = Project("kitchen", _MADE, scenes=3, keys=2)
 PROJECTS: Bodies = {"kitchen": ("one for the kitchen", CreateProjectRequest("kitchen"))}
-LIFETIMES: Bodies = {"hour": ("one hour more", LifetimeIn(3_600.0))}
-
-NAME_PACK = NamePack("CC0-1.0", "picodet_416", "0" * 64, (PackedName("mug", b"\x00\x3c"),))
-KNOWN_PACK = KnownPack(IDS["name_id"], NAME_PACK.license, NAME_PACK.model, 1, _MADE)
-NAMES_CHECK = KnownNamesCheck((KindCheck("mug", 4, 3, 3, 2),), 3, 3, 2)
-CHECKS: Bodies = {"known": ("what the project knows by now", CheckKnownNamesRequest())}
-PACK_LICENSES: Bodies = {"free": ("for anybody and anything", ExportNamePackRequest(NAME_PACK.license))}
-PACKS: Bodies = {"mug": ("what looks like this is probably a mug", AddNamePackRequest(NAME_PACK))}

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from fastsplat_contract.align_messages import AlignIn, AlignToIn
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList, Support
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditIn
@@ -16,16 +15,14 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import Length, LocatedPlace, MeasureIn, Measurement
-from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
+from fastsplat_contract.name_suggestions import AskNamerIn, SuggestedName, SuggestIn
 from fastsplat_contract.next_photo_messages import NextPhoto, NextPhotoList
 from fastsplat_contract.operations import RetryIn
-from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
+from fastsplat_contract.places import KnownLength, Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, EditIn, RedoIn, RestoreIn
 from fastsplat_contract.thing_messages import NameSuggestion
 from fastsplat_contract.thing_prompts import Pixel
-from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 
 Bodies = Mapping[str, tuple[str, Any]]
 """Bodies of one type by name, with a summary each."""
@@ -139,39 +136,7 @@ SUGGESTED: Bodies = {
         ),
     ),
 }
-ALIGNED: Bodies = {
-    "pairs": (
-        "into a map, by three points of both",
-        AlignIn(
-            Alignment(
-                "map",
-                pairs=(
-                    PointPair(Vector3(0.0, 0.0, 0.0), Vector3(1.0, 2.0, 0.0)),
-                    PointPair(Vector3(1.0, 0.0, 0.0), Vector3(1.0, 3.0, 0.0)),
-                    PointPair(Vector3(0.0, 1.0, 0.0), Vector3(0.0, 2.0, 0.0)),
-                ),
-            ),
-            "one-more-name-of-your-choice",
-        ),
-    ),
-    "transform": (
-        "by a rigid motion",
-        AlignIn(Alignment("map", Pose(Vector3(1.0, 2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0)))),
-    ),
-}
-ALIGNED_TO: Bodies = {
-    "last month": ("where another capture of the place is", AlignToIn("the-other-scenes-id", "a-name-for-this-order")),
-}
-TRAINED: Bodies = {
-    "steps": (
-        "another thousand steps with larger pictures",
-        TrainMoreIn(steps=1_000, preset="best", request_id="a-third-name-of-your-choice"),
-    ),
-    "seconds": ("another minute", TrainMoreIn(seconds=60.0)),
-}
-WITHDRAWN: Bodies = {
-    "photos": ("without a photo that shows a letter", WithdrawPhotosIn(("front.png",), "a-fifth-name-of-your-choice")),
-}
+NAMER_ASKED: Bodies = {"all": ("about all things without a name", AskNamerIn("a-sixth-name-of-your-choice"))}
 REDONE: Bodies = {"version": ("only if nobody has edited the scene meanwhile", RedoIn("1"))}
 RETRIED: Bodies = {"exclude": ("without a photo that the error names", RetryIn(("IMG_0012.jpg",)))}
 RESTORED: Bodies = {"trained": ("back to the scene as it was trained", RestoreIn("1"))}

@@ -16,7 +16,6 @@ from fastsplat.api.examples.job_watching_examples import running_operation
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import SceneFileError
 from fastsplat_contract.masks import Segmentation, ViewMask, encode_rle
-from fastsplat_contract.name_suggestions import NamerResult
 from fastsplat_contract.operations import OperationList
 from fastsplat_contract.photo_messages import BestView, BestViewList, PhotoList, ScenePhoto
 from fastsplat_contract.photo_verdicts import PhotoVerdict, PhotoVerdictList
@@ -30,10 +29,8 @@ from fastsplat_contract.scenes import (
     Edit,
     EditIn,
     LabelList,
-    ObjectList,
     Scene,
     SceneList,
-    SceneObject,
     SceneSummary,
     SceneUpdate,
     SceneVersion,
@@ -62,17 +59,7 @@ _VIEWPOINT = PosedCamera(_PINHOLE, np.eye(4))
 VIEW = PosedCamera(_PINHOLE, np.eye(4), "front.png")
 _MUG = DictionaryEntry(label_id=1, label="mug", aliases=("cup",), pixels=48_210, views=31, gaussian_count=5_120)
 _BALL = DictionaryEntry(label_id=2, label="ball", aliases=(), pixels=20_007, views=28, gaussian_count=2_416)
-_OBJECT = SceneObject(
-    id="1-1",
-    label_id=1,
-    label="mug",
-    score=0.93,
-    centroid=Vector3(0.12, 0.04, 0.81),
-    box=Box(center=Pose(Vector3(0.12, 0.05, 0.81), _UPRIGHT), size=Vector3(0.09, 0.11, 0.09)),
-    gaussian_count=5_120,
-    meters=True,
-    best_views=("front.png",),
-)
+_BOX = Box(center=Pose(Vector3(0.12, 0.05, 0.81), _UPRIGHT), size=Vector3(0.09, 0.11, 0.09))
 _THING = SceneThing(
     id=1,
     name="mug",
@@ -83,20 +70,22 @@ _THING = SceneThing(
     surface="",
     consensus=0.96,
     gaussian_count=5_120,
-    box=_OBJECT.box,
+    box=_BOX,
     meters=True,
+    centroid=Vector3(0.12, 0.04, 0.81),
+    label_id=1,
 )
 _SUGGESTED = (NameSuggestion("bottle", 0.4), NameSuggestion("vase", 0.3, IDS["scene_id"]))
 _UNNAMED = replace(
     _THING,
     id=2,
     name="",
+    label_id=0,
     source=None,
     probability=0.0,
     suggestions=_SUGGESTED,
     reads=(ThingRead("text", "oat milk", 0.97, 3),),
 )
-NAMED_BY_NAMER = NamerResult(suggested=17, shown=20, refused=0, problem="", version=IDS["version"])
 _DAMAGE = SceneFileError("the scene's file labels.npy is damaged", field="scene")
 _MASK = np.zeros((48, 64), dtype=np.bool_)
 _MASK[20:30, 24:40] = True
@@ -149,13 +138,9 @@ VERSION = SceneVersion(
 _ANSWER = Answer(
     scene_id=IDS["scene_id"],
     text="cup left of the ball",
-    verdict="exact",
-    explanation='Here (97 %): "mug" for "cup", left of the ball.',
     probability=0.97,
     label_set=(1,),
     coverage=0.9,
-    decided_by="name",
-    threshold=None,
     version="1",
     gaussians=182_400,
     match_count=2,
@@ -164,7 +149,7 @@ _ANSWER = Answer(
         Match(2, "ball", 0.32, 0.41, "things", 2_416, False, 0.02),
     ),
     masks=(_VIEW_MASK,),
-    objects=(_OBJECT,),
+    objects=(replace(_THING, best_views=("front.png",)),),
     presence=0.99,
     phrase=PhraseAnswer(
         asks="things",
@@ -189,18 +174,13 @@ SCENE = Scene(
 SCENES = SceneList((_SUMMARY,), PAGE_TOKEN)
 LABELS = LabelList((_MUG, _BALL), "")
 PHOTO_VERDICTS = PhotoVerdictList((_PHOTO,), PAGE_TOKEN, True, placed_count=59, photo_count=60)
-OBJECTS = ObjectList((_OBJECT,), "", "1")
 THINGS = ThingList((_THING, _UNNAMED), "", "1")
 PICKED = PickedThing(_THING, _VIEW_MASK, "1", levels=(PickedLevel("thing", _THING.id, (), 1.0),))
 PHOTOS = PhotoList((ScenePhoto("front.png", 98_304),), "", "1")
 BEST_VIEWS = BestViewList((BestView("front.png", 0.052, False, True, _VIEW_MASK),), "1")
 THING_SHEET = ThingSheet(
     b"\xff\xd8\xff",
-    (
-        SheetThing(
-            1, _UNNAMED.id, "front.png", True, _OBJECT.box.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED
-        ),
-    ),
+    (SheetThing(1, _UNNAMED.id, "front.png", True, _BOX.size, "", (NeighborThing(_THING.id, "mug"),), _SUGGESTED),),
     (),
     True,
     "",

@@ -213,7 +213,7 @@ async def _answers(service: SceneService, threads: Threads, pose: _Pose) -> Asyn
     def asked() -> list[pb.QueryResponse]:
         return [message for answer in service.answers.query(query).answers for message in messages_of(answer)]
 
-    work = asyncio.ensure_future(threads.answer(asked))
+    work = asyncio.ensure_future(threads.answer(asked, background="mask2d" in query.outputs))
     try:
         while not work.done():
             await asyncio.wait((work,), timeout=pose.question.heartbeat_s)

@@ -18,6 +18,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fastsplat.api.access.authenticator import Credentials
 from fastsplat.api.rest.problem_answers import BodyTooLargeError
+from fastsplat.service.common.optional_packages import ASSISTANT, needed
+from fastsplat_contract.errors import MissingPackageError
 
 if TYPE_CHECKING:
     from fastsplat_client import Client
@@ -31,15 +33,22 @@ class Assistant:
 
     def __init__(self) -> None:
         self._handle: ASGIApp | None = None
+        self._missing: MissingPackageError | None = None
 
     @asynccontextmanager
     async def lifespan(self, app: object) -> AsyncIterator[None]:
         """Hold what answers open, as FastAPI's `lifespan`. What it needs is imported here: a third of a second, which
-        a command is not to wait for that asks the application in its own process."""
-        from mcp.server.transport_security import TransportSecuritySettings
+        a command is not to wait for that asks the application in its own process. Without the package of the extra,
+        each request is refused."""
+        try:
+            with needed(ASSISTANT, "/mcp", ""):
+                from mcp.server.transport_security import TransportSecuritySettings
 
-        from fastsplat_client.assistant import assistant_server
-
+                from fastsplat_client.assistant import assistant_server
+        except MissingPackageError as error:
+            self._missing = error
+            yield
+            return
         server = assistant_server(_client_of, version("fastsplat"))
         server.streamable_http_app(
             stateless_http=True,  # so that any server behind a balancer may answer any call
@@ -57,6 +66,8 @@ class Assistant:
         return Route("/mcp", endpoint=_Endpoint(self._answer), methods=["POST"], name="mcp")
 
     async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._missing is not None:
+            raise self._missing.with_traceback(None)
         assert self._handle is not None, "the lifespan was not entered"
         await self._handle(scope, receive, send)
 

@@ -45,8 +45,7 @@ class Question:
     @property
     def tool(self) -> str:
         """Which one is asked."""
-        tools = {"names": "find", "absent": "find", "count of": "count", "where": "where_is"}
-        return tools.get(self.kind, "measure" if self.kind in ("size", "distance") else self.kind)
+        return {"relations": "relations", "size": "measure", "distance": "measure"}.get(self.kind, "find")
 
     def arguments(self) -> dict[str, Any]:
         """Of the call, without the scene."""

@@ -32,7 +32,7 @@ from scipy.stats import chi2
 from benchmarks.localization.trained_scenes import POSED, UNPOSED, TrainedPlace, other_photos, trained_place
 from benchmarks.provenance import begin, parser_of, provenance, put_row
 from benchmarks.splits import add_split, add_training_bounds, bounded_settings, results_file
-from fastsplat.service.capture.formats.kept_capture import kept_lenses
+from fastsplat.service.capture.photos.scene_photos import kept_lenses
 from fastsplat.service.capture.uploads.sent_photos import SparePhotoDecoder
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import Photo as LandmarkPhoto
@@ -77,7 +77,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
     encoder = open_text_encoder(settings.perception.text_encoder, settings.models)
     index = SceneIndex(place.scene, encoder, settings.query)
     began = time.perf_counter(), time.process_time()
-    photos, lens = _own_photos(place, settings), middle_lens(kept_lenses(place.photos))
+    photos, lens = _own_photos(place, settings), middle_lens(kept_lenses(place.folder))
     landmarks = find_landmarks(photos, index.geometry, lens)
     landmark_s = {"wall": round(time.perf_counter() - began[0], 2), "cpu": round(time.process_time() - began[1], 2)}
     decoder = SparePhotoDecoder(settings.capture)
@@ -146,7 +146,7 @@ def measure(name: str, place: TrainedPlace, settings: Settings, options: argpars
 def _own_photos(place: TrainedPlace, settings: Settings) -> list[LandmarkPhoto]:
     from fastsplat.service.application.answering.landmark_cache import photos_of  # as the service reads them
 
-    return list(photos_of(place.scene.cameras, place.photos.parent, settings.localization.max_side))
+    return list(photos_of(place.scene.cameras, place.folder, settings.localization.max_side))
 
 
 def _registered(

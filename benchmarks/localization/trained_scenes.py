@@ -14,7 +14,7 @@ from benchmarks.evaluation.datasets.reading import read_dataset
 from benchmarks.evaluation.datasets.training import subset, training_capture
 from benchmarks.evaluation.validation_split import Split, validation_names
 from benchmarks.provenance import ROOT
-from fastsplat.service.capture.photos.scene_photos import photo_folder, write_photos
+from fastsplat.service.capture.photos.scene_photos import write_photos
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.dictionary import Dictionary
@@ -54,12 +54,12 @@ class TrainedPlace:
 
     Attributes:
         scene: its cameras are the training views alone.
-        photos: folder with the kept copies of their photos, as the service keeps them, by the camera's number.
+        folder: with the kept copies of their photos, as the service keeps them with a version.
         held_out: what is to be localized.
     """
 
     scene: Scene
-    photos: Path
+    folder: Path
     held_out: tuple[HeldOut, ...]
 
 
@@ -83,7 +83,7 @@ def trained_place(name: str, split: Split, settings: Settings, cache: Path) -> T
         write_photos(capture, folder, PhotoSettings())
         mark.write_bytes(pickle.dumps(held_out))
     held: tuple[HeldOut, ...] = pickle.loads(mark.read_bytes())
-    return TrainedPlace(read_scene(folder / "artefact"), photo_folder(folder), held)
+    return TrainedPlace(read_scene(folder / "artefact"), folder, held)
 
 
 def other_photos(names: Sequence[str], count: int, *, odd: bool) -> list[Path]:

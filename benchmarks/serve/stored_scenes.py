@@ -92,7 +92,7 @@ def add_scene(store: Store, scene: Scene, like: str = "") -> str:
         for n, e in enumerate(scene.dictionary.entries, start=1)
     ]
     cameras = [camera_to_json(posed) for posed in scene.cameras]
-    store.jobs.succeed(claim, SceneSummary("1", len(scene.gaussians), scene.scale, rows, cameras, {}))
+    store.jobs.succeed(claim, SceneSummary("1", len(scene.gaussians), scene.scale, rows, cameras, {}, 0))
     return scene_id
 
 

@@ -68,8 +68,9 @@ def _query_of(answer: Answer) -> dict[str, Any]:
             for match in answer.matches
         ],
         "objects": [
-            {"id": thing.id, "label": thing.label, "center": thing.box.center.position, "size": thing.box.size}
+            {"id": thing.id, "name": thing.name, "center": thing.box.center.position, "size": thing.box.size}
             for thing in answer.objects or ()
+            if thing.box is not None
         ],
     }
 
@@ -87,7 +88,8 @@ def save_pictures(client: Client, scene: Scene, answers: Sequence[Answer], view:
                 client.picture(scene.id, kind, view, text=text, version=answer.version)
             )
         panels.append((caption_of(answer), folder / f"{stem}-overlay.png"))
-        (folder / f"{stem}-mask.ply").write_bytes(client.mask_ply(scene.id, text, version=answer.version))
+        (masked,) = client.query(scene.id, text, outputs=["mask3d"], mask3d_encoding="ply", version=answer.version)
+        (folder / f"{stem}-mask.ply").write_bytes(masked.mask3d or b"")
     write_sheet(panels, folder / "summary.jpg")
     client.download_scene(scene.id, folder / "scene.ply")
 

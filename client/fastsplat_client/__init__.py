@@ -60,7 +60,6 @@ from fastsplat_contract.scenes import (
     Edit,
     InsertSource,
     Scene,
-    SceneObject,
     SceneScaling,
     SceneSummary,
     SceneVersion,
@@ -69,8 +68,6 @@ from fastsplat_contract.server_info import ServerInfo
 from fastsplat_contract.thing_messages import NameSuggestion, PickedLevel, PickedThing, SceneThing
 from fastsplat_contract.thing_reads import ThingRead
 from fastsplat_contract.thing_sheets import NeighborThing, SheetThing, ThingSheet
-from fastsplat_contract.train_more_messages import TrainMoreResult
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosResult
 
 __all__ = [
     "AccessKey",
@@ -136,7 +133,6 @@ __all__ = [
     "RemoteError",
     "Retry",
     "Scene",
-    "SceneObject",
     "SceneOptions",
     "SceneScaling",
     "SceneSummary",
@@ -151,12 +147,10 @@ __all__ = [
     "Support",
     "ThingRead",
     "ThingSheet",
-    "TrainMoreResult",
     "UnauthenticatedError",
     "UnreachableError",
     "Vector3",
     "ViewMask",
-    "WithdrawPhotosResult",
     "decode_mask3d",
     "share_link",
 ]

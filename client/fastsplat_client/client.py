@@ -38,11 +38,10 @@ from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.pictures import PictureKind, PictureRequest, Tint
-from fastsplat_contract.queries import Answer, CameraFormat, Output, QueryOut, QueryRequest
+from fastsplat_contract.queries import Answer, Output, QueryOut, QueryRequest
 from fastsplat_contract.scenes import (
     DictionaryEntry,
     Scene,
-    SceneObject,
     SceneSummary,
 )
 from fastsplat_contract.server_info import ServerInfo
@@ -201,9 +200,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """One scene with its dictionary, cameras and quality."""
         return self.call(calls.GET_SCENE, requests.GetSceneRequest(scene_id))
 
-    def scenes(self, *, place: str = "") -> Iterator[SceneSummary]:
-        """All scenes, newest first, without dictionary, cameras and quality; of a scene as `place` its captures."""
-        pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest(place=place))
+    def scenes(self) -> Iterator[SceneSummary]:
+        """All scenes, newest first, without dictionary, cameras and quality."""
+        pages = self._pages(calls.LIST_SCENES, requests.ListScenesRequest())
         return (scene for page in pages for scene in page.scenes)
 
     def open_sample(self) -> Scene:
@@ -224,16 +223,9 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         return (label for page in pages for label in page.labels)
 
     def photo_verdicts(self, scene_id: str) -> Iterator[PhotoVerdict]:
-        """What became of each photo of a scene's capture, by name; none before its capture stage is done, and of scenes
-        of earlier releases."""
+        """What became of each photo of a scene's capture, by name; none before its capture stage is done."""
         pages = self._pages(calls.LIST_PHOTO_VERDICTS, requests.ListPhotoVerdictsRequest(scene_id))
         return (photo for page in pages for photo in page.photos)
-
-    def objects(self, scene_id: str, *, label: str = "", version: str = "") -> Iterator[SceneObject]:
-        """The things of a scene that have a name, as oriented boxes. Deprecated: use `things`; `best_views` says which
-        cameras see a thing best."""
-        pages = self._pages(calls.LIST_OBJECTS, requests.ListObjectsRequest(scene_id, version, label=label))
-        return (thing for page in pages for thing in page.objects)
 
     def query(
         self,
@@ -254,7 +246,7 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".
             timeout_s: when to give up; the server then stops, too.
-            choices: other fields of `QueryRequest`, as version, max_matches, asker_view, newest_capture.
+            choices: other fields of `QueryRequest`, as version, max_matches, asker_view.
         """
         questions = (texts,) if isinstance(texts, str) else tuple(texts)
         request = QueryRequest(scene_id, questions, tuple(cameras), tuple(views), frozenset(outputs), **choices)
@@ -326,10 +318,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """float32 [H, W]: how far depth and normal can be relied on, 0 to 1; 0 where nothing is."""
         return np.asarray(self._array(scene_id, "confidence", viewpoint, version), dtype=np.float32)
 
-    def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
-        """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self.call(calls.DOWNLOAD_CAMERAS, requests.DownloadCamerasRequest(scene_id, file_format))
-
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""
         path, params = f"{scene_path(scene_id)}/scene.ply", {"version": version} if version else {}
@@ -353,12 +341,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
                     if failures >= self._retry.tries:
                         raise
                     time.sleep(self._retry.pause(failures - 1))
-
-    def mask_ply(self, scene_id: str, text: str, *, version: str = "") -> bytes:
-        """Just the Gaussians that answer, as a 3DGS PLY."""
-        choices: dict[str, Any] = {"version": version, "max_matches": 1, "mask3d_encoding": "ply"}
-        (answer,) = self.query(scene_id, text, outputs=["mask3d"], **choices)
-        return answer.mask3d or b""
 
     def export(
         self,

@@ -50,10 +50,6 @@ class ClientKeys(TableCalls):
         """Take a key back for ever; what it has under way ends within two seconds."""
         return self.call(calls.REVOKE_KEY, requests.RevokeKeyRequest(key_id))
 
-    def expire(self, key_id: str, lifetime_s: float) -> AccessKey:
-        """Let a valid key expire in `lifetime_s` seconds, sooner or later than it would."""
-        return self.call(calls.EXPIRE_KEY, requests.ExpireKeyRequest(key_id, lifetime_s))
-
 
 def share_link(server: str, made: NewKey) -> str:
     """The address of the page that shows the one scene of a key. The key stands behind the #, which browsers send to

@@ -6,15 +6,7 @@ from collections.abc import Iterator
 
 from fastsplat_client.table_calls import TableCalls
 from fastsplat_contract import calls, requests
-from fastsplat_contract.known_names import (
-    AddNamePackRequest,
-    CheckKnownNamesRequest,
-    ExportNamePackRequest,
-    KnownName,
-    KnownNamesCheck,
-    KnownPack,
-    NamePack,
-)
+from fastsplat_contract.known_names import KnownName
 
 
 class ClientKnownNames(TableCalls):
@@ -26,25 +18,6 @@ class ClientKnownNames(TableCalls):
         return (name for page in pages for name in page.names)
 
     def forget(self, name_id: str) -> None:
-        """Suggest a name no more, and remove what it looks like; its scene keeps the name."""
+        """Suggest a name, or with "all" every name of the project, no more, and remove what it looks like; scenes keep
+        their names."""
         self.call(calls.DELETE_KNOWN_NAME, requests.DeleteKnownNameRequest(name_id))
-
-    def forget_all(self) -> None:
-        """As `forget`, of every name of the project."""
-        self.call(calls.DELETE_KNOWN_NAMES, requests.DeleteKnownNamesRequest())
-
-    def packs(self) -> tuple[KnownPack, ...]:
-        """The packs that were added, newest first; `forget` forgets one by its id."""
-        return self.call(calls.LIST_KNOWN_NAMES, requests.ListKnownNamesRequest(page_size=1)).packs
-
-    def check(self, pack: NamePack | None = None) -> KnownNamesCheck:
-        """How well names are known again in scenes left out in turn; with a pack, before it is added."""
-        return self.call(calls.CHECK_KNOWN_NAMES, CheckKnownNamesRequest(pack))
-
-    def export_pack(self, license_text: str) -> NamePack:
-        """What the project knows by looks, to be written to a file by `fastsplat_contract.json_codec.to_json`."""
-        return self.call(calls.EXPORT_NAME_PACK, ExportNamePackRequest(license_text))
-
-    def add_pack(self, pack: NamePack) -> KnownPack:
-        """Suggest the names of a pack in the project's scenes."""
-        return self.call(calls.ADD_NAME_PACK, AddNamePackRequest(pack))

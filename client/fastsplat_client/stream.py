@@ -18,7 +18,7 @@ from fastsplat_client.rpc_stub import SceneServiceStub
 from fastsplat_client.transport import Retry
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import CancelledError, DeadlineExceededError, FastSplatError, InvalidInputError, Kind
-from fastsplat_contract.pieces import READS_SKIPPED, answers_of, query_of
+from fastsplat_contract.pieces import answers_of, query_of
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
 from fastsplat_contract.server_info import ServerInfo
@@ -102,7 +102,7 @@ class Grpc:
     def ask(self, request: QueryRequest, timeout_s: float) -> QueryOut:
         """One answer a text, and the scenes that were not asked, over gRPC; raises as `Client.ask_everywhere`."""
         with self.opened() as (stub, metadata):
-            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=(*metadata, READS_SKIPPED))
+            call = stub.Query(to_proto(request), timeout=timeout_s, metadata=metadata)
             return query_of(call, request.outputs)
 
     def stream_query(

@@ -13,9 +13,10 @@ from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
+from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus, SuggestedName
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus, SuggestedName
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize, Place
 from fastsplat_contract.poses import Vector3
@@ -23,11 +24,9 @@ from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, PixelBox, SceneThing
 from fastsplat_contract.thing_prompts import ThingPrompt
 from fastsplat_contract.thing_sheets import ThingSheet
-from fastsplat_contract.train_more_messages import PresetName
 
 _EDITS = 100
 """In one request, as the server takes them."""
-_NAMER_S = 600.0
 """Of the server's namer, drawing what it is shown included: as long as the server lets a call run."""
 
 
@@ -41,7 +40,7 @@ class ThingCalls(TableCalls):
 
     def thing_ids(self, scene_id: str, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [G]: which thing each Gaussian belongs to, by row; 0 for none."""
-        content = self.call(calls.DOWNLOAD_THING_IDS, requests.DownloadThingIdsRequest(scene_id, version))
+        content = self.call(calls.EXPORT_SCENE, ExportRequest(scene_id, "things", version))
         return np.frombuffer(content, dtype="<u2").astype(np.uint16)
 
     def pick(
@@ -159,16 +158,20 @@ class ThingCalls(TableCalls):
         request = requests.SuggestNamesRequest(scene_id, tuple(suggestions), request_id or uuid.uuid4().hex)
         return self.call(calls.SUGGEST_NAMES, request)
 
-    def ask_namer(self, scene_id: str) -> NamerResult:
-        """Ask the server's namer about all things without a name, and suggest what it says; see `NamerResult`. The
-        project agrees to the namer's host first, see `agree_to_namer`.
+    def ask_namer(self, scene_id: str, *, request_id: str = "") -> Operation:
+        """Ask the server's namer about all things without a name; the job is queued, durably, on return. Once it has
+        succeeded, `Operation.ask_namer` says what came of it. The project agrees to the namer's host first, see
+        `agree_to_namer`.
+
+        Args:
+            scene_id: which scene.
+            request_id: the same id returns the same operation; by default a new one.
 
         Raises:
             ModelUnavailableError: the server has no namer.
-            PermissionDeniedError: the project did not agree; nothing was sent.
-            NamerError: it answers nothing usable at all.
+            PermissionDeniedError: the project did not agree.
         """
-        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id), timeout_s=_NAMER_S)
+        return self.call(calls.ASK_NAMER, requests.AskNamerRequest(scene_id, request_id or uuid.uuid4().hex))
 
     def agree_to_namer(self, host: str) -> NamerStatus:
         """Agree, once for the project, that pictures of its things without a name go to the host of the server's namer
@@ -280,61 +283,9 @@ class ThingCalls(TableCalls):
         sought = (texts,) if isinstance(texts, str) else tuple(texts)
         return self.call(calls.LOOK_AGAIN, requests.LookAgainRequest(scene_id, sought, request_id or uuid.uuid4().hex))
 
-    def train_more(
-        self,
-        scene_id: str,
-        *,
-        seconds: float | None = None,
-        steps: int | None = None,
-        preset: PresetName | None = None,
-        observations: Sequence[str] = (),
-        request_id: str = "",
-    ) -> Operation:
-        """Train a scene further, from its current version; the job is queued, durably, on return.
-
-        Once it has succeeded, `Operation.train_more` says what came of it, and the scene has a new version with the
-        same things and names. A job whose result would be worse by photos that it does not see fails, and changes
-        nothing.
-
-        Args:
-            scene_id: which scene.
-            seconds: of optimization.
-            steps: of optimization, instead of seconds; with neither the preset's time.
-            preset: size of the pictures and number of Gaussians; by default the server's.
-            observations: ids, of `observe`, whose photos join the scene's own: what they show is trained, and nothing
-                else; with neither seconds nor steps as long as their number needs.
-            request_id: the same id returns the same operation; by default a new one.
-        """
-        request = requests.TrainMoreRequest(
-            scene_id, seconds, steps, preset, tuple(observations), request_id or uuid.uuid4().hex
-        )
-        return self.call(calls.TRAIN_MORE, request)
-
-    def withdraw_photos(self, scene_id: str, photos: str | Sequence[str], *, request_id: str = "") -> Operation:
-        """Make a scene anew without some of its photos; the job is queued, durably, on return.
-
-        Once it has succeeded, no file of the server has a pixel of them any more, and all versions of before are
-        deleted; `Operation.withdraw_photos` says which, and which edits could not be made again. Until then the scene
-        is as it was.
-
-        Args:
-            scene_id: which scene.
-            photos: their names, as the scene's cameras have them.
-            request_id: the same id returns the same operation; by default a new one.
-        """
-        names = (photos,) if isinstance(photos, str) else tuple(photos)
-        asked = requests.WithdrawPhotosRequest(scene_id, names, request_id or uuid.uuid4().hex)
-        return self.call(calls.WITHDRAW_PHOTOS, asked)
-
     def align_scene(self, scene_id: str, alignment: Alignment, *, request_id: str = "") -> SceneVersion:
         """Put a scene into the frame of a map, as a new version; `Scene.alignment` says how well pairs fit."""
         return self.edit_scene(scene_id, [Edit("align", alignment=alignment)], request_id=request_id)
-
-    def align_to(self, scene_id: str, other: str, *, request_id: str = "") -> SceneVersion:
-        """Put a scene into the frame of another scene of the same place, whose units are meters, by its own photos, as
-        a new version; `Scene.alignment` says how well the surfaces of both fit."""
-        asked = requests.AlignToSceneRequest(scene_id, other, request_id or uuid.uuid4().hex)
-        return self.call(calls.ALIGN_TO_SCENE, asked)
 
     def undo_edit(self, scene_id: str, version: str = "") -> SceneVersion:
         """Go back to the version before the current one; with `version`, only if that is the current one."""

@@ -18,18 +18,10 @@ from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.job_watching import PlacedCameras, Preview
 from fastsplat_contract.keys import AccessKey, KeyIn, KeyList, NewKey, UploadKeyIn
-from fastsplat_contract.known_names import (
-    AddNamePackRequest,
-    CheckKnownNamesRequest,
-    ExportNamePackRequest,
-    KnownNameList,
-    KnownNamesCheck,
-    KnownPack,
-    NamePack,
-)
+from fastsplat_contract.known_names import KnownNameList
 from fastsplat_contract.localize_messages import Localization, LocalizeRequest
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
-from fastsplat_contract.name_suggestions import AgreeIn, NamerResult, NamerStatus
+from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus
 from fastsplat_contract.next_photo_messages import NextPhotoList
 from fastsplat_contract.observation_messages import (
     GetObservationRequest,
@@ -45,22 +37,14 @@ from fastsplat_contract.photo_verdicts import PhotoVerdictList
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.requests import (
-    AlignSceneRequest,
-    AlignToSceneRequest,
     AskNamerRequest,
     CancelOperationRequest,
     CreateSceneHeader,
     DeleteKnownNameRequest,
-    DeleteKnownNamesRequest,
     DeleteSceneRequest,
-    DownloadCamerasRequest,
-    DownloadMaskPlyRequest,
     DownloadPhotoRequest,
-    DownloadScenePlyRequest,
-    DownloadThingIdsRequest,
     EditSceneRequest,
     EstimateJobRequest,
-    ExpireKeyRequest,
     FinishOperationRequest,
     GetGoalRequest,
     GetOperationRequest,
@@ -74,7 +58,6 @@ from fastsplat_contract.requests import (
     ListKnownNamesRequest,
     ListLabelsRequest,
     ListNextPhotosRequest,
-    ListObjectsRequest,
     ListOperationsRequest,
     ListPhotosRequest,
     ListPhotoVerdictsRequest,
@@ -88,14 +71,12 @@ from fastsplat_contract.requests import (
     RetryOperationRequest,
     RevokeKeyRequest,
     SuggestNamesRequest,
-    TrainMoreRequest,
     UndoEditRequest,
     UpdateSceneRequest,
     WaitOperationRequest,
     WatchOperationRequest,
-    WithdrawPhotosRequest,
 )
-from fastsplat_contract.scenes import LabelList, ObjectList, Scene, SceneList, SceneVersion, VersionList
+from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneVersion, VersionList
 from fastsplat_contract.server_status import ServerStatus
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 from fastsplat_contract.thing_sheets import ThingSheet
@@ -137,10 +118,6 @@ LIST_PHOTO_VERDICTS = Call(
 LIST_LABELS = Call(
     "ListLabels", "scenes", ListLabelsRequest, LabelList, SHOW, f"GET {_SCENE}/labels",
     "The dictionary in pages, by label id.")
-LIST_OBJECTS = Call(
-    "ListObjects", "scenes", ListObjectsRequest, ObjectList, SHOW, f"GET {_SCENE}/objects",
-    "The things of a scene that have a name, as oriented boxes, in pages: a view of its things.",
-    deprecated="ListThings; ListBestViews says which cameras see a thing best")
 LIST_THINGS = Call(
     "ListThings", "scenes", ListThingsRequest, ThingList, SHOW, f"GET {_SCENE}/things",
     "Every thing of a scene, with or without a name, in pages, by id.")
@@ -163,17 +140,10 @@ SUGGEST_NAMES = Call(
     "Suggest names for things: they can be asked for and are shown with who says so, and nothing bears them until\n"
     "somebody gives them by EditScene. All or none; they make a version, which is current on return.")
 ASK_NAMER = Call(
-    "AskNamer", "scenes", AskNamerRequest, NamerResult, EDIT, f"POST {_SCENE}:askNamer",
-    "Ask the server's namer what the things of a scene without a name are, and suggest what it says, as one version.\n"
-    "Refused where the server has none, and before the project agreed to its host; minutes may pass.",
-    repeatable=False)
-ALIGN_SCENE = Call(
-    "AlignScene", "scenes", AlignSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:align",
-    "Put a scene into the frame of a map, by a rigid motion or by pairs of points, as a new version.",
-    deprecated="EditScene with the action align")
-ALIGN_TO_SCENE = Call(
-    "AlignToScene", "scenes", AlignToSceneRequest, SceneVersion, EDIT, f"POST {_SCENE}:alignTo",
-    "Put a scene into the frame of another scene of the same place, by its own photos, as a new version.")
+    "AskNamer", "scenes", AskNamerRequest, Operation, EDIT, f"POST {_SCENE}:askNamer",
+    "Ask the server's namer what the things of a scene without a name are: an operation that suggests what it says.\n"
+    "Refused where the server has none, and before the project agreed to its host.",
+    body_optional=True, status=202)
 UNDO_EDIT = Call(
     "UndoEdit", "scenes", UndoEditRequest, SceneVersion, EDIT, f"POST {_SCENE}:undo",
     "Go back to the version before the current one.",
@@ -191,16 +161,6 @@ LIST_VERSIONS = Call(
 LOOK_AGAIN = Call(
     "LookAgain", "scenes", LookAgainRequest, Operation, EDIT, f"POST {_SCENE}:lookAgain",
     "Search a scene for more names with the server's open-set detector: an operation that makes a version.",
-    status=202)
-TRAIN_MORE = Call(
-    "TrainMore", "scenes", TrainMoreRequest, Operation, EDIT, f"POST {_SCENE}:trainMore",
-    "Train a scene further, from where it is, with the photos kept with it, or with those of observations, which then\n"
-    "join them: an operation that makes a version.",
-    status=202)
-WITHDRAW_PHOTOS = Call(
-    "WithdrawPhotos", "scenes", WithdrawPhotosRequest, Operation, ADMIN, f"POST {_SCENE}:withdrawPhotos",
-    "Make a scene anew without some of its photos: an operation. Once it has succeeded, no file of the server has a\n"
-    "pixel of them any more, and all versions of before are deleted; until then the scene is as it was.",
     status=202)
 
 GET_OPERATION = Call(
@@ -249,22 +209,10 @@ STREAM_QUERY = Call(
 RENDER_VIEW = Call(
     "RenderView", "queries", PictureRequest, bytes, SHOW, f"POST {_SCENE}:render", "One picture, in chunks.",
     also=(f"GET {_SCENE}/{{kind}}.png", f"GET {_SCENE}/{{kind}}.npy"), pieces_out="Chunk")
-DOWNLOAD_CAMERAS = Call(
-    "DownloadCameras", "scenes", DownloadCamerasRequest, bytes, SHOW, f"GET {_SCENE}/cameras",
-    "The scene's own cameras as a file, in chunks.", pieces_out="Chunk")
-DOWNLOAD_SCENE_PLY = Call(
-    "DownloadScenePly", "queries", DownloadScenePlyRequest, bytes, FETCH, f"GET {_SCENE}/scene.ply",
-    "The whole scene as a standard 3DGS PLY, in chunks.", pieces_out="Chunk")
-DOWNLOAD_MASK_PLY = Call(
-    "DownloadMaskPly", "queries", DownloadMaskPlyRequest, bytes, SHOW, f"GET {_SCENE}/mask.ply",
-    "Only the Gaussians that answer a text, as a 3DGS PLY, in chunks.", pieces_out="Chunk",
-    deprecated="Query with the output mask3d in the encoding ply, or ExportScene with the things of its answer")
 EXPORT_SCENE = Call(
     "ExportScene", "queries", ExportRequest, bytes, FETCH, f"GET {_SCENE}/scene.{{format}}",
-    "The scene as a file for other programs, in chunks; see ExportFormat.", pieces_out="Chunk")
-DOWNLOAD_THING_IDS = Call(
-    "DownloadThingIds", "queries", DownloadThingIdsRequest, bytes, SHOW, f"GET {_SCENE}/things.bin",
-    "Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks.", pieces_out="Chunk")
+    "The scene as a file for other programs, in chunks; see ExportFormat.",
+    also=(f"GET {_SCENE}/scene.ply",), pieces_out="Chunk")
 
 LIST_PHOTOS = Call(
     "ListPhotos", "queries", ListPhotosRequest, PhotoList, SHOW, f"GET {_SCENE}/photos",
@@ -320,9 +268,6 @@ LIST_KEYS = Call(
 REVOKE_KEY = Call(
     "RevokeKey", "keys", RevokeKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:revoke",
     "Take a key back for ever; what it has under way ends within two seconds.")
-EXPIRE_KEY = Call(
-    "ExpireKey", "keys", ExpireKeyRequest, AccessKey, ADMIN, "POST /v1/keys/{key_id}:expire",
-    "Let a valid key expire at another time, sooner or later.")
 
 ESTIMATE_JOB = Call(
     "EstimateJob", "operations", EstimateJobRequest, JobEstimate, FOLLOW, "GET /v1/estimate",
@@ -349,21 +294,8 @@ LIST_KNOWN_NAMES = Call(
     "What people named in the scenes of the project and is suggested in others, in pages, newest first.")
 DELETE_KNOWN_NAME = Call(
     "DeleteKnownName", "known names", DeleteKnownNameRequest, NoneType, ADMIN, "DELETE /v1/known-names/{name_id}",
-    "Suggest a name no more, and remove what it looks like; its scene keeps the name.", status=204, repeatable=False)
-DELETE_KNOWN_NAMES = Call(
-    "DeleteKnownNames", "known names", DeleteKnownNamesRequest, NoneType, ADMIN, "DELETE /v1/known-names",
-    "Suggest no name of the project any more, and remove what they look like; its scenes keep the names.", status=204)
-CHECK_KNOWN_NAMES = Call(
-    "CheckKnownNames", "known names", CheckKnownNamesRequest, KnownNamesCheck, READ, "POST /v1/known-names:check",
-    "How well the project's names are known again in scenes left out in turn; with a pack, before it is added.",
-    body_optional=True)
-EXPORT_NAME_PACK = Call(
-    "ExportNamePack", "known names", ExportNamePackRequest, NamePack, READ, "POST /v1/known-names:export",
-    "All that the project knows by looks, without pictures and scenes, as one file for another project or server.")
-ADD_NAME_PACK = Call(
-    "AddNamePack", "known names", AddNamePackRequest, KnownPack, EDIT, "POST /v1/known-names:add",
-    "Suggest the names of a pack in the scenes of the project. A pack of another model's features is refused.",
-    repeatable=False)
+    "Suggest a name, or every name of the project, no more, and remove what it looks like; scenes keep their names.",
+    status=204, repeatable=False)
 # fmt: on
 
 CALLS: tuple[Call[Any, Any], ...] = tuple(value for value in list(globals().values()) if isinstance(value, Call))

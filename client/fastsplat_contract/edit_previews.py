@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from fastsplat_contract.masks import unpack_bits
-from fastsplat_contract.queries import OfScene, Version
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.scenes import Edit, OfScene, Version
 from fastsplat_contract.wire import Base64, Int64, Many, Request, Response
 
 

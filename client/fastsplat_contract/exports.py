@@ -8,10 +8,13 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from fastsplat_contract.queries import Version
+from fastsplat_contract.scenes import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map", "rerun"]
+ExportFormat = Literal[
+    "ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map",
+    "camera_list", "transforms", "colmap", "things",
+]  # fmt: skip
 """The rows of `FORMATS`."""
 
 
@@ -25,7 +28,6 @@ class FormatFacts:
         description: what it is; ends a sentence that its name begins.
         cell: what the cell of a request is for it; "": it has none.
         whole: what a file of it is, as a sentence begins, where it is of whole scenes alone; else "".
-        repeatable: whether the same version is the same bytes, not just the same content.
     """
 
     ending: str
@@ -33,7 +35,6 @@ class FormatFacts:
     description: str
     cell: str = ""
     whole: str = ""
-    repeatable: bool = True
 
 
 FORMATS: Mapping[ExportFormat, FormatFacts] = {
@@ -70,7 +71,7 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
     "mcap": FormatFacts(
         "mcap",
         "application/octet-stream",
-        "for Foxglove: boxes with names, labelled points, cameras with their stored photos, frames, floor map",
+        "for Foxglove and Rerun: named boxes, labelled points, cameras with their stored photos, frames, floor map",
         cell="the distance between points",
     ),
     "map": FormatFacts(
@@ -81,11 +82,21 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         cell="the width of its cells",
         whole="a map",
     ),
-    "rerun": FormatFacts(
-        "rrd",
+    "camera_list": FormatFacts("cameras.json", "application/json", '{"cameras": [PosedCamera, ...]}', whole="cameras"),
+    "transforms": FormatFacts(
+        "transforms.json", "application/json", "nerfstudio's transforms.json, OpenGL axes", whole="cameras"
+    ),
+    "colmap": FormatFacts(
+        "colmap.zip",
+        "application/zip",
+        "a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt",
+        whole="cameras",
+    ),
+    "things": FormatFacts(
+        "things.bin",
         "application/octet-stream",
-        "for Rerun: the splat, boxes with names, cameras with their stored photos",
-        repeatable=False,
+        "which thing each Gaussian belongs to, little-endian uint16 by row, 0 for none",
+        whole="ids",
     ),
 }
 """All that is known of a format but what writes it, which is in the service."""

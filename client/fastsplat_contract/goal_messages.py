@@ -27,9 +27,9 @@ class Goal(Response):
     thing_id: Annotated[int, Field(description="which thing")]
     version: Annotated[str, Field(description="which version was read")]
     floor_source: Annotated[
-        FloorSource | None,
+        FloorSource,
         Field(
             description="by what the floor was found: surface, a thing that is a floor; lowest_level, the lowest level "
-            "with many points that face up; absent from servers of earlier releases"
+            "with many points that face up"
         ),
-    ] = None
+    ]

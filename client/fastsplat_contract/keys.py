@@ -59,17 +59,6 @@ class UploadKeyIn(Request):
 
 
 @dataclass(frozen=True)
-class LifetimeIn(Request):
-    """Until when a key that is valid shall be."""
-
-    proto: ClassVar[str] = "ExpireKeyRequest"
-
-    lifetime_s: Annotated[
-        float, Field(gt=0, le=MAX_LIFETIME_S, description="seconds from now on until it expires, sooner or later")
-    ]
-
-
-@dataclass(frozen=True)
 class AccessKey(Response):
     """What is known of a key; the key itself is not stored."""
 

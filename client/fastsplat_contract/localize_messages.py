@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.poses import Box, Pose
-from fastsplat_contract.queries import OfScene, Version
+from fastsplat_contract.scenes import OfScene, Version
 from fastsplat_contract.thing_prompts import PixelBox
 from fastsplat_contract.wire import Base64, Many, Request, Response, travels
 

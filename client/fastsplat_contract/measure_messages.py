@@ -9,7 +9,7 @@ from pydantic import Field
 
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Vector3
-from fastsplat_contract.queries import OfScene, Version
+from fastsplat_contract.scenes import OfScene, Version
 from fastsplat_contract.wire import Many, Request, Response, travels
 
 

@@ -59,6 +59,15 @@ class AgreeIn(Request):
 
 
 @dataclass(frozen=True)
+class AskNamerIn(Request):
+    """The server's namer shall say what the things of a scene are."""
+
+    proto: ClassVar[str] = "AskNamerRequest"
+
+    request_id: Annotated[str, Field(description="same id: the first operation is returned again (AIP-155)")] = ""
+
+
+@dataclass(frozen=True)
 class NamerResult(Response):
     """What the namer said of the things of a scene that had no name."""
 

@@ -11,9 +11,8 @@ from pydantic import Field
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.localize_messages import PhotoDifference, SceneChange
 from fastsplat_contract.poses import Pose
-from fastsplat_contract.queries import OfScene
 from fastsplat_contract.requests import InPages, OfVersion
-from fastsplat_contract.scenes import NextPageToken
+from fastsplat_contract.scenes import NextPageToken, OfScene
 from fastsplat_contract.wire import RFC_3339, Base64, Many, Request, Response, travels
 
 SeenAtSource = Literal["given", "metadata", "received"]

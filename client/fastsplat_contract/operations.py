@@ -12,26 +12,24 @@ from pydantic import Field
 from fastsplat_contract.job_watching import CreateSceneResult, DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.look_again_messages import LookAgainResult
 from fastsplat_contract.name_suggestions import NamerResult
-from fastsplat_contract.train_more_messages import PresetName as PresetName
-from fastsplat_contract.train_more_messages import TrainMoreResult
 from fastsplat_contract.wire import Int64, Many, Request, Response, travels
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosResult
 
 OperationState = Literal["QUEUED", "RUNNING", "SUCCEEDED", "FAILED", "CANCELLED"]
 FINAL_STATES: tuple[OperationState, ...] = ("SUCCEEDED", "FAILED", "CANCELLED")
 """After these nothing changes any more."""
 
-OperationKind = Literal["create_scene", "look_again", "train_more", "ask_namer", "withdraw_photos"]
+OperationKind = Literal["create_scene", "look_again", "ask_namer"]
 """What a job does."""
 
 RESULTS: Mapping[OperationKind, type[Response]] = {
-    "create_scene": CreateSceneResult, "look_again": LookAgainResult, "train_more": TrainMoreResult,
-    "ask_namer": NamerResult, "withdraw_photos": WithdrawPhotosResult,
+    "create_scene": CreateSceneResult, "look_again": LookAgainResult, "ask_namer": NamerResult,
 }  # fmt: skip
 """What comes of a job beside its version, in the field of `Operation` that is named like the kind."""
 
 AgainAfter = Literal["cancelled", "failed", "worker_stopped", "worker_died", "trainer_died"]
 """What ended the attempt before."""
+
+PresetName = Literal["draft", "balanced", "best"]
 
 UpAxis = Literal["x", "-x", "y", "-y", "z", "-z"]
 Movers = Literal["keep", "ignore"]
@@ -123,9 +121,8 @@ class StageProgress(Response):
     stage: Annotated[
         str,
         Field(
-            description="capture, perception, training or export, also where photos are withdrawn; looking or naming "
-            "where a scene is looked at again; training or merging where it is trained further; asking or suggesting "
-            "where the server's namer is asked"
+            description="capture, perception, training or export; looking or naming where a scene is looked at "
+            "again; asking or suggesting where the server's namer is asked"
         ),
     ]
     fraction: Annotated[float, Field(description="0..1 of this stage")]
@@ -173,23 +170,15 @@ class Operation(Response):
     kind: Annotated[
         OperationKind,
         Field(
-            description="create_scene: makes its scene; look_again, train_more: makes a version of its scene; "
-            "ask_namer: the same where the server's namer, asked of a new scene, suggests a name; "
-            "withdraw_photos: makes its scene anew, without some photos"
+            description="create_scene: makes its scene; look_again: makes a version of its scene; "
+            "ask_namer: the same where the server's namer suggests a name"
         ),
     ] = "create_scene"
     look_again: Annotated[
         LookAgainResult | None, Field(description="what looking again found; absent unless it has succeeded")
     ] = None
-    train_more: Annotated[
-        TrainMoreResult | None, Field(description="what training further has made; absent unless it has succeeded")
-    ] = None
     ask_namer: Annotated[
         NamerResult | None, Field(description="what the server's namer said; absent unless it has succeeded")
-    ] = None
-    withdraw_photos: Annotated[
-        WithdrawPhotosResult | None,
-        Field(description="what withdrawing photos has made; absent unless it has succeeded"),
     ] = None
     attempt: Annotated[int, Field(description="how often it was begun")] = 0
     worker: Annotated[

@@ -80,8 +80,8 @@ class PhotoVerdictList(NamedTuple):
     assessed: Annotated[
         bool,
         Field(
-            description="whether the photos were looked at: not before the capture stage is done, not in scenes of "
-            "earlier releases, and not where there are no photos"
+            description="whether the photos were looked at: not before the capture stage is done, and not where there "
+            "are no photos"
         ),
     ]
     placed_count: Annotated[int, Field(description="of all the photos, those that have a place")]

@@ -8,8 +8,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from fastsplat_contract.camera import PosedCamera
-from fastsplat_contract.queries import OfScene, Version
-from fastsplat_contract.scenes import Color
+from fastsplat_contract.scenes import Color, OfScene, Version
 from fastsplat_contract.wire import Many, OneOf, Request, travels
 
 PictureKind = Literal[

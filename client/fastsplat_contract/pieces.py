@@ -13,9 +13,6 @@ from fastsplat_contract.v1 import fastsplat_pb2 as pb
 CHUNK_BYTES = 2**20
 """Size of the pieces of anything that could pass gRPC's 4 MiB."""
 
-READS_SKIPPED = ("x-fastsplat-reads", "skipped")
-"""Metadata of a Query by a caller that can read skipped scenes where no answer comes before them; see the proto."""
-
 _MASK_BYTES = CHUNK_BYTES - 1024
 
 

@@ -13,19 +13,15 @@ from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.masks import Mask3dEncoding, MaskEncoding, ViewMask
 from fastsplat_contract.phrase_messages import PhraseAnswer
 from fastsplat_contract.poses import Pose
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.scenes import OfScene, Version
+from fastsplat_contract.thing_messages import SceneThing
 from fastsplat_contract.wire import Base64, Carried, Int64, Many, Request, Response, Some, checked, travels
 
 Output = Literal["mask2d", "mask3d", "objects"]
 Outcome = Literal["here", "probably_here", "not_here", "not_seen", "cannot_say"]
-Verdict = Literal["exact", "related", "absent", "possible", "undecided"]
-DecidedBy = Literal["name", "score"]
 Relation = Literal["same", "kind_of", "part_of", "related", "absent", "undecided"]
 RelationSubject = Literal["label", "question"]
 AnswerMethod = Literal["lexicon", "encoder", "names"]
-CameraFormat = Literal["json", "transforms", "colmap"]
-
-Version = Annotated[str, Field(description="of the scene; empty: the current one")]
 
 
 def check_coverage(coverage: float) -> float:
@@ -42,13 +38,6 @@ def check_coverage(coverage: float) -> float:
             hint="Send a share, e.g. 0.9.",
         )
     return float(coverage)
-
-
-@dataclass(frozen=True)
-class OfScene:
-    """What a request says in its path, or, over gRPC, in its message."""
-
-    scene_id: Annotated[str, Field(description="which scene")]
 
 
 @dataclass(frozen=True)
@@ -103,14 +92,6 @@ class QueryIn(Request):
     asker_view: Annotated[
         str | None, Field(description="name of one of the scene's own cameras, instead of `asker`")
     ] = None
-    newest_capture: Annotated[
-        bool,
-        Field(
-            description="whether the newest capture of the scene's place (see ListScenes) that shows what is asked for "
-            "answers, unless a newer one saw that its place is empty; the answer names that capture as its scene, and "
-            "its sentence the day. Without views and version, which belong to one capture"
-        ),
-    ] = False
 
 
 @dataclass(frozen=True)
@@ -162,18 +143,6 @@ class Answer(Response):
 
     scene_id: str
     text: Annotated[str, Field(description="as asked")]
-    verdict: Annotated[
-        Verdict,
-        Field(
-            description="`outcome` of earlier releases, answered for one release more. exact: the thing asked for is "
-            "here; related: something close is, and its label says what; absent: nothing relevant is here; possible: "
-            "it may be here, but its name is not sure or only suggested, and `probability` says how likely; undecided: "
-            "it cannot be said, and `things` are those that may be meant"
-        ),
-    ]
-    explanation: Annotated[
-        str, Field(description="`sentence` under its name of earlier releases, answered for one release more")
-    ]
     probability: Annotated[
         float | None,
         Field(
@@ -190,20 +159,6 @@ class Answer(Response):
         ),
     ]
     coverage: Annotated[float | None, Field(description="0..1; absent without calibration: nothing is promised")]
-    decided_by: Annotated[
-        DecidedBy,
-        Field(
-            description="name: the dictionary knows the name; score: the verdict comes from `threshold`; answered for "
-            "one release more"
-        ),
-    ]
-    threshold: Annotated[
-        float | None,
-        Field(
-            description="the score that the leading entry was compared with, with the lexicon the presence that this "
-            "answer's was compared with; absent if a name decided; answered for one release more"
-        ),
-    ]
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[Int64, Field(description="G, the length of the 3D mask")]
     match_count: Annotated[int, Field(description="names in the whole dictionary, only suggested ones included")]
@@ -219,17 +174,17 @@ class Answer(Response):
         Field(description="in the encoding asked for, base64 in JSON; absent unless asked for"),
     ] = None
     objects: Annotated[
-        Many[SceneObject] | None,
+        Many[SceneThing] | None,
         Carried("QueryResponse"),
         Field(
-            description="`things` that have a name, as earlier releases say them, by label in the order of the "
-            "matches; absent unless asked for"
+            description="those of `things` that have a name and can be seen, by label in the order of the matches, the "
+            "largest first; absent unless asked for"
         ),
     ] = None
     presence: Annotated[
         float | None,
         Field(
-            description="calibrated, 0..1, that anything here answers, whatever the verdict: orders answers of "
+            description="calibrated, 0..1, that anything here answers, whatever the outcome: orders answers of "
             "different texts or scenes; absent without calibration, and where the closest is known to be something else"
         ),
     ] = None
@@ -328,9 +283,6 @@ class QueryOut(NamedTuple):
     answers: Many[Answer]
     skipped: Annotated[
         Many[SkippedScene],
-        Field(
-            description="over all scenes, or all captures of a place: those that were not asked, newest first, the "
-            "first 1,000 of them"
-        ),
+        Field(description="over all scenes: those that were not asked, newest first, the first 1,000 of them"),
     ] = ()
     skipped_count: Annotated[int, Field(description="how many scenes were not asked")] = 0

@@ -10,16 +10,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from fastsplat_contract.align_messages import AlignIn, AlignToIn
-from fastsplat_contract.keys import LifetimeIn
 from fastsplat_contract.look_again_messages import LookAgainIn
-from fastsplat_contract.name_suggestions import SuggestIn
+from fastsplat_contract.name_suggestions import AskNamerIn, SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
-from fastsplat_contract.queries import CameraFormat, OfScene, Version
-from fastsplat_contract.scenes import EditIn, RedoIn, RestoreIn, SceneUpdate, UndoIn
-from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.wire import Int64, Many, Request
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
+from fastsplat_contract.scenes import EditIn, OfScene, RedoIn, RestoreIn, SceneUpdate, UndoIn, Version
+from fastsplat_contract.wire import Many, Request
 
 MAX_VIEWS = 16
 _FROM_0 = {"minimum": 0}
@@ -86,14 +81,6 @@ class GetSceneRequest(Request, OfScene):
 class ListScenesRequest(Request, InPages):
     """Which page of scenes."""
 
-    place: Annotated[
-        str,
-        Field(
-            description="id of a finished scene: only the captures of its place, which are the finished scenes in its "
-            "frame, itself among them, the newest photos first; empty: all scenes"
-        ),
-    ] = ""
-
 
 @dataclass(frozen=True)
 class UpdateSceneRequest(SceneUpdate, OfScene):
@@ -116,15 +103,6 @@ class ListLabelsRequest(Request, InPages, OfScene):
 
 
 @dataclass(frozen=True)
-class ListObjectsRequest(Request, InPages, OfVersion):
-    """Which page of a scene's objects."""
-
-    label: Annotated[
-        str, Field(description="only those of this dictionary entry (its label or an alias); empty: all")
-    ] = ""
-
-
-@dataclass(frozen=True)
 class ListThingsRequest(Request, InPages, OfVersion):
     """Which page of a scene's things."""
 
@@ -142,18 +120,8 @@ class SuggestNamesRequest(SuggestIn, OfScene):
 
 
 @dataclass(frozen=True)
-class AskNamerRequest(Request, OfScene):
+class AskNamerRequest(AskNamerIn, OfScene):
     """The server's namer shall say what the things of which scene are."""
-
-
-@dataclass(frozen=True)
-class AlignSceneRequest(AlignIn, OfScene):
-    """A new version of a scene in the frame of a map."""
-
-
-@dataclass(frozen=True)
-class AlignToSceneRequest(AlignToIn, OfScene):
-    """A new version of a scene in the frame of another scene of the same place."""
 
 
 @dataclass(frozen=True)
@@ -179,16 +147,6 @@ class ListVersionsRequest(Request, OfScene):
 @dataclass(frozen=True)
 class LookAgainRequest(LookAgainIn, OfScene):
     """What a scene is searched for once more."""
-
-
-@dataclass(frozen=True)
-class TrainMoreRequest(TrainMoreIn, OfScene):
-    """How much longer a scene is trained, for seconds, for steps, or as long as the preset says; on which photos."""
-
-
-@dataclass(frozen=True)
-class WithdrawPhotosRequest(WithdrawPhotosIn, OfScene):
-    """Which photos a scene is to be made anew without."""
 
 
 @dataclass(frozen=True)
@@ -251,41 +209,6 @@ class WatchOperationRequest(Request, OfOperation):
 
 
 @dataclass(frozen=True)
-class DownloadCamerasRequest(Request, OfScene):
-    """A scene's own cameras as a file."""
-
-    format: Annotated[
-        CameraFormat,
-        Field(
-            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
-            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
-        ),
-    ] = "json"
-
-
-@dataclass(frozen=True)
-class DownloadScenePlyRequest(Request, OfVersion):
-    """A version of a scene as PLY, or the rest of that."""
-
-    offset: Annotated[
-        Int64,
-        Field(description="bytes to leave out at the beginning, to go on where a download broke; needs a version"),
-    ] = 0
-
-
-@dataclass(frozen=True)
-class DownloadMaskPlyRequest(Request, OfVersion):
-    """Which Gaussians of a scene as PLY."""
-
-    text: Annotated[str, Field(description="the question")] = ""
-
-
-@dataclass(frozen=True)
-class DownloadThingIdsRequest(Request, OfVersion):
-    """Of which scene the ids of things."""
-
-
-@dataclass(frozen=True)
 class ListPhotosRequest(Request, InPages, OfVersion):
     """Which page of a scene's photos."""
 
@@ -345,11 +268,6 @@ class RevokeKeyRequest(Request, OfKey):
 
 
 @dataclass(frozen=True)
-class ExpireKeyRequest(LifetimeIn, OfKey):
-    """Until when a key that is valid shall be."""
-
-
-@dataclass(frozen=True)
 class ListKnownNamesRequest(Request, InPages):
     """Which page of known names."""
 
@@ -358,9 +276,4 @@ class ListKnownNamesRequest(Request, InPages):
 class DeleteKnownNameRequest(Request):
     """Which name to suggest no more."""
 
-    name_id: Annotated[str, Field(description="which name")]
-
-
-@dataclass(frozen=True)
-class DeleteKnownNamesRequest(Request):
-    """Suggest no name any more."""
+    name_id: Annotated[str, Field(description="which name; `all`: every name of the project")]

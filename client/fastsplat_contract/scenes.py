@@ -1,4 +1,4 @@
-"""Scenes: their dictionary, their objects as boxes, their versions and the edits that make them."""
+"""Scenes: their dictionary, their versions and the edits that make them."""
 
 from __future__ import annotations
 
@@ -15,18 +15,26 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.places import Alignment, KnownLength, KnownSize
-from fastsplat_contract.poses import Box, Pose, Vector3
+from fastsplat_contract.poses import Pose, Vector3
 from fastsplat_contract.thing_prompts import PromptedThing, ThingPrompt
-from fastsplat_contract.wire import Int64, Many, OneOf, Request, Response, travels
+from fastsplat_contract.wire import Int64, Many, Request, Response, travels
 
 SceneState = Literal["TRAINING", "READY", "FAILED", "CANCELLED"]
 Scale = Literal["METRIC", "ARBITRARY"]
 EditAction = Literal[
     "recolor", "remove", "move", "duplicate", "name", "unname", "merge", "discard", "insert", "split", "add",
-    "scale", "align", "look_again", "train_more", "observe", "suggest",
+    "scale", "align", "look_again", "observe", "suggest",
 ]  # fmt: skip
 
 NextPageToken = Annotated[str, Field(description="empty on the last page")]
+Version = Annotated[str, Field(description="of the scene; empty: the current one")]
+
+
+@dataclass(frozen=True)
+class OfScene:
+    """What a request says in its path, or, over gRPC, in its message."""
+
+    scene_id: Annotated[str, Field(description="which scene")]
 
 
 @dataclass(frozen=True)
@@ -72,7 +80,7 @@ class SceneSummary(Response):
     ]
     version: Annotated[str, Field(description="the current version; empty as long as there is nothing to be asked")]
     label_count: Annotated[int, Field(description="length of the whole dictionary")]
-    thing_count: Annotated[int | None, Field(description="surfaces left out; absent until getScene counts them")]
+    thing_count: Annotated[int | None, Field(description="surfaces left out; absent without a version")]
     captured_at: Annotated[
         datetime | None,
         Field(
@@ -87,9 +95,6 @@ ScaleSource = Literal["known_length", "tags", "sensor_depth", "arkit", "gps", "p
 
 VerticalSource = Literal["metadata", "horizon", "planes", "cameras"]
 """What said which way is up."""
-
-
-_PLUS_Z = Vector3(0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -107,7 +112,7 @@ class SceneVertical(Response):
     deviation_deg: Annotated[float, Field(description="1 sigma of the angle between `up` and the vertical, degrees")]
     up: Annotated[
         Vector3, Field(description="unit vector in the version's world frame; +z unless poses came along, or a map")
-    ] = _PLUS_Z
+    ]
 
 
 @travels(request=False)
@@ -201,31 +206,6 @@ class SceneUpdate(Request):
     ] = None
 
 
-@dataclass(frozen=True)
-class SceneObject(Response):
-    """A named thing or part as earlier releases say it: a view of its SceneThing, for one release more."""
-
-    id: Annotated[str, Field(description="stable within a version of a scene")]
-    label_id: Annotated[int, Field(description="of the label that is its name")]
-    label: Annotated[str, Field(description="its name")]
-    score: Annotated[float, Field(description="that the name is right, 0..1")]
-    centroid: Annotated[Vector3, Field(description="world frame, scene units")]
-    box: Box
-    gaussian_count: Int64
-    meters: Annotated[bool, Field(description="whether lengths are meters")]
-    best_views: Annotated[Many[str], Field(description="the scene's cameras that see it best, best first")]
-    thing_id: Annotated[int, Field(description="which thing it is, see SceneThing")] = 0
-
-
-@travels(request=False, proto="ListObjectsResponse")
-class ObjectList(NamedTuple):
-    """One page of a scene's objects; labels by id, within a label the largest first."""
-
-    objects: Many[SceneObject]
-    next_page_token: NextPageToken
-    version: Annotated[str, Field(description="which version was read")]
-
-
 @travels(request=True)
 class Color(NamedTuple):
     """RGB, each 0 to 1."""
@@ -245,7 +225,7 @@ class InsertSource(Request):
 
 @dataclass(frozen=True)
 class Edit(Request):
-    """What to do to everything of a label, to one object, or to things."""
+    """What to do to everything of a label, or to things."""
 
     action: Annotated[
         EditAction,
@@ -257,14 +237,11 @@ class Edit(Request):
             "thing, whatever its Gaussians belonged to. scale: makes the scene's units meters by known lengths or "
             "sizes, those of earlier such edits included; Gaussians, boxes and cameras are scaled with it. align: "
             "puts the scene into the frame of a map, by a rigid motion or by pairs of points. suggest: names that "
-            "things may have, which can be asked for and which nothing bears until a person gives them. look_again, "
-            "train_more and observe: stand in the versions that such calls have made, and are no edits to send"
+            "things may have, which can be asked for and which nothing bears until a person gives them. look_again "
+            "and observe: stand in the versions that such calls have made, and are no edits to send"
         ),
     ]
-    label: Annotated[str | None, OneOf("target")] = None
-    object_id: Annotated[
-        str | None, OneOf("target"), Field(description="instead of `label`; deprecated: use `things`")
-    ] = None
+    label: str | None = None
     color: Annotated[Color | None, Field(description="for recolor: RGB, each 0 to 1")] = None
     transform: Annotated[
         Pose | None,
@@ -293,7 +270,7 @@ class Edit(Request):
     ] = ()
     source: Annotated[
         InsertSource | None,
-        Field(description="for insert: the other scene; label, object_id and things are then of that one"),
+        Field(description="for insert: the other scene; label and things are then of that one"),
     ] = None
     prompt: Annotated[
         ThingPrompt | None,
@@ -310,7 +287,7 @@ class Edit(Request):
     filter: Annotated[
         GaussianFilter | None,
         Field(
-            description="for remove: only the Gaussians that it takes, of the label, object or things if there is one "
+            description="for remove: only the Gaussians that it takes, of the label or things if there is one "
             "and otherwise of the whole scene; what things enclose stays then"
         ),
     ] = None

@@ -51,7 +51,7 @@ class QuotaStatus(Response):
 class WorkerHealth(Response):
     """One worker that registered, alive or not: one that stopped by itself is none."""
 
-    host: Annotated[str, Field(description="the machine that it runs on, as `fastsplat health` knows it")]
+    host: Annotated[str, Field(description="the machine that it runs on, as `fastsplat status --here` knows it")]
     pid: Annotated[int, Field(description="its process there")]
     silent_s: Annotated[float, Field(description="seconds since its last heartbeat")]
     alive: Annotated[bool, Field(description="whether that is recent enough for its jobs to be left to it")]

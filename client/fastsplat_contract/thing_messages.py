@@ -12,8 +12,7 @@ from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.masks import MaskEncoding, ViewMask
 from fastsplat_contract.poses import Box, Vector3
-from fastsplat_contract.queries import OfScene, Version
-from fastsplat_contract.scenes import NextPageToken
+from fastsplat_contract.scenes import NextPageToken, OfScene, Version
 from fastsplat_contract.thing_prompts import Pixel as Pixel
 from fastsplat_contract.thing_prompts import PixelBox as PixelBox
 from fastsplat_contract.thing_reads import ThingRead
@@ -111,6 +110,11 @@ class SceneThing(Response):
     seen_in: Annotated[
         str, Field(description="id of the last observation that says something of it; empty without one")
     ] = ""
+    label_id: Annotated[int, Field(description="of the label that is its name; 0 without a name")] = 0
+    best_views: Annotated[
+        Many[str],
+        Field(description="of an answer's objects: at most five of the scene's cameras that see it best, best first"),
+    ] = ()
 
 
 @travels(request=False, proto="ListThingsResponse")

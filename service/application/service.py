@@ -34,16 +34,12 @@ from fastsplat.service.application.base.validate import (
     check_splat_options,
 )
 from fastsplat.service.application.editing.observing import Observations
-from fastsplat.service.application.editing.own_namer import OwnNamer
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
-from fastsplat.service.application.editing.shared_frame import SharedFrame
 from fastsplat.service.application.editing.versions import Versions
-from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
-from fastsplat.service.application.jobs.further_training import FurtherTraining
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
-from fastsplat.service.application.jobs.photo_withdrawal import PhotoWithdrawal
+from fastsplat.service.application.jobs.namer_orders import OwnNamer
 from fastsplat.service.application.jobs.retries import retry
 from fastsplat.service.application.jobs.running_jobs import RunningJobs
 from fastsplat.service.application.jobs.scene_orders import place_order
@@ -65,7 +61,6 @@ from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
 
@@ -117,14 +112,11 @@ class SceneService:
         self.photos = Photos(store, settings, scenes, memory, self.known_names)
         """Photos of finished scenes, and which cameras show a thing best."""
         self.sheets = ThingSheets(store, settings, scenes, memory, self.known_names)
-        self.namer = OwnNamer(store, settings, project, self.sheets, self.versions)
+        self.namer = OwnNamer(store, settings, scenes, self._quotas, project)
         self.observations = Observations(store, settings, scenes, memory, self.localizing, self.versions)
-        self.shared_frame = SharedFrame(store, settings, scenes, self.localizing, self.versions)
         self.keys = ProjectKeys(store, settings, project)
         self.jobs = RunningJobs(store, settings)
         """What jobs show of their scenes while they run."""
-        self.training = FurtherTraining(store, settings, scenes, self._quotas, project)
-        self.withdrawal = PhotoWithdrawal(store, settings, scenes, self._quotas, project)
 
     def in_project(self, project: str, scene_id: str = "") -> SceneService:
         """This service as another project has it; with `scene_id`, as if that were the project's one scene. Threads,
@@ -210,7 +202,7 @@ class SceneService:
                 request_id=request_id,
                 request_digest=digest,
                 upload_id=upload.id,
-                options={"admitted": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
+                options={"validated": upload.raw.name, **left_out_to_json(validated), **options_to_json(options)},
                 priority=options.priority,
                 project=self.project,
             )
@@ -298,7 +290,7 @@ class SceneService:
         Raises:
             NotFoundError: there is none of that id.
         """
-        return scene_of(self._scenes.counted(self._store.scenes.scene(scene_id)), MAX_LISTED)
+        return scene_of(self._store.scenes.scene(scene_id), MAX_LISTED)
 
     def update_scene(self, scene_id: str, update: SceneUpdate) -> Scene:
         """Rename a scene, in whatever state it is. Returns it as `get_scene`.
@@ -335,31 +327,17 @@ class SceneService:
         quality = self._store.scenes.scene(scene_id).quality
         return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
 
-    def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
-        """The scene's own cameras as a file, see `service.application.exporting.camera_files`.
-
-        Raises:
-            NotFoundError, NotReadyError: as `Answers.query`.
-            InvalidInputError: no such format, or one that cannot hold the cameras' names.
-        """
-        self._scenes.version(scene_id, "")
-        return camera_file(scene_of(self._store.scenes.scene(scene_id)).cameras, file_format)
-
-    def list_scenes(self, page_size: int = 0, page_token: str = "", place: str = "") -> SceneList:
+    def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.
 
         Args:
             page_size: at most this many; 0 for the server's default, larger values than its limit are cut to it.
             page_token: "" for the first page, then what the page before returned.
-            place: only the captures of the place of this scene, see `Captures.page`, whose errors this raises, too.
 
         Raises:
             InvalidInputError: a negative size, or a token that no page returned.
         """
         size = check_page_size(page_size, self._settings.store)
-        if place:
-            captures, token = self.answers.captures.page(place, size, page_token)
-            return SceneList(summaries_of(captures), token)
         records = self._store.scenes.list_scenes(size + 1, read_page_token(page_token))
         return SceneList(summaries_of(records[:size]), _next(records, size))
 

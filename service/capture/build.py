@@ -79,7 +79,6 @@ def build_capture(
         validated_dir: `ValidatedUpload.folder`, or the upload's folder that holds it.
         out_dir: new, empty, or an earlier capture, which is replaced.
         settings: sizes of images, limits and options of structure from motion.
-        progress: receives events of the stage "capture".
         on_placed: is shown the cameras while structure from motion places them, now and then.
         withholding: which pixels of the photos enter nothing; None: all are used.
         exclude: paths of photos in the upload that are left out.

@@ -89,8 +89,7 @@ class CaptureSettings(CaptureOptions, SettingGroup, section="capture"):
     """Printed side of the black square of AprilTags (family 36h11) that give photos without known poses their meters,
     as `fastsplat tags` prints them; None: tags are not looked for."""
     first_tag: int = Field(560, ge=0, lt=587)
-    """Lowest id that counts, the first that `fastsplat tags` prints. Tags of a room's own, of other sizes, rarely have
-    such high ids."""
+    """Lowest id that counts, the first that `fastsplat tags` prints; a room's own tags rarely have such high ids."""
 
 
 class PhotoSettings(SettingGroup, section="photos"):
@@ -102,5 +101,4 @@ class PhotoSettings(SettingGroup, section="photos"):
     max_side: int = Field(1024, ge=64, le=8_192)
     """Pixels of a copy's longer side at most."""
     quality: int = Field(90, ge=10, le=95)
-    """Of the copies' JPEG: 90 is about 200 kB at 1024 pixels. A scene that photos join, or that is trained further,
-    learns from the copies: by those of 80 it loses half a dB of fine detail."""
+    """Of the copies' JPEG: 90 is about 200 kB at 1024 pixels."""

@@ -26,7 +26,6 @@ class ValidatedUpload:
 
     Attributes:
         folder: where it lies, inside the raw upload's folder.
-        source: how it will be read.
         images: images in it; 0 for a video, whose frames are chosen later.
         has_labels: whether label maps came with it, so that no detector will run.
         warnings: what will not be used, as sentences for people.
@@ -145,16 +144,14 @@ class CaptureReport:
     """What a user should know about a capture: images without a pose, accuracy, warnings.
 
     Attributes:
-        source: how the upload was read.
         images: usable images in the upload.
         unregistered: names of images without a pose.
         models: sizes (registered images) of all disconnected reconstructions, largest first; more than one is a split.
         mean_reprojection_error_px: over the points of the reconstruction; 0 for an upload with poses and no points.
-        warnings: sentences for people.
         splat: name of the splat file that came with the upload, or "".
         scale: what the meters of a metric capture rest on, where they were measured here; None where they were not.
         vertical: what +z rests on; None where poses came with the upload, or nothing tells what is up.
-        photos: what became of each image, by name; empty if nobody has looked, as in captures of earlier releases.
+        photos: what became of each image, by name; empty if nobody has looked.
         withheld: which share of the photos entered nothing; None where nobody looked for any.
         left_out: as `ValidatedUpload.left_out`; these are in no other number.
     """
@@ -182,7 +179,6 @@ class Capture:
         points: float32 [P, 3] world positions, scene units.
         point_colors: uint8 [P, 3] RGB.
         scale: whether scene units are meters.
-        report: see `CaptureReport`.
         given_labels: label maps of the upload, if any.
         test_names: names of the views that the upload itself sets apart for testing; empty if it says nothing.
         splat: the arrays of the splat that came with the upload (`load_splat`), in the world of the views; None where

@@ -1,8 +1,5 @@
-"""Atomic writes of files and directories: whole or absent, and durable once they are there.
-
-Each is written beside its place, under a hidden name on the same file system, flushed to the disk, then renamed. What a
-crash leaves behind begins with a dot and is never read.
-"""
+"""Atomic writes of files and directories: written under a hidden name beside their place, flushed to the disk, then
+renamed; what a crash leaves behind begins with a dot and is never read."""
 
 from __future__ import annotations
 

@@ -12,10 +12,8 @@ NORMAL_95 = 1.959964
 
 
 def combined_ratio(ratios: Sequence[float], variances: Sequence[float]) -> tuple[float, float]:
-    """The ratio that fits independent estimates best, and its relative standard deviation.
-
-    Weighted least squares of the logarithms: ln r = V · Σ ln(r_i) / v_i with V = 1 / Σ 1/v_i, its variance. Where the
-    estimates contradict each other, V is multiplied by χ² / (n - 1), where that is more than 1 (Birge 1932).
+    """The ratio that fits independent estimates best, and its relative standard deviation: ln r = V · Σ ln(r_i) / v_i,
+    its variance V = 1 / Σ 1/v_i, times χ² / (n - 1) where that is more than 1 (Birge 1932).
 
     Args:
         ratios: at least one, positive.

@@ -6,13 +6,9 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
-from typing import TYPE_CHECKING
+from functools import cached_property, lru_cache
 
 from fastsplat_contract.errors import InvalidInputError
-
-if TYPE_CHECKING:  # loads with the first word that may be a plural, see `_inflection`
-    import inflect
 
 UNDETECTED = 0
 """Label id of a pixel that no detection covers; dictionary entries count from 1."""
@@ -108,8 +104,7 @@ def label_key(name: str) -> str:
     """The hash-table key of a name: Unicode-folded, case-folded, separators unified, last word in the singular.
 
     Two names with one key are the same class: "Coffee-Machines", "coffee machine" and "COFFEE_MACHINE". Plurals are
-    those of English (the library `inflect`); words of other alphabets pass through unchanged, so the key is never empty
-    unless the name is.
+    those of English; words of other alphabets pass through unchanged, so the key is never empty unless the name is.
     """
     words = _folded(name).split(" ")
     if words[-1] == "glasses" and words[-2:-1] and words[-2] in _DRINKS:
@@ -127,16 +122,61 @@ def _folded(name: str) -> str:
 _DRINKS = frozenset("beer champagne cocktail drinking juice martini milk shot water whiskey whisky wine".split())
 
 _ONE_FORM = frozenset(
-    "scissors glasses sunglasses jeans pants trousers shorts undies clothes headphones binoculars pliers tongs "
-    "tweezers stairs news tennis thermos clematis".split()
+    """acropolis aegis alias asbestos atlas bathos bias binoculars breeches britches cannabis canvas cercis
+    chamois chaos chassis chrysalis cis clematis clippers clitoris clothes contretemps corps cosmos dais
+    debris diabetes digitalis ephemeris epidermis epididymis ethos eyas gallows gas glasses glottis haggis
+    headphones headquarters herpes hijinks his hubris ibis innings iris is jackanapes jeans lens mantis
+    marquis measles metropolis mews mumps news pajamas pants pathos pelvis penis pincers pliers polis
+    precis proboscis proceedings pyjamas rabies rhinoceros sassafras scissors series shears shorts siemens
+    species stairs subspecies sunglasses tennis testes testis theirs thermos tongs trellis trousers
+    tweezers undies yes""".split()
 )
-"""Nouns without another number, and singulars in -s, that inflect would cut."""
+"""Nouns without another number, and singulars in -s, that no ending tells."""
+
+_IN_E = frozenset(
+    """abuse aloe annexe avalanche axe backache backhoe bellyache birdie bivalve blouse bookie brownie budgie
+    cache caddie calorie canoe cause chartreuse clause cloche collie cookie cootie corpse creche crevasse
+    demitasse doe earache excuse floe foe fuse genie goalie groupie grouse headache heartache hoe hoodie
+    hypotenuse impasse junkie lassie lingerie magpie menagerie mistletoe mousse movie muse necktie newbie
+    niche nightie oboe oldie onesie pastiche pause pickaxe pie pixie posse potpie prairie psyche quiche
+    recluse rookie rotisserie salve selfie sloe smoothie softie spouse stomachache sweetie throe tie toe
+    toothache tranche twelve use valve veggie vie weave woe zombie""".split()
+)
+"""Nouns whose plural looks like that of a noun without the -e."""
 
 _IRREGULAR = {
-    "dies": "die", "hoodies": "hoodie", "selfies": "selfie", "smoothies": "smoothie", "onesies": "onesie",
-    "taxis": "taxi", "menus": "menu", "emus": "emu", "cacti": "cactus", "thermoses": "thermos", "mouses": "mouse",
+    "agenda": "agendum", "brethren": "brother", "candelabra": "candelabrum", "children": "child", "coptis": "copti",
+    "criteria": "criterion", "dice": "die", "dies": "die", "emus": "emu", "hooves": "hoof", "kine": "cow",
+    "lice": "louse", "menus": "menu", "monies": "money", "morgana": "morganon", "mouses": "mouse", "opera": "opus",
+    "oxen": "ox", "peoples": "person", "petrocoptis": "petrocopti", "phenomena": "phenomenon", "roma": "rom",
+    "taxis": "taxi", "themselves": "itself", "thieves": "thief",
 }  # fmt: skip
-"""Plurals that inflect takes for others or for singulars."""
+
+_ENDINGS = tuple(
+    (re.compile(f"{ending}$"), singular)
+    for ending, singular in (
+        ("men", "man"),
+        ("people", "person"),
+        ("geese", "goose"),
+        ("teeth", "tooth"),
+        ("feet", "foot"),
+        ("mice", "mouse"),
+        ("zoa", "zoon"),
+        ("bacteria", "bacterium"),
+        ("(ov|dat|errat|strat)a", r"\1um"),
+        ("(alga|vertebra|persona|alumna|vita)e", r"\1"),
+        ("(cact|nucle|loc|alumn|bacill|sarcophag|stimul)i", r"\1us"),
+        ("(ss|us|ceps|sis|xis|itis|ois|[^o]cis)", r"\1"),
+        ("(aly|the|cri|oa|gno|neuro|psycho)ses", r"\1sis"),
+        ("([aeo]l|ar|oa|(?<!d)ea)ves", r"\1f"),
+        ("([nw]|(?<!o)l)ives", r"\1ife"),
+        ("(house|shoe)s", r"\1"),
+        ("(ss|us|ceps|itis|x|ch|sh|o|zz)es", r"\1"),
+        ("ies", "y"),
+        ("s", ""),
+    )
+)
+"""Endings of plurals, and of singulars in -s, with what stands in their place in the singular; the first one counts."""
 
 _MIN_LETTERS = 3
 
@@ -155,23 +195,12 @@ def _singular_once(word: str) -> str:
         return _IRREGULAR[word]
     if not (word.isascii() and word.isalpha()) or len(word) < _MIN_LETTERS or word in _ONE_FORM:
         return word
-    inflection = _inflection()
-    # Of a singular in -s ("bus", "lens", "glass") inflect knows the plural; to a plural it would add another s.
-    if word.endswith("s") and inflection.plural_noun(word) != f"{word}s":
-        return word
-    return inflection.singular_noun(word) or word
-
-
-@cache
-def _inflection() -> inflect.engine:
-    # inflect asks typeguard to rewrite each of its methods while it is imported, which takes more than a second of CPU
-    # in every process that reads a scene. What the checks are for, `_singular_once` has seen to: words, never empty.
-    import typeguard
-
-    checked = typeguard.typechecked
-    typeguard.typechecked = lambda target: target  # type: ignore[assignment]
-    try:
-        import inflect
-    finally:
-        typeguard.typechecked = checked
-    return inflect.engine()
+    if word[:-1] in _IN_E and word.endswith("s"):
+        return word[:-1]
+    if word.endswith("es") and word[:-2] in _ONE_FORM:
+        return word[:-2]
+    for ending, singular in _ENDINGS:
+        changed, count = ending.subn(singular, word)
+        if count:
+            return changed
+    return word

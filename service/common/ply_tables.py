@@ -75,7 +75,6 @@ def read_header(head: bytes, refuse: Refuse, encodings: Sequence[str] = (LITTLE,
 
     Args:
         head: these bytes.
-        refuse: makes the error of this file.
         encodings: those that are read of it.
 
     Raises:

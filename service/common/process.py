@@ -23,11 +23,8 @@ _log = logging.getLogger(__name__)
 
 @contextmanager
 def loading_modules() -> Iterator[None]:
-    """Collect no garbage meanwhile, and look for none among what there is afterwards: of modules none ever is.
-
-    Their classes and functions are so many that the collector would go through them again and again, for a sixth of the
-    seconds that the server's modules take to load, and for tenths of a second in the midst of calls later.
-    """
+    """Collect no garbage meanwhile, and look for none among what there is afterwards: of modules none ever is, and
+    going through them takes a sixth of the seconds that they take to load."""
     gc.disable()
     try:
         yield
@@ -37,15 +34,12 @@ def loading_modules() -> Iterator[None]:
 
 
 def die_with_parent(parent_pid: int, death_signal: signal.Signals = signal.SIGKILL) -> None:
-    """Have the kernel send this process `death_signal` once the thread that started it ends (prctl(2)).
-
-    Call it first thing in the child. Exits at once with status 1 if the parent is gone already: the kernel reports no
-    death that came before this call.
+    """Have the kernel send this process `death_signal` once the thread that started it ends (prctl(2)). To be called
+    first in the child; exits at once with status 1 if the parent is gone already.
 
     Args:
         parent_pid: process id of the parent, which the parent hands to the child; asking for it in the child would be
             too late.
-        death_signal: what the kernel sends.
 
     Raises:
         OSError: the kernel refuses.
@@ -65,10 +59,8 @@ def die_with_named_parent(death_signal: signal.Signals = signal.SIGKILL) -> None
 
 
 def yield_to_others(niceness: int) -> None:
-    """Make this process so much nicer to others than it is; to be called before it starts threads.
-
-    Linux may share the processor between sessions first, and only within a session by niceness (sched(7), autogroup),
-    so a process that leads a session of its own has that made nicer, too.
+    """Make this process so much nicer to others than it is, before it starts threads; and its session, where it leads
+    one (sched(7), autogroup).
 
     Args:
         niceness: 0 to 19.
@@ -81,9 +73,8 @@ def yield_to_others(niceness: int) -> None:
 
 
 def lower_priority(niceness: int) -> None:
-    """Make this thread, and all that it starts from now on, so much nicer than it is; Linux needs no privilege for it.
-
-    Does nothing elsewhere: there a niceness is the whole process's.
+    """Make this thread, and all that it starts from now on, so much nicer than it is; does nothing but on Linux, where
+    niceness is a thread's.
 
     Args:
         niceness: 0 to 19.
@@ -94,4 +85,4 @@ def lower_priority(niceness: int) -> None:
     try:
         os.setpriority(os.PRIO_PROCESS, thread, min(_NICEST, os.getpriority(os.PRIO_PROCESS, thread) + niceness))
     except OSError as error:  # a sandbox that forbids it
-        _log.warning("costly calls run at the priority of all others: %s", error.strerror)
+        _log.warning("calls in the background run at the priority of all others: %s", error.strerror)

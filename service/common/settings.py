@@ -57,7 +57,6 @@ def environment_variable(group: type[BaseModel], field: str) -> str:
 
     Args:
         group: a `SettingGroup` with a section, or the settings object of the whole service itself.
-        field: one of its fields.
 
     Raises:
         AttributeError: it has no such setting.
@@ -124,7 +123,6 @@ def settings_error(error: ValidationError, settings: type[BaseModel]) -> Invalid
     """The first problem of settings from the environment as an error that names the variable, without its value.
 
     Args:
-        error: what validation says.
         settings: the settings object of the whole service.
     """
     first = error.errors(include_url=False, include_input=False, include_context=False)[0]

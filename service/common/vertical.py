@@ -15,9 +15,8 @@ _LEAST_TURNED = 0.003  # mean square sine of the angles between the x axes: came
 def vertical_of_poses(world_from_camera: F64) -> F64 | None:
     """The unit vector up, float64 [3], of poses [N, 4, 4], OpenCV axes; None where they do not tell.
 
-    People hold cameras level: the vertical is what their x axes are most at right angles to (the smallest principal
-    axis), on the side of their −y axes. It takes x axes that point in different directions: None where the second
-    principal axis is not much larger than the smallest.
+    Cameras are held level: the vertical is the smallest principal axis of their x axes, on the side of their −y axes;
+    None where the second is not much larger.
     """
     if len(world_from_camera) < 3:
         return None
@@ -38,11 +37,8 @@ def mean_up(world_from_camera: F64) -> F64 | None:
 
 
 def level_deviation(world_from_camera: F64, up: F64) -> float:
-    """How sure the vertical of `vertical_of_poses` is: 1 sigma of its angle, degrees, at least 0.2.
-
-    That of a normal fitted by least squares: each x axis is off the level by an angle of one variance, which their
-    residuals give; tilts add over the two directions across `up`.
-    """
+    """How sure the vertical of `vertical_of_poses` is: 1 sigma of its angle, degrees, at least 0.2, as of a normal
+    fitted to x axes by least squares."""
     across = world_from_camera[:, :3, 0]
     variance = float(((across @ up) ** 2).sum()) / max(1, len(across) - 2)
     values = np.linalg.eigvalsh(across.T @ across)[1:]

@@ -1,9 +1,8 @@
 """Candidates for things: groups of mask proposals that show the same, each a soft set of Gaussians, and how well the
 views' own masks support it.
 
-Proposals are grouped at several overlaps, since what is one thing at one of them is several at another. Every view that
-sees most of a candidate then says how well the best of its own masks fits it; the mean over these views is the
-candidate's support. It is high for what segmenters cut out from everywhere, and low for a chance of one view.
+Proposals are grouped at several overlaps. Every view that sees most of a candidate says how well the best of its masks
+fits; the mean is the candidate's support.
 """
 
 from __future__ import annotations

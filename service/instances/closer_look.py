@@ -29,7 +29,6 @@ class ThingInView:
     """Where a thing is in a view.
 
     Attributes:
-        thing_id: which.
         box: float32 [4], x1, y1, x2, y2 in pixels of the view.
         pixels: how many show it.
     """

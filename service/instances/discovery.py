@@ -65,12 +65,8 @@ def discover_things(
 
     Args:
         gaussians: G of them, trained.
-        views: of the capture.
         masks: of each view, see `propose_capture_masks`; views with None have no say.
         up: unit vector, float64 [3], see `Scene.up`; None where nothing tells it.
-        settings: what counts as a thing.
-        on_view: see `OnView`.
-        backend: which rasterizer.
 
     Returns:
         Things whose membership says for each Gaussian the pixels of each thing that it is seen through.

@@ -13,8 +13,7 @@ from fastsplat.service.instances.settings import DiscoverySettings
 _LEAST_SUPPORT = 0.35
 """Candidates with less are chance."""
 _LEAST_CONSENSUS = 0.4
-"""Share of the views that see most of a candidate that must propose it for it to be a thing. What fewer propose is a
-patch of a floor, or two things that were once seen as one; in a thing it may be a part."""
+"""Share of the views that see most of a candidate that must propose it for it to be a thing; else it may be a part."""
 _INSIDE = 0.8
 """Share of a candidate's weight inside a larger one from which it is the larger one's child."""
 _SMALLER = 0.8
@@ -46,11 +45,10 @@ def find_hierarchy(
 ) -> Hierarchy:
     """Parts, things and groups among candidates.
 
-    From the smallest up, each candidate that enough views propose is compared with the things that lie in it. Where
-    these cover most of it, and what they cover, weighed by their support, is worth more than all of it weighed by its
-    own, it is a group of them (nothing where that is one alone), and they stay things. Otherwise it is a thing; of
-    those in it the ones whose edges the masks miss by less than its own stay things, as an apple in a bowl, and the
-    others are its parts. Candidates that too few views propose are parts of the smallest thing that they lie in.
+    From the smallest up, each candidate that enough views propose is compared with the things in it. Where these cover
+    most of it, and are worth more by their support than all of it by its own, it is a group of them. Otherwise it is a
+    thing: those in it whose edges the masks miss by less than its own stay things, the others are its parts. Candidates
+    that too few views propose are parts of the smallest thing that they lie in.
 
     Args:
         candidates: see `find_candidates`.

@@ -41,10 +41,8 @@ def lift_masks(
     valid: NDArray[np.bool_] | None = None,
     backend: Backend = "cpu",
 ) -> LiftedRegions:
-    """Each mask as the Gaussians more than half of whose weight in the view lies in it.
-
-    Masks overlap, and the rasterizer's label sums know one label a pixel: so sums are taken over the pieces that the
-    masks cut the image into, and added up for every mask.
+    """Each mask as the Gaussians more than half of whose weight in the view lies in it: summed over the pieces that the
+    masks cut the image into.
 
     Args:
         splats: G activated Gaussians.
@@ -52,7 +50,6 @@ def lift_masks(
         camera: of the masks' size.
         masks: bool [P, H, W].
         valid: bool [H, W]; pixels that are False count for nothing.
-        backend: which rasterizer.
     """
     pieces, members = image_pieces(masks)
     sums = _sums(splats, viewmat, camera, pieces, len(members), valid, backend)

@@ -22,8 +22,7 @@ FILE = Path(__file__).with_name("name_calibration.json")
 _CERTAIN = 0.98
 """Evidence beyond counts as this, on both sides."""
 _CLEAR = 0.6
-"""Less evidence makes no name more probable than `_UNCLEAR_AT_MOST`, however often the name was right elsewhere: what
-looks like such a thing in one kind of place, as a framed photo like a book, does not stand in another."""
+"""Less evidence makes no name more probable than `_UNCLEAR_AT_MOST`, however often it was right elsewhere."""
 _UNCLEAR_AT_MOST = 0.9
 
 
@@ -50,7 +49,6 @@ class NameModel(BaseModel):
     Attributes:
         detector: that called the things so.
         sets: what the things are of.
-        factor, offset: see above.
         categories: by `label_key` of the name; others have an offset of 0.
     """
 

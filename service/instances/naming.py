@@ -16,9 +16,8 @@ from fastsplat.service.scene.types import NameSource, Thing, Things
 from fastsplat.service.splatting.region_groups import LiftedRegions
 
 NAMED_FROM = 0.6
-"""A detected name is given from this probability; below, it is a suggestion. See `Thing.guessed` for those between.
-Of names given from here on 176 of 217 were right in rooms of kinds that the model had not seen, and more things have
-one than from 0.8 on, where 106 of 124 were right."""
+"""A detected name is given from this probability; below, it is a suggestion (see `Thing.guessed`). Of names given from
+here on 176 of 217 were right in other rooms."""
 _GIVEN_FROM, _GIVEN_RIVALS = 0.28, 0.5
 """A name of label maps is given from this share of the views, if no other has more than this part of it."""
 
@@ -67,7 +66,6 @@ def count_votes(
     Gaussians that the view sees, if by at least `min_overlap`. For each label the best score of a view counts.
 
     Args:
-        things: T of them.
         lifted: the regions of each view, in order; consumed one at a time.
         regions: the same regions with their votes.
         labels: N.
@@ -105,16 +103,12 @@ def name_things(
     names: Sequence[str],
     source: NameSource,
 ) -> Things:
-    """The same things, named where the votes are clear, else with suggestions; a name by a person stays.
-
-    How probable a detected name is says `name_probability`. It is given from `NAMED_FROM`; otherwise it is suggested.
-    Of exact label maps the probability is the share of views.
+    """The same things, named from `NAMED_FROM` of `name_probability` (of exact label maps: the share of views), else
+    with suggestions; a name by a person stays.
 
     Args:
-        things: T of them.
         votes: see `count_votes`.
         names: of labels 1..N.
-        source: who votes.
     """
     probability = votes.mean_scores if source == "given" else name_probability(votes.mean_scores, names)
     table = tuple(

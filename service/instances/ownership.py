@@ -31,10 +31,8 @@ Owners = NDArray[np.int32]
 
 
 def assign_owners(things: Sequence[Candidate], gaussians: int) -> tuple[Owners, F32]:
-    """The owner of each of G Gaussians, and float32 [G] the share of views that say so, 0 where there is none.
-
-    Where things overlap the smaller owns, because what lies on or in another shows less of itself.
-    """
+    """The owner of each of G Gaussians, the smaller thing where they overlap, and float32 [G] the share of views that
+    say so."""
     owners = np.full(gaussians, NOBODY, np.int32)
     shares = np.zeros(gaussians, np.float32)
     for number in sorted(range(len(things)), key=lambda n: (-things[n].weight, n)):
@@ -56,9 +54,8 @@ def without_strays(owners: Owners, gaussians: Gaussians, size: F32, min_share: f
 
 
 def with_neighbors(owners: Owners, gaussians: Gaussians, size: F32, neighbors: int) -> Owners:
-    """The same owners, where a visible Gaussian that nobody owns belongs to the thing that enough of its nearest
-    visible Gaussians belong to, if these are near by their own measure: what the views left open inside of a thing, and
-    at its edge. A few rounds, so that holes close from their edges."""
+    """The same owners, where a visible Gaussian that nobody owns belongs to the thing of enough of its nearest visible
+    Gaussians, if near by their own measure; in a few rounds, so that holes close from their edges."""
     visible = np.flatnonzero(size > 0)
     count = min(neighbors, len(visible) - 1)
     result = owners.copy()

@@ -26,8 +26,7 @@ _EATEN = 0.8
 _DOUBT = 0.5
 """What such an answer, and one that contradicts the prompt's pixels, scores of what it would."""
 _NEARLY, _LARGER = 0.75, 5.0
-"""The largest of the answers that score this share of the best one's, and are at most so many times as large, is meant:
-a click on a thing is hardly meant for a part of it. Chosen on table and sample."""
+"""The largest answer with this share of the best one's score, and at most so many times as large, is meant."""
 _AGREES = 0.6
 """Overlap times stability from which an answer is taken for what is drawn."""
 _AROUND = 0.5
@@ -81,7 +80,6 @@ def prompted_mask(
 
     Args:
         answer: to one prompt.
-        prompt: which.
         ids: int [H, W], the thing of each pixel, 0 for none.
         inside: bool [H, W], where the thing is that a piece is cut out of; None for a missing thing.
     """
@@ -104,15 +102,12 @@ def prompted_mask(
 
 
 def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32) -> Mask | None:
-    """bool [H, W]: what a view shows where a piece is drawn, or None where too little of it is drawn or nothing that
-    the segmenter sees there is like it.
+    """bool [H, W]: what a view shows where a piece is drawn; None where too little is drawn or nothing is like it.
 
-    The prompts are the box of what is drawn, the pixel deepest inside, both, and that pixel with one beside it; an
-    answer counts by its overlap with the piece over all but what is unknown, times its stability.
+    The prompts are the box of what is drawn, the deepest pixel inside, both, and that pixel with one beside it; an
+    answer counts by its overlap with the piece times its stability.
 
     Args:
-        segmenter: answers prompts.
-        embedding: of the view's picture.
         drawn: float32 [H, W, 3], shares of each pixel: of the piece, known to be none of it, unknown.
     """
     piece, other = drawn[..., 0], drawn[..., 1]

@@ -43,11 +43,9 @@ class PromptedScene:
     Attributes:
         gaussians: G of them.
         region: bool [G]: the thing that a piece is cut out of; None for a missing thing, which may have all Gaussians.
-        segmenter: answers prompts.
         embed: what the segmenter needs to know of the picture of a view, see `Segmenter.embed`.
         further: cameras that show Gaussians (their rows) well, other than the one that was prompted in, best first; of
             the size that pictures have.
-        backend: which rasterizer.
     """
 
     gaussians: Gaussians
@@ -75,15 +73,11 @@ class Piece:
 def find_piece(scene: PromptedScene, posed: PosedCamera, prompt: PicturePrompt, ids: NDArray[np.integer]) -> Piece:
     """The Gaussians of the region that a prompt in one view shows.
 
-    The prompt's mask is lifted by blend weights: a Gaussian is in the piece if more than half of its weight in the view
-    lies in the mask (FlashSplat, Shen et al. 2024). The piece is drawn in further views, one after the other; what is
-    drawn prompts the segmenter there, and the answer that overlaps it best, if it does so well, votes with the same
-    weights: so what hides behind the mask in one view is cut off by the others. Gaussians that none of the views sees
-    follow most of their nearest neighbors.
+    A Gaussian is in the piece if more than half of its weight lies in the prompt's mask (FlashSplat, Shen et al. 2024).
+    The piece is drawn in further views, where the best answer to what is drawn votes with the same weights and cuts off
+    what hides behind the mask. Gaussians that no view sees follow their neighbors.
 
     Args:
-        scene: see `PromptedScene`.
-        posed: the view, of the picture's size.
         prompt: in pixels of that size.
         ids: int [H, W] the thing of each pixel of that view, 0 for none.
 

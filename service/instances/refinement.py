@@ -1,9 +1,5 @@
 """Membership by pixels: things are drawn in every view, each takes the mask that it matches there, and every Gaussian
-counts the pixels of each thing that it is seen through.
-
-Groups of masks decide what the things are; which Gaussians they have, a vote of views on whole Gaussians decides only
-roughly, because a mask either has most of a Gaussian or does not. The pixels know their edges.
-"""
+counts the pixels of each thing that it is seen through. A vote of views on whole Gaussians is rougher."""
 
 from __future__ import annotations
 
@@ -52,7 +48,6 @@ class MaskedView:
     """A view at the size at which masks are lifted; masks stay packed until they are read.
 
     Attributes:
-        posed: its camera.
         proposals: masks without names.
         valid_path: the picture of the pixels that have content; None when all do.
     """
@@ -86,9 +81,7 @@ def refined_membership(
     backend: Backend = "cpu",
 ) -> Evidence:
     """The pixels of each thing that every Gaussian is seen through, in `refinement_rounds` rounds: the membership of
-    one round draws the things that the next one matches with masks.
-
-    What the grouping said stays as one pixel of evidence, so that a Gaussian that no view sees keeps its owner.
+    one draws the things of the next. What the grouping said stays as one pixel of evidence.
 
     Args:
         owners: of G Gaussians, numbers of T things.
@@ -97,7 +90,6 @@ def refined_membership(
         views: those that have masks.
         size: float32 [G], see `Overlaps`.
         settings: rounds, and the least overlap of a thing with its mask.
-        backend: which rasterizer.
 
     Returns:
         Labels are numbers of things from 1; 0 is no thing.
@@ -127,9 +119,8 @@ def repainted(shown: NDArray[np.integer], masks: NDArray[np.bool_], *, min_overl
     """The things of a view by their masks: int32 [H, W], numbers from 1, 0 for none, `UNKNOWN` where a thing was drawn
     that its mask leaves out and no other has.
 
-    Each thing takes the mask that overlaps it most, by the intersection over union and if by at least `min_overlap`,
-    where what smaller things hide of the mask does not count; a thing without such a mask stays as it is drawn. The
-    smaller lies on the larger.
+    Each thing takes the mask that overlaps it most, by at least `min_overlap`, beside what smaller things hide; without
+    one it stays as drawn. The smaller lies on the larger.
 
     Args:
         shown: int [H, W], the drawn thing of each pixel.

@@ -48,10 +48,8 @@ def find_scene_things(
 
     Args:
         gaussians: G of them, trained on the capture.
-        capture: its views.
         labelling: what was detected in the views, or came with them; an empty dictionary names nothing.
         masks: of each view, without names, see `propose_capture_masks`.
-        settings: see `DiscoverySettings`.
         on_view: hears of every view whose masks are lifted.
         training: its backend, seed and `code_size` count here.
     """
@@ -99,12 +97,8 @@ def votes_of_views(
     """What the regions of views call the things of a scene, see `count_votes`.
 
     Args:
-        things: of the Gaussians.
-        gaussians: G of them.
         used: the views that were looked at, and what was found in each, which may be nothing.
         labels: number of names that regions vote for.
-        settings: see `DiscoverySettings`.
-        backend: which rasterizer.
     """
     return count_votes(
         things,

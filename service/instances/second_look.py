@@ -46,12 +46,8 @@ def shares_seen(
     last of those that belong to no thing.
 
     Args:
-        gaussians: G of them.
-        things: T of them.
         cameras: V views.
         settings: at which size views are looked at.
-        on_view: hears of every view.
-        backend: which rasterizer.
     """
     place = np.full(max((thing.id for thing in things.table), default=0) + 1, len(things.table), np.int64)
     place[[thing.id for thing in things.table]] = np.arange(len(things.table))
@@ -73,9 +69,8 @@ def choose_views(shares: F64, named: Sequence[bool], limit: int) -> list[int]:
     """Positions of at most `limit` views that together see most of the scene, and of its unnamed things first; the best
     view comes first.
 
-    Each view in turn is the one that adds most: the sum over things of the share that it sees, halved for every view
-    chosen before that sees most of the thing, so that every thing is seen, and those that can be from several views.
-    Things with a name count half. A view that sees nothing is not chosen.
+    Each view in turn adds most: the sum over things (named ones count half) of the share that it sees, halved for every
+    view before that sees most of the thing. A view that sees nothing is not chosen.
 
     Args:
         shares: [V, T + 1], see `shares_seen`.
@@ -114,13 +109,11 @@ class NamesAdded:
 def add_names(things: Things, sighted: Mapping[int, Mapping[str, float]], *, name_probability: float) -> NamesAdded:
     """The same things, named where the look is clear, else with suggestions.
 
-    A text is clear from `name_probability`, if no other text of this look and no name that a detector has stated before
-    has more than half of its probability, and nothing that was suggested before is more probable. The name of
-    a person or of label maps stays, and with it the thing as it is; the name of a detector stays unless another is
-    clear, and is a suggestion after that.
+    A text is clear from `name_probability` if no other text, name or suggestion of the thing is nearly as probable.
+    Names of persons and of label maps stay; a detector's name stays unless another is clear, and is a suggestion after
+    that.
 
     Args:
-        things: T of them.
         sighted: for ids of things the probability of each text, 0..1; ids that are no thing's are left out.
         name_probability: the bound, 0..1.
     """

@@ -53,17 +53,13 @@ class Selection:
 def select_things(
     candidates: Sequence[Candidate], gaussians: Gaussians, size: F32, settings: DiscoverySettings
 ) -> Selection:
-    """The things among candidates, each Gaussian with one of them at most.
-
-    In this order: things by the hierarchy, in which what lies off the plane of a surface is no part of it, as the floor
-    that the masks of a table have, too; the smaller owns; surfaces have what lies in their planes; strays are left
-    out.
+    """The things among candidates, each Gaussian with one of them at most: things by the hierarchy, without what lies
+    off the plane of a surface; the smaller owns; surfaces have what lies in their planes; strays are left out.
 
     Args:
         candidates: see `find_candidates`.
         gaussians: G of them.
         size: float32 [G], see `Overlaps`.
-        settings: the bounds.
     """
     planes = find_surfaces(candidates, gaussians, size)
 

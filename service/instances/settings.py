@@ -29,9 +29,8 @@ class DiscoverySettings(DiscoveryOptions, SettingGroup, section="discovery"):
     """How things are discovered without a vocabulary, and when they count."""
 
     things: Literal["auto", "off", "on"] = "auto"
-    """Which things a scene gets. `auto`: everything in it, with or without a name, where models label its views; where
-    label maps came with the capture, their objects are its things and no model runs. `on`: everything there, too.
-    `off`: what the detector finds and no more, which saves most of a segmenter's time."""
+    """Which things a scene gets. `auto`: everything in it where models label its views, else the label maps' objects.
+    `on`: everything. `off`: what the detector finds, which saves most of a segmenter's time."""
 
     def proposes(self, *, given_labels: bool) -> bool:
         """Whether masks without names are proposed in a capture's views, which may come with label maps."""
@@ -44,8 +43,7 @@ class LookAgainOptions(Options):
     views: int = Field(8, ge=1)
     """Views that an open-set detector looks at: those that see most of the scene, and of its unnamed things first."""
     closer_views: int = Field(4, ge=0)
-    """Of these views, for each thing, so many that show it best are looked at around the thing alone; 0: none. Small
-    things are found by this."""
+    """Of these views, so many that show a thing best are looked at around it alone (small things); 0: none."""
     name_probability: float = Field(0.45, ge=0, le=1)
     """A text is stated as a thing's name from this mean score over the pictures that show the thing; below, it is a
     suggestion. Chosen on the table of the tests with a YOLO-World detector; detectors score differently."""

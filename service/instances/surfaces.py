@@ -59,11 +59,8 @@ class Plane:
 
 
 def fit_plane(points: F64, weights: F64, *, seed: int = 0) -> Plane:
-    """The plane of least weighted median distance to points [K, 3], K ≥ 3: random triples first (least median of
-    squares, Rousseeuw 1984), then least squares over what is near.
-
-    Its tolerance comes from the median absolute deviation, so that up to half of the points may lie elsewhere.
-    """
+    """The plane of least weighted median distance to points [K, 3], K ≥ 3: least median of squares over random triples
+    (Rousseeuw 1984), then least squares over what is near; its tolerance by the median absolute deviation."""
     rng = np.random.default_rng(seed)
     some = rng.choice(len(points), min(len(points), _SAMPLE), p=weights / weights.sum())
     triples = points[rng.choice(some, (_TRIALS, 3))]
@@ -93,7 +90,6 @@ def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) 
     """The planes of those things that are surfaces: large and flat.
 
     Args:
-        things: see `Candidate`.
         gaussians: G of them.
         size: float32 [G], see `Overlaps`.
     """
@@ -112,9 +108,8 @@ def find_surfaces(things: Sequence[Candidate], gaussians: Gaussians, size: F32) 
 
 
 def lies_in(plane: Plane, rows: NDArray[np.int32], gaussians: Gaussians, size: F32) -> bool:
-    """Whether what Gaussians `rows` show lies in the plane: most of it within half the tolerance, and as a whole, by
-    the median of signed distances, nearer than that. What lies on a table is higher than the table, if only by the
-    thickness of a knife; a print on its cloth is not."""
+    """Whether what Gaussians `rows` show lies in the plane: most of it within half the tolerance, and as a whole nearer
+    than that by the median of signed distances."""
     weights = size[rows].astype(np.float64)
     signed = gaussians.means[rows].astype(np.float64) @ plane.normal - plane.offset
     order = np.argsort(signed)
@@ -137,15 +132,13 @@ def join_surfaces(
     owners: Owners, things: Sequence[Candidate], surfaces: Mapping[int, Plane], gaussians: Gaussians, size: F32
 ) -> Owners:
     """The same owners, where surfaces also have what lies in their planes and is connected with them: Gaussians that
-    nobody owns, and pieces, which are smaller things that the surface's own masks include, or that the views hardly
-    support, and that they support less than the surface.
+    nobody owns, and smaller things (prints on a cloth) that the surface's masks include or the views hardly support,
+    less than the surface.
 
-    Prints on a cloth and lit patches of a wall are such pieces. Scissors on the cloth are none, however thin they are
-    and though only half of the views cut them out: the masks of the cloth end at their edges. The larger surface comes
-    first. One that lies in the plane of a larger one, as a plate on a table, stays as it is.
+    Scissors on the cloth stay: the cloth's masks end at their edges. The larger surface comes first; one in the plane
+    of a larger one stays.
 
     Args:
-        owners: of G Gaussians.
         things, surfaces, gaussians, size: as for `find_surfaces`.
     """
     result = owners.copy()
@@ -180,14 +173,10 @@ def _within(larger: Plane, own: NDArray[np.bool_], gaussians: Gaussians, size: F
 def surface_kinds(
     surfaces: dict[int, Plane], centers: dict[int, F64], cameras: F64, up: F64 | None
 ) -> dict[int, SurfaceKind]:
-    """What each surface is: the lowest level one below all cameras is the floor, level ones above all cameras are
-    ceilings, upright ones walls.
-
-    The lowest counts as a floor only when another level surface lies above it and below the cameras: in a close-up of a
-    table the table is the lowest, and no floor.
+    """What each surface is: the lowest level one below all cameras is the floor, if another level one lies between (in
+    a close-up the table is the lowest); level ones above all cameras are ceilings, upright ones walls.
 
     Args:
-        surfaces: planes by number.
         centers: float64 [3] of each.
         cameras: float64 [V, 3], where the photos were taken.
         up: unit vector, or None where nothing tells it: then a surface is just that.

@@ -52,17 +52,13 @@ def with_appearances(
     looks: ClipImageText | None = None,
     backend: Backend = "cpu",
 ) -> Things:
-    """The same things, each with its descriptor and a small picture from the views that show most of it, and with its
-    looks; those that no view shows well stay without.
+    """The same things, each with its descriptor, a small picture and its looks from the views that show most of it.
 
     Args:
-        things: of G Gaussians.
-        gaussians: G of them.
         views: of the capture; of many, 16 spread evenly.
         encoder: makes the features; None: things get neither descriptor nor picture.
         max_side: things are drawn at this many pixels on the image's longer side.
         looks: embeds what things look like; None: nothing does.
-        backend: which rasterizer.
     """
     best = _best_sights(things, gaussians, views, max_side, backend)
     features: dict[int, list[NDArray[np.float32]]] = {thing: [] for thing in best}

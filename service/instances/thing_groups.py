@@ -15,17 +15,12 @@ _MOST = 0.7
 
 
 def find_groups(candidates: Sequence[Candidate], owners: Owners, size: F32, first_id: int) -> tuple[ThingGroup, ...]:
-    """The groups of things, those with the highest consensus first.
-
-    A group has as members the things most of which lies in its candidate. Members are looked for among the things as
-    they are in the end, so that what another thing took, or what is none any more, is no member. Fewer than two
-    members are no group, and candidates with the same members are one.
+    """The groups of things, those with the highest consensus first: of each candidate the things, at least two, most of
+    which lie in it as they are in the end; candidates with the same members are one.
 
     Args:
-        candidates: those that are several things.
         owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
-        first_id: id of the first group.
     """
     weights = size.astype(np.float64)
     whole = np.bincount(owners + 1, weights)[1:]

@@ -30,8 +30,6 @@ def find_parts(
         candidates: those that are parts, each with the number of the thing that it is a part of.
         owners: int32 [G], number of the thing of each Gaussian, -1 for none; thing number n has the id n + 1.
         size: float32 [G], see `Overlaps`.
-        settings: the bounds.
-        first_id: id of the first part.
     """
     count = len(owners)
     whole = np.bincount(owners + 1, size.astype(np.float64))[1:]

@@ -44,8 +44,7 @@ _TRUST = 0.8
 """What the reader's own probability counts: it knows its letters, and not what a slanted view hides of them."""
 _LEAST_PROBABILITY = 0.5
 _MANY = 4
-"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part;
-chosen on the validation rooms of `benchmarks.reads`."""
+"""Where so many views read something on a thing, a line that one alone reads is one that it saw badly or in part."""
 
 
 @dataclass
@@ -77,13 +76,10 @@ def with_reads(
     Only pixels that may be used are read: what a photo withholds (`load_content`) says nothing.
 
     Args:
-        things: of G Gaussians.
-        gaussians: G of them.
         views: of the capture; of many, at most 32 are read: those that show most of some thing.
         reader: of lines; None: only codes are read.
         max_side: things are drawn at this many pixels on the image's longer side.
         on_view: hears of every view that was read.
-        backend: which rasterizer.
     """
     owners = _owners(things, gaussians, views, max_side, backend)
     chosen = _views_to_read(owners, [thing.id for thing in things.table])
@@ -103,10 +99,9 @@ def with_reads(
 def voted_reads(sightings: Sequence[tuple[int, Writing]]) -> tuple[ThingRead, ...]:
     """What the views of one thing agree that is written on it.
 
-    Lines that hardly differ are one line; of its readings the one with most votes counts, a vote being the reader's
-    probability. Part of a line that is read whole elsewhere is no line of its own, and contradicts nothing. A line is
-    the surer the more views read it so, and the fewer read it otherwise. One view alone is not believed where many read
-    something.
+    Lines that hardly differ are one, of whose readings the one with most votes (probabilities) counts; a part of a line
+    that is read whole elsewhere is none. A line is the surer the more views read it so, and the fewer otherwise; one
+    view alone is not believed where many read something.
 
     Args:
         sightings: the number of a view, and what it shows written on the thing.

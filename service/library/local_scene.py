@@ -29,7 +29,7 @@ from fastsplat_contract.pictures import PictureKind, PictureRequest
 from fastsplat_contract.places import Place
 from fastsplat_contract.queries import Answer, Output, QueryRequest
 from fastsplat_contract.scenes import Edit, Scene, SceneSummary, SceneVersion
-from fastsplat_contract.thing_messages import AskedLevel, PickedThing, PickRequest, Pixel, SceneThing
+from fastsplat_contract.thing_messages import SceneThing
 
 Viewpoint = str | PosedCamera
 """The name of one of the scene's own cameras, or a free viewpoint."""
@@ -134,21 +134,6 @@ class LocalScene:
             things.extend(page.things)
             if not (token := page.next_page_token):
                 return tuple(things)
-
-    def pick(self, viewpoint: Viewpoint, pixel: tuple[float, float], *, level: AskedLevel = "likeliest") -> PickedThing:
-        """The thing that a view shows at a pixel (x, y), its part there and the group that it is in.
-
-        The masks are of `level`: `mask` in the view, `mask3d` of the Gaussians, see `decode_mask3d`.
-        """
-        request = PickRequest(
-            self.id,
-            camera=None if isinstance(viewpoint, str) else viewpoint,
-            view=viewpoint if isinstance(viewpoint, str) else None,
-            pixel=Pixel(*pixel),
-            level=level,
-            mask3d=True,
-        )
-        return self._service.answers.pick(request)
 
     def measure(self, *places: Place | int) -> Measurement:
         """Where one place is, how large one thing is (by its id), or how far two are from each other."""

@@ -45,10 +45,8 @@ class Evidence:
 
 
 def refusal_of(evidence: Evidence) -> LocalizeRefusal | None:
-    """Why a pose is not to be believed; None where it is.
-
-    The thresholds are chosen on validation photos of three scenes and photos of other places, see docs/measuring.md.
-    """
+    """Why a pose is not to be believed; None where it is. The thresholds were chosen on other scenes, see
+    docs/measuring.md."""
     if evidence.inliers < LEAST_INLIERS:
         return "few_matches"
     if evidence.spread < LEAST_SPREAD:
@@ -85,11 +83,8 @@ def spread_of(pixels: NDArray[np.float64], size: tuple[int, int]) -> float:
 
 
 def agreement_of(comparison: Comparison) -> float | None:
-    """-1..1: mean of the normalized cross-correlation of gray values in windows of 15 by 15 pixels, over those
-    that have something to see in the photo or in the scene and are covered by it; None where there are hardly any.
-
-    Each window has its own mean and contrast, so that exposure and shadows count for nothing.
-    """
+    """-1..1: mean of the normalized cross-correlation of gray values in covered windows of 15 by 15 pixels with
+    something to see, each with its own mean and contrast; None where there are hardly any."""
     photo, shown = (_gray(picture) for picture in (comparison.photo, comparison.shown))
     covered = comparison.covered.astype(np.float32)
     inside = cv2.boxFilter(covered, -1, (_WINDOW, _WINDOW), borderType=cv2.BORDER_CONSTANT) > 0.8

@@ -28,8 +28,7 @@ _AGREEING = 0.75
 """Share of the photos that see a cube in which it shows what the scene has not."""
 _AGREEING_FINE = 0.85
 _LEAST_LOOKED_AT, _LEAST_BEFORE = 0.3, 0.45
-"""Shares of all photos that have to show a change of the scene's surfaces, and one before them: of what only few see,
-little is known, least at the scene's rim."""
+"""Shares of all photos that have to show a change of the scene's surfaces, and one before them."""
 _FEWEST_PIXELS = 30
 _MOST_PIECES = 24
 _LEAST_SHARE = 0.55
@@ -68,7 +67,6 @@ def changed_pieces(
     (Laurentini 1994); only before the scene's surfaces, or on them.
 
     Args:
-        comparisons: of the photos.
         differing: bool [H, W] twice for each: what the scene has not, and where that cannot be told.
         place: float64 [2, 3], which space.
         on_surface: leave out what is before the scene's surfaces: then a piece is a part of these.
@@ -100,10 +98,8 @@ def _carved(
     Args:
         comparisons, differing: as for `changed_pieces`.
         place: float64 [2, 3].
-        width: of a cube.
         wide: whether a cube counts as changed where any of its picture is, or where its middle is.
         on_surface: see `changed_pieces`.
-        fewest: photos that have to show it.
     """
     low, high = place
     counts = np.maximum(np.ceil((high - low) / width), 1).astype(int)

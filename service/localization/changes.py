@@ -87,15 +87,13 @@ def find_changes(
 ) -> Changes:
     """The events that at least two photos agree on.
 
-    A thing is gone where the median photo does not have the colors of half of its pixels anywhere near; so is what was
-    none of the scene's things, where a piece of its surfaces is not seen again. Something is new where space before the
-    scene's surfaces, or on them, projects to colors that the scene has not, in all photos that look there; a shade of
-    what the scene shows is none. Which of two pictures shows something before the other's background is told by their
-    steps of color at its border. What is gone here and new there, and looks alike, moved; where something is gone and
-    the photos have a border as well, something else stands there.
+    A thing is gone where the median photo does not have the colors of half of its pixels anywhere near; so is a piece
+    of the scene's surfaces that is not seen again. Something is new where space before the scene's surfaces, or on
+    them, projects to colors that the scene has not in all photos that look there. Steps of color at the border tell
+    which picture shows something before the other's background. What is gone here and new there, and looks alike,
+    moved; where the photos have a border, too, it changed.
 
     Args:
-        views: the photos that have a place.
         boxes: float64 [2, 3] of each thing, lowest and highest corners, scene units.
         place: float64 [2, 3], what is looked at, as boxes.
         surfaces: ids of floors, walls and tables, which neither go nor come.

@@ -35,8 +35,7 @@ def solve_jointly(
     rough: Sequence[F64],
 ) -> tuple[SolvedPose | None, ...]:
     """One pose for all photos as a rigid group (generalized RANSAC over the matches of all), then each photo's own pose
-    by least squares over those of its matches that fit nearly. A photo with too few matches of its own keeps the
-    group's pose, with the inliers that it has; None for all where no pose of the group fits.
+    by least squares; a photo with too few matches keeps the group's. None for all where no pose of the group fits.
 
     Args:
         pixels, points, matches: of each photo, as for `solve_pose`.

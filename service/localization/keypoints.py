@@ -33,12 +33,10 @@ class Keypoints:
 
 
 def find_keypoints(picture: NDArray[np.uint8], most: int) -> Keypoints:
-    """The strongest SIFT features (Lowe, IJCV 2004), described by the square roots of their histograms (RootSIFT,
-    Arandjelović and Zisserman, CVPR 2012).
+    """The strongest SIFT features (Lowe, IJCV 2004) as RootSIFT (Arandjelović and Zisserman, CVPR 2012).
 
     Args:
         picture: uint8 [H, W, 3], RGB.
-        most: at most so many.
     """
     gray = np.ascontiguousarray(cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY))
     detector = cv2.SIFT.create(most, contrastThreshold=_CONTRAST, enable_precise_upscale=True)

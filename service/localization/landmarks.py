@@ -71,10 +71,9 @@ def find_landmarks(
     geometry: Callable[[PosedCamera], ViewGeometry],
     lens: RadialLens | None = None,
 ) -> Landmarks:
-    """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture of that
-    camera, so that any capture has places for it, also one that came with poses and without points; the other photos
-    that show it make its place exact (`triangulate`). Where the depth is not sure and fewer than two others show it, it
-    is left out.
+    """The landmarks of a scene. A keypoint begins with the depth of half the light in the scene's own picture, so that
+    any capture has places for it; other photos that show it make it exact (`triangulate`). It is left out where the
+    depth is not sure and fewer than two others show it.
 
     Args:
         photos: of the scene; of more than `MAX_LANDMARK_VIEWS`, so many are used.

@@ -33,7 +33,6 @@ class LaterView:
     """A photo of another day in its place.
 
     Attributes:
-        comparison: photo and scene from there.
         things: int32 [H, W], the thing that the scene shows at each pixel of the comparison, 0 for none.
     """
 

@@ -28,9 +28,8 @@ _LEAST_STEP = 1e-3
 _TOUCHING = np.ones((15, 15), np.uint8)
 """Pixels: what is 7 away still touches."""
 STEPS = 2.5
-"""Times the scene's step of color at a border that the photos' is from which on something stands there that the scene
-has not: a gap between books is dark, and steps as much as the book did; what is new on a plain surface steps five times
-as much."""
+"""Times the scene's step of color at a border from which on something else stands there: a dark gap between books steps
+as much as the book did, what is new on a plain surface five times as much."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,6 @@ def lost_things(
     of those that at least two photos should show.
 
     Args:
-        views: the photos that have a place.
         boxes: float64 [2, 3] of each thing.
         surfaces: ids of what neither goes nor comes.
     """
@@ -89,11 +87,9 @@ def lost_things(
 
 def lost_pieces(views: Sequence[LaterView], lost: Sequence[Lost], place: F64) -> list[Lost]:
     """Pieces of the scene's surfaces whose colors the photos do not have, and at whose border the color steps in the
-    scene, too: there something stood that is none of its things. Where the photos step many times more, something new
-    hides the surface.
+    scene, too, but not many times more in the photos: there stood something that is none of its things.
 
     Args:
-        views: the photos that have a place.
         lost: things, whose pixels are explained.
         place: float64 [2, 3], which space.
     """
@@ -152,7 +148,6 @@ def step_ratio(rows: Sequence[int], pixels: Sequence[Bools], views: Sequence[Lat
     nothing around it is as it was.
 
     Args:
-        rows: of the photos.
         pixels: bool [H, W] of each of these, the region.
         views: all photos.
     """

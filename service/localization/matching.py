@@ -34,13 +34,7 @@ class Matches:
 
 
 def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matches:
-    """The matches of a photo with those of the scene's photos that are likest to it.
-
-    Args:
-        landmarks: of the scene.
-        keypoints: of the photo.
-        views: of how many photos.
-    """
+    """The matches of a photo with those of the scene's photos that are likest to it."""
     nothing = np.zeros(0, np.int64)
     pairs = [(nothing, nothing)]
     if len(keypoints) > 1:
@@ -50,15 +44,11 @@ def find_matches(landmarks: Landmarks, keypoints: Keypoints, views: int) -> Matc
 
 
 def likest_views(landmarks: Landmarks, asked: NDArray[np.float32], count: int) -> list[int]:
-    """The photos of the scene that have most in common with another one, the likest first.
-
-    Each of the photo's strongest keypoints votes for a photo of the scene by how much likelier it finds itself there
-    than in the middle one of all photos, so that what looks the same everywhere has no say.
+    """The photos of the scene that have most in common with another one, the likest first. Each of its strongest
+    keypoints votes by how much likelier it finds itself there than in the middle one of all photos.
 
     Args:
-        landmarks: of the scene.
         asked: float32 [K, 128], descriptors of length 1, the strongest first.
-        count: at most so many.
     """
     sizes = np.diff(landmarks.starts)
     there = np.flatnonzero(sizes)

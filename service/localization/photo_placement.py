@@ -83,10 +83,8 @@ class PlacedPhoto:
 
     Attributes:
         refusal: why it has no pose; None where it has one.
-        evidence: what speaks for the pose.
         posed: its camera, of the picture's size; None where it is refused.
         covariance: float64 [6, 6], see `pose_covariance`; None where it is refused.
-        focal_source: what said the focal length.
         refined: whether the comparison with the scene's picture has improved the pose.
         comparison: photo and scene from there; None where it is refused.
         radial: k₁ of the lens, see `radial_distortion`; `posed` is of the photo without it.
@@ -127,7 +125,6 @@ def place_photos(
 
     Args:
         photos: each by itself, or together if there are rough poses.
-        landmarks: of the scene.
         geometry: what a camera sees of the scene.
         rough: float64 [4, 4] of each photo: roughly where it stands, frame_from_camera in any frame of scene units;
             none where nothing is known.
@@ -234,11 +231,8 @@ def _covariance(one: _Matched, pose: SolvedPose) -> F64:
 def _refined(
     one: _Matched, pose: SolvedPose, covariance: F64, geometry: Geometry
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose, how the photo compares from there, and whether the comparison has made it better.
-
-    Many matches are several times as exact as the pictures' comparison: only a pose that is less sure than that is
-    refined, and its covariance stays that of the matches.
-    """
+    """The pose, how the photo compares from there, and whether the comparison has made it better: only one that is less
+    sure than the comparison is refined."""
     picture, valid, first = one.photo.picture, one.photo.valid, pose.posed
     longer = max(first.camera.width, first.camera.height)
     if shown_deviation(first, one.points[pose.inliers], covariance) * COMPARED_SIDE / longer > COMPARISON_DEVIATION_PX:

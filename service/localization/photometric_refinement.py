@@ -23,9 +23,8 @@ COMPARED_SIDE = 320
 """Photo and scene are compared at so many pixels on the longer side."""
 
 COMPARISON_DEVIATION_PX = 1.2
-"""Of these pixels: how exact the pose is from which the scene looks likest: 0.7, measured on validation photos of two
-scenes with true poses, with the margin that the covariance of other poses has for what is shared, √(17/6). A splat is
-blurred, and its picture looks likest a little beside the truth."""
+"""Of these pixels: how exact the pose is from which the scene looks likest: 0.7, measured on two validation scenes,
+with the margin for what is shared, √(17/6)."""
 
 _STEPS = 6
 _SURE = 0.3
@@ -75,7 +74,6 @@ def compared(
 
     Args:
         photo: uint8 [H, W, 3].
-        posed: its camera, of its size.
         geometry: what a camera sees of the scene.
         scale: of gray values that are likely, for Huber's loss; None: by their median.
         valid: bool [H, W], where the photo shows something; None: everywhere.
@@ -103,13 +101,11 @@ def compared(
 def refine_photometrically(
     photo: NDArray[np.uint8], posed: PosedCamera, geometry: Geometry, valid: NDArray[np.bool_] | None = None
 ) -> tuple[PosedCamera, Comparison, bool]:
-    """The pose from which the scene looks likest to the photo, near to a first one: Gauss-Newton steps on the
-    differences of gray values, each kept only if it makes them smaller (direct image alignment with the mean of both
-    pictures' gradients, as in ESM: Benhimane and Malis, IROS 2004).
+    """The pose near to a first one from which the scene looks likest to the photo: Gauss-Newton steps on the
+    differences of gray values, each kept only if it makes them smaller (as in ESM: Benhimane and Malis, IROS 2004).
 
     Args:
         photo: uint8 [H, W, 3].
-        posed: its camera, of its size.
         geometry: what a camera sees of the scene.
         valid: bool [H, W], where the photo shows something; None: everywhere.
 

@@ -15,21 +15,18 @@ _LEAST_PX = 0.3
 """No pose is surer than keypoints that are so many pixels off: SIFT finds them to about a third of a pixel."""
 _LEAST_TOLD = 1e-9
 _SHARED = 17.0
-"""Times this is a variance larger than of independent errors: places of one photo of the scene are off together, and so
-are its own poses. Chosen so that it holds for 95 % of validation photos and photos of the scene itself, each placed
-without its own landmarks; see docs/measuring.md."""
+"""Times this is a variance larger than of independent errors, as places of one photo are off together; chosen so that
+it holds for 95 % of validation photos, see docs/measuring.md."""
 
 
 def pose_covariance(posed: PosedCamera, pixels: F64, points: F64, *, focal_estimated: bool) -> F64:
     """float64 [6, 6]: the covariance of position and rotation, as geometry_msgs/PoseWithCovariance orders them: x, y, z
     of the camera's center (scene units) and small rotations about the world's axes x, y, z (radians).
 
-    σ² (JᵀJ)⁻¹ of the least squares over the matches, J how a pixel moves with the pose, and with the focal length
-    where that was estimated as well; σ by the median of what the residuals are (Hartley and Zisserman, Multiple View
-    Geometry, 5.2.3), times √17 for errors that matches share.
+    σ² (JᵀJ)⁻¹ over the matches, with the focal length where that was estimated; σ by the median residual (Hartley and
+    Zisserman, 5.2.3), times √17 for errors that matches share.
 
     Args:
-        posed: the camera.
         pixels: float64 [N, 2], where the photo shows the inliers, N ≥ 4, before the camera.
         points: float64 [N, 3], where they are in the world.
         focal_estimated: whether the focal length comes from these matches.

@@ -18,8 +18,7 @@ from fastsplat_contract.localize_messages import FocalSource
 F64 = NDArray[np.float64]
 
 _ERROR_SHARE = 0.006
-"""Of the picture's longer side: as far as an inlier may be from where the pose puts it. The places on the surfaces, not
-the keypoints, are what is not exact."""
+"""Of the picture's longer side: as far as an inlier may be from where the pose puts it; places are not exact."""
 _TRIALS = 3_000
 _CONFIDENCE = 0.9999
 _FOCALS = (0.6, 0.75, 0.95, 1.2, 1.6)
@@ -40,10 +39,8 @@ class SolvedPose:
     """A pose, and what speaks for it.
 
     Attributes:
-        posed: the photo's camera.
         inliers: int64 [N], rows of the matches.
         keypoints: of how many keypoints these are.
-        focal_source: what said the focal length.
     """
 
     posed: PosedCamera
@@ -143,14 +140,12 @@ def _world_from_camera(viewmat: Any) -> F64:
 
 
 def radial_distortion(pixels: F64, points: F64, solved: SolvedPose, known: float = 0.0) -> float:
-    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²) as OpenCV and COLMAP's SIMPLE_RADIAL have
-    it: the scene's own photos were undistorted, one that comes is as its lens made it. 0 where too few matches tell, or
-    where it explains hardly anything.
+    """The k₁ of a photo's lens by the matches of its pose, x' = x (1 + k₁ r²), beside the scene's undistorted photos; 0
+    where too few matches tell, or where it explains hardly anything.
 
     Args:
         pixels: float64 [M, 2], where the photo shows each match.
         points: float64 [M, 3], where it is in the world.
-        solved: the pose.
         known: that of the scene's photos. A photo of their focal length has it, too, unless its matches clearly say
             otherwise: where few places or shallow ones are seen, a distortion explains what a wrong pose explains.
     """
@@ -175,7 +170,6 @@ def _with_lens(
 
     Args:
         pixels, points, solved: see `radial_distortion`.
-        k1: of the lens.
         focal, lens: whether the focal length and k₁ are fitted, too.
     """
     rows, before = solved.inliers, solved.posed.camera

@@ -66,9 +66,6 @@ def triangulate(photos: Sequence[SeenKeypoints]) -> list[tuple[F64, NDArray[np.i
     least squared distance from the rays of all photos, in their pixels, and from that depth along its own ray, each in
     terms of its deviation; photos whose ray is more than 3 pixels off are then left out, once.
 
-    Args:
-        photos: of one scene.
-
     Raises:
         CancelledError: see `service.common.cancellation`.
     """

@@ -1,13 +1,8 @@
 """What a thing looks like, as numbers by which it is known again in another scene: inner features of the closed-set
-detector, averaged inside the thing's mask on pictures cut around it.
-
-How often the features name the right thing, and the detector's classes, the segmenter's embedding and colors do not, is
-in docs/naming.md.
-"""
+detector, averaged inside the thing's mask (compared in docs/naming.md)."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from functools import cache
@@ -21,10 +16,9 @@ from fastsplat.service.perception.detectors.open_detectors import CLOSED_SET_DET
 from fastsplat.service.perception.image_tensors import imagenet_tensor, square_around
 from fastsplat.service.perception.models.model_files import only_network
 from fastsplat.service.perception.models.model_manifest import find_model
-from fastsplat.service.perception.onnx_session import file_sha256, open_session
+from fastsplat.service.perception.onnx_session import open_session
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Image
-from fastsplat_contract.errors import ModelUnavailableError
 
 F32 = NDArray[np.float32]
 
@@ -72,30 +66,9 @@ def open_appearance_encoder(settings: PerceptionSettings, models: Path) -> Appea
     return AppearanceEncoder(only_network(models / inside, name=name), name=name, threads=settings.threads)
 
 
-def features_version(settings: PerceptionSettings, models: Path) -> tuple[str, str]:
-    """Whose features descriptors are: the detector's name, and a SHA-256 in hex of its network and of how features are
-    taken of it. Descriptors of different ones cannot be compared.
-
-    Raises:
-        ModelUnavailableError: as `open_appearance_encoder`, or it has no features that are known.
-    """
-    name = settings.closed_set_detector
-    adapter, inside = find_model(name, "closed_set_detector")
-    if adapter != "picodet":
-        raise ModelUnavailableError(
-            f"no features of the detector {name!r} are known", field="perception.closed_set_detector"
-        )
-    network = only_network(models / inside, name=name)
-    taken = json.dumps([file_sha256(network), _SIDE, _LAYERS, _center().tolist()])
-    return name, hashlib.sha256(taken.encode()).hexdigest()
-
-
 def descriptor_of(features: Sequence[F32]) -> NDArray[np.float16]:
-    """float16 [SIZE] of length 1: the descriptor of a thing whose features were taken in V pictures, at least one.
-
-    Every layer counts the same, and so does every picture: a layer's features, less what things have in common, are
-    brought to length 1, averaged over the pictures, and brought to length 1 again.
-    """
+    """float16 [SIZE] of length 1: the descriptor of a thing in V pictures, at least one. A layer's features, less what
+    things have in common, are brought to length 1, averaged over the pictures, and brought to length 1 again."""
     rows = np.stack(features).astype(np.float64) - _center()
     parts = np.split(rows, np.cumsum(_CHANNELS)[:-1], axis=1)
     whole = np.concatenate([_unit(_unit(part).mean(axis=0)) for part in parts])

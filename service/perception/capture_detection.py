@@ -35,19 +35,13 @@ OnView = Callable[[int, str], None]
 
 
 class CaptureDetector:
-    """Detects the objects of a capture's views, each view once, in whatever order they are asked for.
-
-    With an open-set detector: prompted by the user's labels, else by what the tagger proposes, else by what
-    `settings.prompt_source` says; what it is prompted by is found out in all views before the first one is detected.
-    Without: what the closed-set detector detects, of the user's labels only if there are any.
+    """Detects the objects of a capture's views, each view once, in whatever order they are asked for: with an open-set
+    detector prompted by the labels, else by the tagger or `settings.prompt_source`; without one by the closed-set
+    detector.
 
     Args:
-        load: loads the image of a view.
         count: views, numbered from 0.
         labels: names to look for; empty: whatever is there.
-        settings: models and thresholds.
-        models: the model directory.
-        on_view: called after every view.
 
     Attributes:
         searched: the names that are looked for.

@@ -35,12 +35,10 @@ def resolve_detections(
 ) -> tuple[list[Detections], dict[str, float]]:
     """The detections that the views together support, one for each object; and each class's support.
 
-    A class is believed when it scores `score_threshold` in enough views (`min_view_share`, `min_views`; one view if the
-    user `named` it). Detections of a believed class count from `score_floor`. Of boxes of one class that overlap by
-    more than `same_label_iou`, the best stays. Where boxes of two classes overlap by more than `rival_iou`, the one
-    with the larger score × support stays, support being the mean over the views of the class's best score: a cushion
-    that looks like a cake in one photo stays a cushion. Since a class may lose all its detections to a rival, this
-    repeats until the believed classes stand.
+    A class is believed when it scores `score_threshold` in enough views (`min_view_share`, `min_views`; one if the user
+    `named` it). Of overlapping boxes of one class (`same_label_iou`) the best stays, of two classes (`rival_iou`) the
+    one with the larger score × support, support being the mean over the views of the class's best score; repeated until
+    the believed classes stand.
     """
     enough = (
         1 if named else min(len(detections), max(settings.min_views, ceil(settings.min_view_share * len(detections))))

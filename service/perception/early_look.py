@@ -19,8 +19,7 @@ EARLY_VIEWS = 8
 """Views that are looked at before all others, and that a draft of the scene knows."""
 
 ShowEarly = Callable[[Labelling, Sequence[int]], None]
-"""Who wants to see labels before all views are labelled: is given the labelling as far as it has come, and the numbers
-of the views that were looked at, `EARLY_VIEWS` at most."""
+"""Who is given the labelling as far as it has come, and the numbers of the views looked at, `EARLY_VIEWS` at most."""
 
 
 def covering_order(capture: Capture, numbers: Sequence[int]) -> list[int]:

@@ -1,9 +1,5 @@
-"""Image-text models: one network embeds pictures, another texts, so that what belongs together lies close together.
-
-Contrastively trained pairs of towers as CLIP's (Radford et al. 2021, "Learning transferable visual models from natural
-language supervision"), whose preparation of pictures this is: resized to a square, less the mean and over the deviation
-of its training pictures.
-"""
+"""Image-text models: one network embeds pictures, another texts, so that what belongs together lies close together, as
+CLIP (Radford et al. 2021), whose preparation of pictures this is."""
 
 from __future__ import annotations
 
@@ -37,10 +33,7 @@ class ClipImageText:
     encoder by itself; the network of pictures is opened with the first one.
 
     Args:
-        image, text: ONNX files.
         words: the text tower's `tokenizer.json`.
-        name: of the model, for messages.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: a file is missing, damaged, or does not keep this contract.

@@ -29,14 +29,12 @@ from fastsplat_contract.errors import InvalidInputError
 
 _SYNONYM_COSINE = 0.85
 """Classes of an open set whose names' embeddings are closer are one entry if they also lie in the same place
-(`_SYNONYM_IOU`). Measured with MiniLM: 0.85 merges 7 of 30 pairs of
-one class and none of 30 confusable pairs (0.80: 10 and 1). Names the user gave are never merged."""
+(`_SYNONYM_IOU`); names the user gave are never merged. 0.85 merges 7 of 30 pairs of one class."""
 _SYNONYM_IOU = 0.5
 """Mean overlap of two classes over the views that show both, before rivals are resolved."""
 
 _SEGMENTED_VIEW = {"closed": 20, "open": 3}
-"""What a view takes to be segmented, in times its detection by either kind of detector: so the stage's progress goes on
-with the clock."""
+"""What a view takes to be segmented, in times its detection by either kind of detector, for the stage's progress."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,6 @@ class _ResolvedViews:
         objects: of each view, those that the views together support, one for each object.
         support: of each class, see `resolve_detections`.
         ids: label id of each class, from 1.
-        aliases: see `synonyms`.
     """
 
     candidates: Sequence[Detections]
@@ -70,16 +67,11 @@ def label_capture(
 ) -> Labelling:
     """Label maps of every view, and the dictionary of their labels.
 
-    Label maps that came with the capture are taken as they are, and no model runs. Otherwise the views together decide
-    which detections stand (`resolve_detections`). Then boxes become masks and masks the regions of a view
-    (`_segment_regions`), overlaps going to the smaller mask, in the order in which views show most of the capture's
-    points (`covering_order`). With each region stays what its rivals were called (`region_votes`): once there is
-    geometry, the views vote again.
+    Label maps that came with the capture are taken as they are. Otherwise the views together decide which detections
+    stand (`resolve_detections`); boxes become masks and masks regions (`_segment_regions`), in the order in which views
+    show most of the capture's points (`covering_order`), with what rivals were called (`region_votes`).
 
     Args:
-        capture: registered images.
-        settings: models and thresholds.
-        models: the model directory.
         labels: names to look for; empty: whatever is there.
         progress: called for every view; may raise `CancelledError`.
         masks: whether masks without names are looked for as well (`propose_masks`), with the same features of the
@@ -156,13 +148,7 @@ def label_capture(
 
 
 class _LabelMaps:
-    """Regions and labels of a capture's views, of one after another.
-
-    Args:
-        capture: registered images.
-        resolved: of the views that are labelled.
-        settings: the bounds.
-    """
+    """Regions and labels of a capture's views, of one after another."""
 
     def __init__(self, capture: Capture, resolved: _ResolvedViews, settings: PerceptionSettings) -> None:
         self._views, self._resolved, self._settings = capture.views, resolved, settings
@@ -201,11 +187,9 @@ class _LabelMaps:
 
 def views_to_segment(objects: Sequence[Detections], proposing: set[int]) -> set[int]:
     """Positions of the views whose masks are looked for anyway, and for each class that none of them shows of the view
-    that shows it best. Further views would only vote again on names: of three captures' 49 things one gains and one
-    loses its name without them, both within 2 % of the bound.
+    that shows it best.
 
     Args:
-        objects: of each view.
         proposing: positions of the views with masks without names.
     """
     shown = {label for position in proposing for label in objects[position].labels}
@@ -225,8 +209,6 @@ def _resolve(
     Args:
         detections: of each view, as detected.
         named: whether the user gave the names: then none is another's synonym.
-        settings: thresholds.
-        models: the model directory.
     """
     thresholds = _thresholds(settings)
     aliases: dict[str, str] = {}

@@ -24,11 +24,7 @@ _INDEX = "dictionary.json"
 
 
 def save_labelling(labelling: Labelling, directory: Path) -> None:
-    """Write `dictionary.json`, `000000.png`, ... into `directory`, replacing it whole.
-
-    The folder is written beside its place and renamed into it: a reader sees the old one, none for an instant, or all
-    of the new one.
-    """
+    """Write `dictionary.json`, `000000.png`, ... into `directory`, replacing it whole by a rename."""
     directory.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{directory.name}-", dir=directory.parent) as work:
         staged = Path(work) / "new"
@@ -86,30 +82,30 @@ def load_labelling(directory: Path) -> Labelling:
                 tuple(entry["aliases"]),
                 int(entry["pixels"]),
                 int(entry["views"]),
-                float(entry.get("confidence", 1.0)),  # the first release wrote none
+                float(entry["confidence"]),
             )
             for entry in index["entries"]
         )
         dictionary = Dictionary(entries)
         maps: list[NDArray[np.uint16]] = []
-        exact = index.get("exact", False)
+        exact = index["exact"]
         if not isinstance(exact, bool):
             raise ValueError(f"exact is {exact}")
         for number in range(int(index["maps"])):
             maps.append(_read_map(directory / f"{number:06d}.png", len(entries)))
         regions = tuple(
             Regions(_read_map(directory / f"regions-{number:06d}.png", len(votes)), _checked(votes, len(entries)))
-            for number, votes in enumerate(index.get("votes", []))
+            for number, votes in enumerate(index["votes"])
         )
         if len(regions) not in (0, len(maps)):
             raise ValueError(f"{len(regions)} region maps for {len(maps)} label maps")
         masks = tuple(
             _read_masks(directory / _masks_name(number)) if present else None
-            for number, present in enumerate(index.get("masks", []))
+            for number, present in enumerate(index["masks"])
         )
         if len(masks) not in (0, len(maps)):
             raise ValueError(f"masks of {len(masks)} views for {len(maps)} label maps")
-        names = index.get("searched")  # the first releases wrote none
+        names = index["searched"]
         searched = None if names is None else tuple(str(name) for name in names)
     except (OSError, EOFError, ValueError, KeyError, TypeError, BadZipFile, InvalidInputError) as error:
         raise InvalidInputError(f"{directory} holds no labelling: {error}", field=str(directory.name)) from error

@@ -28,7 +28,6 @@ def upsampled(
         logits: [K, h, w], positive inside.
         scale: steps of the grid a pixel of the image, along x and y.
         size: height and width of the image.
-        width, height: of the result.
     """
     # Pixel x of the resized image has its center at (x + 0.5)·step on the grid, whose first center is at 0.5.
     step_x, step_y = scale[0] * size[1] / width, scale[1] * size[0] / height

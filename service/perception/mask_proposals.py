@@ -1,8 +1,5 @@
-"""Masks of whatever is in an image, without a name or a vocabulary: the answers of a segmenter that it is sure of.
-
-Boxes of a detector are prompted first, whatever they are called: a box says how much of what is there is one object,
-which no point does. Then points, where no mask explains the pixels yet, or only a large one (`prompt_points`).
-"""
+"""Masks of whatever is in an image, without a name or a vocabulary: a segmenter's sure answers to boxes of a detector,
+which say how much is one object, then to points where no mask, or only a large one, is (`prompt_points`)."""
 
 from __future__ import annotations
 
@@ -79,16 +76,12 @@ class MaskProposals:
 def propose_masks(
     segmenter: Segmenter, embedding: Any, boxes: MaskLogits, size: tuple[int, int], settings: PerceptionSettings
 ) -> ViewMasks:
-    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is, or only a large one.
-
-    A mask that an answer to a box and one to a point agree on is the box's: it shows an object, not a part of one.
+    """The masks of one image: the answers to boxes, then, in rounds, to points where no mask is, or only a large one. A
+    mask that both agree on is the box's.
 
     Args:
-        segmenter: answers prompts.
-        embedding: of the image.
         boxes: the best answer to each box, see `answer_boxes`.
         size: height and width of the image.
-        settings: the bounds.
     """
     of_boxes = settings.model_copy(update={"proposal_quality": _BOX_QUALITY, "proposal_stability": _BOX_STABILITY})
     parts = [distinct_proposals(sure_proposals(boxes, size, of_boxes), _PROPOSAL_OVERLAP)]
@@ -130,9 +123,8 @@ def answer_boxes(segmenter: Segmenter, embedding: Any, boxes: NDArray[np.float32
 
 
 def sure_proposals(answer: MaskLogits, size: tuple[int, int], settings: PerceptionSettings) -> MaskProposals:
-    """The answers that the segmenter predicts to be good, that are stable and that are no specks.
-
-    The stability score is Segment-Anything's: the intersection over union of the masks cut at logits +1 and -1.
+    """The answers that the segmenter predicts to be good, that are stable (Segment-Anything's score: IoU of the masks
+    cut at logits +1 and -1) and that are no specks.
 
     Args:
         answer: to K prompts, M masks each.

@@ -93,16 +93,13 @@ def open_withholding(
 
 @dataclass(frozen=True)
 class MoverMasks:
-    """A `FindMovers`: detectors give boxes, the segmenter their masks.
-
-    It errs towards withholding: scores count from the floor, masks are widened by `mover_margin`, and where a mask
-    hardly fills its box or reaches along less than half of it, the whole box counts.
+    """A `FindMovers`: detectors give boxes, the segmenter their masks. It errs towards withholding: low scores count,
+    masks are widened by `mover_margin`, and the whole box counts where a mask hardly fills it.
 
     Attributes:
         asked: which words which detector is asked for.
         closed_set, open_set: the detectors; None for one that is not asked.
         segmenter: of boxes.
-        settings: thresholds.
     """
 
     asked: MoverDetectors

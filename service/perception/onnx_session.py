@@ -21,8 +21,6 @@ def open_session(path: Path, *, name: str, threads: int = 0, inner: Sequence[str
     """An onnxruntime CPU session of an `.onnx` or `.ort` file; `threads` 0: all cores.
 
     Args:
-        path: the file.
-        name: the model's name, for messages.
         threads: of one run.
         inner: names of values inside an `.onnx` network that become outputs after its own.
 
@@ -66,8 +64,6 @@ def check_contract(
     """Raise `ModelUnavailableError` unless the session has these inputs (no others) and at least these outputs.
 
     Args:
-        session: the opened model.
-        name: the model's name, for the message.
         inputs: shape by input name.
         outputs: shape by output name; or shapes by position, for exporters that invent names.
         optional_inputs: inputs that the model may have as well.
@@ -102,10 +98,8 @@ def file_sha256(path: Path) -> str:
 
 
 def _outputs(names: Sequence[str]) -> bytes:
-    """An ONNX model of nothing but outputs of these names: behind the bytes of another model, protobuf merges the two.
-
-    Field numbers as in onnx.proto: `ModelProto.graph` 7, `GraphProto.output` 12, `ValueInfoProto.name` 1.
-    """
+    """An ONNX model of nothing but outputs of these names (`ModelProto.graph` 7, `GraphProto.output` 12,
+    `ValueInfoProto.name` 1): behind another model's bytes, protobuf merges the two."""
     return _field(7, b"".join(_field(12, _field(1, name.encode())) for name in names))
 
 

@@ -13,8 +13,7 @@ _LEAST_RADIUS = 2.0
 """Pieces that reach no farther from their edge are left alone, in steps of the segmenter's grid: gaps between masks. A
 pencil on a table reaches farther: the table's mask has a hole of its shape."""
 _APART, _LEAST_APART = 1.5, 24
-"""Points of a round in one piece keep this share of the distance to its edge from each other, and at least so many
-steps of the grid, so that a long thin piece is prompted once or twice."""
+"""Points of a round in one piece keep this share of the distance to its edge from each other, and so many steps."""
 _ANSWERED = 3
 """Steps of the grid around a prompt that no later round prompts again, whatever the answer was."""
 _SMALL = 0.05
@@ -41,9 +40,7 @@ class CutImage:
             self.pieces[mask] += self._random.integers(1, 1 << 56)
 
     def answered(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """bool [h, w]: what lies in a small mask, in a piece that [K, 2] `points` prompted, or near such a point.
-
-        A large mask says little of what lies in it: it may be a bed with everything on it."""
+        """bool [h, w]: what lies in a small mask, in a piece that [K, 2] `points` prompted, or near such a point."""
         columns, rows = points.astype(int).T
         prompted = self.pieces[rows, columns]
         result = self._small | np.isin(self.pieces, prompted[prompted != 0])
@@ -53,10 +50,8 @@ class CutImage:
 
 
 def open_points(pieces: NDArray[np.integer[Any]], answered: NDArray[np.bool_], count: int) -> NDArray[np.float64]:
-    """float64 [K, 2] x and y, K at most `count`: the points of int [h, w] `pieces` farthest from the edge of their
-    piece, and from the image's edge, the farthest first, but none where bool [h, w] is `answered`.
-
-    Points of one piece, as far as it is connected, are kept apart; other pieces close by have points of their own."""
+    """float64 [K, 2] x and y, K at most `count`: the points of int [h, w] `pieces` farthest from the edges of piece and
+    image, the farthest first, none where bool [h, w] is `answered`; those of one connected piece are kept apart."""
     inner = ~answered
     inner[1:] &= pieces[1:] == pieces[:-1]
     inner[:, 1:] &= pieces[:, 1:] == pieces[:, :-1]

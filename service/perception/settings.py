@@ -24,8 +24,7 @@ class PerceptionOptions(Options):
     tags: tuple[str, ...] = ()
     """Replaces the built-in tag list (`fastsplat.service.perception.class_names.TAGS`)."""
     prompts_per_pass: int = Field(1, ge=1)
-    """Phrases in one pass of GroundingDINO. More is faster, but the common export was traced with one phrase and
-    scores only the first of several."""
+    """Phrases in one pass of GroundingDINO; the common export scores only the first of several."""
     score_threshold: float = Field(0.5, ge=0, le=1)
     """A class is believed to be in the scene when it scores this much in `min_view_share` of the views."""
     score_floor: float = Field(0.3, ge=0, le=1)
@@ -73,22 +72,19 @@ class PerceptionSettings(PerceptionOptions, SettingGroup, section="perception"):
     (`min_view_share`, `min_views`). Empty, or where it proposes nothing: `prompt_source` says. See
     `fastsplat.service.perception.tagging` for the files that it needs."""
     prompt_source: Literal["closed_set", "tags"] = "closed_set"
-    """What an open-set detector looks for when the user names nothing: the classes that the closed-set detector detects
-    in the capture (the tag list if there are none), or the tag list at once."""
+    """What an open-set detector looks for when the user names nothing: detected classes, if any, or the tag list."""
     image_text: str = ""
-    """Finds things by their looks where no name answers: a model of pictures and texts. Empty: none does."""
+    """Embeds pictures of the things of new scenes: a model of pictures and texts. Empty: none does."""
     people_words: tuple[str, ...] = ("person",)
     """What detectors are asked for where a scene's makers promise that no people are stored (`privacy`)."""
     mover_words: tuple[str, ...] = ("person", "cat", "dog")
     """What detectors are asked for where what moves is to be left out (`movers`)."""
     open_score_threshold: float = Field(0.3, ge=0, le=1)
-    """As `score_threshold`, for the open-set detector, whose scores run lower. 0.3 is GroundingDINO's customary
-    threshold; the scores of YOLO-World style models run lower still (0.15)."""
+    """As `score_threshold`, for the open-set detector: 0.3 is GroundingDINO's threshold, YOLO-World's lower (0.15)."""
     max_views: int = Field(0, ge=0)
     """Views that perception looks at, evenly spread; the rest stay undetected. 0: all."""
     proposal_views: int = Field(16, ge=0)
-    """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten; a large place needs
-    more, so that every thing is in several."""
+    """Views whose masks without names are looked for, evenly spread; 0: all. A table needs ten, a large place more."""
 
     @property
     def open_score_floor(self) -> float:

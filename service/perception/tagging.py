@@ -1,8 +1,5 @@
-"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector.
-
-As in FAST-Splat (Shorinwa et al. 2024), where RAM (Zhang et al. 2023, "Recognize Anything") proposes the classes that a
-detector then looks for.
-"""
+"""Taggers: what a picture shows, as tags of a fixed list; those of all views become the texts of an open-set detector,
+as in FAST-Splat with RAM (Zhang et al. 2023)."""
 
 from __future__ import annotations
 
@@ -35,7 +32,6 @@ class PooledTag:
     """A tag that several views agree on.
 
     Attributes:
-        tag: as in the tagger's list.
         share: of the views that show it, 0..1.
         probability: mean over the views that show it, 0..1.
     """
@@ -54,10 +50,7 @@ class RamTagger:
 
     Args:
         model: the ONNX file; S is what its input says, 384 where it leaves that open.
-        folder: where the lists are.
-        name: the model's name, for messages.
         threshold: of all tags, where there is no file of thresholds.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: a file is missing, damaged or does not keep this contract.
@@ -151,7 +144,6 @@ def pool_tags(
         thresholds: float32 [T].
         min_share: of the views, that must show a tag.
         min_views: as `min_share`, in views; never more than there are.
-        limit: at most so many tags.
     """
     views = len(probabilities)
     if not views:
@@ -178,13 +170,6 @@ def propose_texts(
 ) -> list[str]:
     """The texts that the tagger proposes for a detector to look for, see `pool_tags`; none where the views agree on
     none.
-
-    Args:
-        load: loads the image of a view.
-        positions: the views to look at.
-        settings: the tagger, and what counts.
-        models: the model directory.
-        on_view: called after every view.
 
     Raises:
         ModelUnavailableError: see `RamTagger`.

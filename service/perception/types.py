@@ -22,7 +22,6 @@ class Writing:
 
     Attributes:
         kind: see `ThingRead`.
-        text: what it says.
         probability: 0..1, that it says exactly that, as the reader believes; codes check themselves.
         corners: float32 [4, 2] pixels, clockwise from the text's or code's top left where that is known.
     """

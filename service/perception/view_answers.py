@@ -20,7 +20,6 @@ class ViewAnswers:
     Attributes:
         answer: the best answer to each of K boxes, see `answer_boxes`: first those of the objects.
         size: height and width of the image.
-        masks: see `propose_masks`.
     """
 
     answer: MaskLogits
@@ -39,11 +38,8 @@ def look_at_view(
     """Prompt a segmenter with what was detected in a view, and then where nothing was.
 
     Args:
-        segmenter: answers prompts.
         image: uint8 [H, W, 3].
-        objects: detections whose very boxes are prompted.
         candidates: all others that may be objects.
-        settings: the bounds.
     """
     embedding, size = segmenter.embed(image), (image.shape[0], image.shape[1])
     boxes = boxes_to_prompt(objects, candidates, settings)

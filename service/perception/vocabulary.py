@@ -16,12 +16,10 @@ from fastsplat_contract.errors import InvalidInputError
 
 
 def synonyms(detections: Sequence[Detections], encoder: TextEncoder, *, cosine: float, iou: float) -> dict[str, str]:
-    """Which classes are another's synonym: alias → the class that keeps the entry.
+    """Which classes are another's synonym: alias → the class that keeps the entry, the one detected in more views.
 
-    Two classes are synonyms when their names' embeddings are closer than `cosine` and they lie in the same place: over
-    the views that show both, the mean of each box's best overlap with a box of the other class exceeds `iou`. (A
-    promptable segmenter makes the same mask of the same box, so boxes tell as much as masks, before masks exist.) The
-    class detected in more views keeps the entry, of equals the one that was detected first.
+    Synonyms have names whose embeddings are closer than `cosine`, and lie in the same place: over the views that show
+    both, the mean of each box's best overlap with a box of the other class exceeds `iou`.
     """
     views: dict[str, int] = {}
     for view in detections:
@@ -74,8 +72,6 @@ def build_labelling(
     Args:
         classes: names in the maps' present numbering, from 1.
         maps: uint16 [H, W] each.
-        aliases: see `synonyms`.
-        min_pixels: see the settings.
         regions: of each view, with votes in the present numbering; none: nobody voted, and the names are taken as sure.
         expected: whether the names were asked for, so that each is expected to be somewhere.
     """
@@ -110,16 +106,12 @@ def build_labelling(
 def name_confidence(
     maps: Sequence[NDArray[np.uint16]], regions: Sequence[Regions], classes: int
 ) -> NDArray[np.float64]:
-    """float64 [N], 0..1: how sure it is that what carries a class's label is one, from the scores of its detections.
+    """float64 [N], 0..1: how sure it is that what carries a class's label is one, from the scores of its detections:
+    share × (1 − Π_v (1 − s_v)).
 
-    share × (1 − Π_v (1 − s_v)). s_v is the best score for the class in view v: the product is the noisy-or of the views
-    (Pearl 1988), the probability that not all of them are wrong if each is right with its score and none knows of the
-    others. They do know of each other (a detector errs alike in like views), so that this is an upper estimate; the
-    share tempers it: of all votes in the regions that carry the label, those for the class. One view of 26 with a score
-    of 0.3 gives 0.3; ten views with 0.8 give nearly 1, and 0.6 if every other vote in the same place has 0.53.
-
-    A class that carries no region (a name the user gave, outvoted everywhere) is judged by all regions that have a vote
-    for it.
+    s_v is the best score for the class in view v, the product the noisy-or of the views (Pearl 1988), which errs
+    upwards as views err alike; share is that of the class's votes among all in the regions that carry the label (in all
+    regions that have a vote for it, if none does).
 
     Args:
         maps: uint16 [H, W] of each view, classes from 1.

@@ -1,9 +1,8 @@
 """The cost of a training run on a machine, and the settings with which a run ends within a time budget.
 
-The optimization itself stops by the clock (`TrainingSettings.time_budget_s`), so only what comes before and after it
-has to be predicted to the second; the time of a step decides which resolution and how many Gaussians are worth
-optimizing. All seconds are those of the reference machine (2 CPU threads with AVX-512) and are divided by the machine's
-`Speed`, which `service.planning.machine` measures.
+The optimization stops by the clock; what comes before and after it is predicted, and so is the time of a step, which
+decides resolution and number of Gaussians. Seconds are those of the reference machine (2 CPU threads with AVX-512),
+divided by `Speed`.
 """
 
 from __future__ import annotations
@@ -51,7 +50,6 @@ class SceneSize:
     """The properties of a capture that decide how long its training takes.
 
     Attributes:
-        views: registered images.
         width, height: of the largest image, pixels.
         points: of the sparse reconstruction.
         labels: that codes learn: those of the capture's own label maps.
@@ -126,7 +124,6 @@ def views_within_budget(
 
     Args:
         requested: views it would look at; 0 means all.
-        views: that the capture has.
         time_budget_s: for everything from the start of perception on, seconds.
         overhead_s: seconds that are spent already.
         cost: of perception on this machine.
@@ -150,16 +147,13 @@ def fit_training(
     spent_s: float = 0.0,
     tail_s: float = 0.0,
 ) -> TrainingPlan:
-    """The best run that ends within the budget.
+    """The best run that ends within the budget, which replaces `settings.time_budget_s`.
 
-    The budget replaces `settings.time_budget_s`, and `FEWEST_STEPS` a larger `settings.min_iterations`. Where too few
-    steps fit for the requested resolution and number of Gaussians, these are reduced together, level by level along the
-    measured frontier, until enough steps fit. The spherical harmonics stay: they cost few steps, and without them even
-    short runs are worse. A budget larger than needed ends the run at `settings.iterations`.
+    Where fewer than `FEWEST_STEPS` fit for the requested resolution and number of Gaussians, these are reduced together
+    along the measured frontier until they fit; spherical harmonics stay.
 
     Args:
         settings: as requested: a preset, or the operator's own.
-        scene: what is trained.
         time_budget_s: seconds for everything: what is spent already, the run, and what `tail_s` covers.
         speed: of this machine, as `service.planning.machine.machine_speed` measures it.
         spent_s: seconds of the budget that are spent.
@@ -216,11 +210,8 @@ def finish_seconds(settings: TrainingSettings, scene: SceneSize, speed: Speed = 
 
 
 def step_seconds(pixels: int, gaussians: int, channels: int, sh_degree: int = 1) -> float:
-    """One optimization step on the reference machine.
-
-    Fitted to 15 pairs of image size and number of Gaussians of the table-top benchmark at degree 1, within 20 %:
-    Gaussians are projected and updated, pixels are compared, and what a pixel blends grows with the number of Gaussians
-    to the 0.8. Harmonics of other degrees: CPU seconds of steps with 20,000 Gaussians at degrees 0 to 3.
+    """One optimization step on the reference machine, fitted to 15 pairs of image size and number of Gaussians of the
+    table-top benchmark within 20 %; what a pixel blends grows with the number of Gaussians to the 0.8.
 
     Args:
         pixels: of the image. gaussians: in use. channels: of the code. sh_degree: of the color's harmonics.
@@ -285,14 +276,12 @@ def export_seconds(
     settings: TrainingSettings, scene: SceneSize, labels: int, views: int, proposed: int, speed: Speed
 ) -> float:
     """The last stage: the dictionary of so many labels embedded and the scene written; and things, if views tell of
-    them: their masks lifted and grouped, codes fitted to them, what each looks like encoded. Those draw all Gaussians
-    again and again, which takes most of it; scenes of many large and clear ones take twice as long.
+    them: their masks lifted and grouped, codes fitted to them, what each looks like encoded.
 
     Args:
         settings: of the training. scene: that it trained.
         labels: in the dictionary. views: that tell of things; 0: none are looked for.
         proposed: views whose masks a segmenter proposes first.
-        speed: of the machine.
     """
     written = (1.0 + 0.01 * labels) / speed.serial
     if not views:

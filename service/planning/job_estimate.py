@@ -1,9 +1,5 @@
-"""How long photos without poses take to become a scene, said before any of them is read.
-
-Seconds are those of the reference machine, divided by a machine's `Speed`, as in `service.planning.cost_model`. What
-photos show is not known yet: kitchens with many small things match slower than plain walls, so that the stages may be
-off by half, the whole job by less.
-"""
+"""How long photos without poses take to become a scene, said before any is read, by the reference machine's seconds and
+`Speed`; stages may be off by half, the whole job by less."""
 
 from __future__ import annotations
 
@@ -50,7 +46,6 @@ def job_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[str,
     Args:
         photos: without poses.
         settings: of all rooms, with the preset applied.
-        speed: of the machine.
     """
     return {"capture": capture_seconds(photos, settings, speed), **later_seconds(photos, settings, speed)}
 
@@ -71,11 +66,8 @@ def later_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> dict[st
 
 
 def capture_seconds(photos: PhotoSet, settings: Settings, speed: Speed) -> float:
-    """Seconds until the photos have places: read, features, pairs, the mapper one photo after another.
-
-    Fitted to CPU seconds of captures of 10 and 26 photos of 0.17 megapixels and 10 of 0.75, and to seconds of 26. A
-    kitchen of 25 photos took nearly twice as much, as did 60 photos of a made room that is all texture.
-    """
+    """Seconds until the photos have places, fitted to captures of 10 and 26 photos; a kitchen took nearly twice as
+    much."""
     capture, count = settings.capture, photos.count
     width, height = _reduced(photos, capture.sfm_max_side)
     megapixels, sent = width * height / 1e6, photos.width * photos.height / 1e6

@@ -24,8 +24,7 @@ from fastsplat.service.splatting.raster.types import Backend, Splats
 from fastsplat_contract.camera import Camera
 
 _STEP_S, _IMAGE_S, _NETWORK_S = 0.0077, 0.0012, 0.0060
-"""Seconds of a round of each kind on the quiet reference machine. Images and networks were chosen by whole jobs on a
-machine without AVX-512 (`benchmarks.estimates`): so much slower than the cost model's seconds its stages were."""
+"""Seconds of a round of each kind on the reference machine, chosen by whole jobs on others (`benchmarks.estimates`)."""
 
 _FEWEST_ROUNDS, _SECONDS = 5, 0.4
 _GAUSSIANS, _WIDTH, _HEIGHT = 8_000, 240, 180
@@ -35,10 +34,9 @@ _SEARCH_SHARE = 0.1  # a view's detection, in times its segmentation
 def machine_speed(backend: Backend = "cpu") -> Speed:
     """The speed of this machine as a multiple of the reference machine's. Takes a second or two.
 
-    A round of `steps` does what an optimization step does: 8,000 Gaussians with 11 channels rendered to 240×180 pixels,
-    compared, and differentiated. A round of `serial` decodes and reduces a photo of 640×480. A round of `networks` is
-    what those that look consist of: a convolution, and a product of matrices with GELU. The mean counts, so that other
-    work on the machine slows the figures as it will slow the run.
+    A round of `steps` renders 8,000 Gaussians, compares and differentiates; one of `serial` decodes and reduces a
+    photo; one of `networks` is a convolution and a product of matrices. The mean counts, so that other work slows the
+    figures as it will slow the run.
     """
     threads = torch.get_num_threads()
     networks = _NETWORK_S / _mean(_network())
@@ -53,7 +51,6 @@ def perception_cost(capture: Capture, settings: Settings, labels: Sequence[str],
     """What perception of this capture costs on this machine, measured by labelling its middle view.
 
     Args:
-        capture: with at least one view.
         settings: of all rooms; those of perception and the model directory count.
         labels: names to look for, see `label_capture`.
         progress: hears of the trial, always at fraction 0.

@@ -69,7 +69,6 @@ def apply_preset(settings: Settings, name: str | None) -> Settings:
     """The settings with a preset's values for training and perception in place of their own.
 
     Args:
-        settings: of all rooms.
         name: a `PresetName`; None changes nothing.
 
     Raises:

@@ -1,8 +1,5 @@
-"""How a job's time budget is divided over its stages.
-
-The budget (`SceneOptions.time_budget_s`) covers everything after the capture stage: perception, training and export.
-How long poses take to find cannot be predicted; the budget starts to count when they are there.
-"""
+"""How a job's time budget (`SceneOptions.time_budget_s`) is divided over perception, training and export. It starts to
+count when poses are there: how long these take cannot be predicted."""
 
 from __future__ import annotations
 
@@ -37,7 +34,6 @@ class StagePlan(Generic[S]):
     """How a stage runs.
 
     Attributes:
-        settings: of the stage.
         tradeoffs: what the time budget reduces against the requested settings, in words.
     """
 
@@ -57,11 +53,8 @@ def plan_perception(
     """How perception runs; with a budget, one view is labelled on trial where a detector will run.
 
     Args:
-        capture: what is labelled.
         settings: of all rooms, with the preset applied.
-        labels: names to look for.
         time_budget_s: seconds for everything after the capture stage; None: no bound.
-        progress: hears of the trial.
         started: `time.monotonic()` when the budget began to count.
 
     Raises:
@@ -94,9 +87,7 @@ def plan_training(
     """How training runs.
 
     Args:
-        capture: what is trained.
         settings: of all rooms, with the preset applied.
-        labels: entries of its dictionary.
         time_budget_s: seconds for everything after the capture stage; None: no bound beside the settings' own.
         spent_s: seconds of the budget that are spent already.
         speed_of: says how fast this machine is, where there is a budget; its seconds count as spent.

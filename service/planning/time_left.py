@@ -1,8 +1,5 @@
-"""How long a job still takes: what its stage says of itself, and what the cost model says of the stages after it.
-
-What cannot be predicted, as the capture of a video, or perception before it has looked at some views, is left open;
-then nothing is said.
-"""
+"""How long a job still takes: what its stage says of itself, and what the cost model says of the stages after it;
+nothing where that cannot be predicted, as for the capture of a video."""
 
 from __future__ import annotations
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.language.english import is_foreign, names_nothing
 from fastsplat.service.query.language.history_answers import HistoryAnswers
+from fastsplat.service.query.language.judgement import Ranked
 from fastsplat.service.query.language.query_text import TextQuery
-from fastsplat.service.query.language.ranking import Ranked, Ranker
+from fastsplat.service.query.language.ranking import Ranker
 from fastsplat.service.query.language.sentences import spoken
 from fastsplat.service.query.language.time_questions import TimeQuestion, time_question
 from fastsplat.service.query.phrases.phrase_grammar import parsed_questions
@@ -130,13 +131,13 @@ class RankedScene:
             asker: float64 [4, 4], world from who asks.
         """
         if not any(map(_MAY_ASK_OF_TIME.search, query.texts)) and not self._history.looked_at_again:
-            return tuple(self._in_words(ranked, things, None) for ranked in self._answered(query, things, asker))
+            return tuple(self._in_words(ranked, things, None) for ranked in self.decided(query, things, asker))
         now = datetime.now(UTC)
         questions = [time_question(text, now) for text in query.texts]
         pairs = zip(questions, query.texts, strict=True)
         # Who asks what has moved names nothing: "object" is ranked in its place, and what comes of that is not told.
         texts = tuple(text if asked is None else asked.about or query.negatives[0] for asked, text in pairs)
-        ranked = self._answered(replace(query, texts=texts), things, asker)
+        ranked = self.decided(replace(query, texts=texts), things, asker)
         answers = (self._in_words(each, things, asked) for each, asked in zip(ranked, questions, strict=True))
         return tuple(replace(answer, text=text) for answer, text in zip(answers, query.texts, strict=True))
 
@@ -148,16 +149,17 @@ class RankedScene:
         def in_words(thing_ids: Sequence[int]) -> str:
             return words.listed(thing_ids, lambda: things().measures)
 
-        answer = spoken(ranked.answer, ranked.remarks, words.names, self._unseen, in_words)
+        answer = spoken(ranked, words.names, self._unseen, in_words)
         if question is not None or self._history.looked_at_again:
             unit = "m" if self._unit == "m" else "scene units"
             of_time = HistoryAnswers(self._history, words.names, in_words, unit)
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
         return replace(answer, provisional=self._provisional) if self._provisional else answer
 
-    def _answered(
-        self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None
+    def decided(
+        self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
     ) -> Sequence[Ranked]:
+        """What is decided of each text before it is put into words; the arguments are those of `answer`."""
         ranked = self.ranker.rank(query)
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
         told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.language.embeddings import TextCaches, embed_labels, embed_names
+from fastsplat.service.query.language.prompt_context import SceneLabels
 from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.language.ranking import Ranker
-from fastsplat.service.query.language.scene_labels import labels_of
 from fastsplat.service.query.language.word_senses import label_meaning
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.settings import QuerySettings
@@ -23,19 +23,18 @@ from fastsplat.service.query.things.gaussian_labels import label_by_things, labe
 from fastsplat.service.query.things.look_alikes import sizes_in_meters
 from fastsplat.service.query.things.thing_history import scene_history
 from fastsplat.service.query.things.thing_names import names_of
-from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.coarse import coarse_scene
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.thing_messages import SceneThing
 
 if TYPE_CHECKING:  # torch and onnxruntime load when they are used
     from fastsplat.service.perception.lexicon.wordnet import Lexicon
     from fastsplat.service.perception.types import TextEncoder
     from fastsplat.service.query.coarse_view import CoarseView
-    from fastsplat.service.query.drawing.scene_renderer import Renderer
+    from fastsplat.service.query.drawing.scene_renderer import Mask2D, Renderer
     from fastsplat.service.query.drawing.view_geometry import ViewGeometry
     from fastsplat.service.query.phrases.thing_looks import LooksModel
     from fastsplat.service.query.things.thing_index import SceneThings
@@ -106,7 +105,8 @@ class SceneIndex:
             unseen = unseen_space(scene, self._labels.classes, kinds)
         names = names_of(scene, None if scene.things is None else self.things.names, self.label_counts)
         known = None if before is None else before.ranked.ranker
-        labels = labels_of(scene, names.dictionary)
+        embeddings = np.array(scene.label_embeddings)
+        labels = SceneLabels(names.dictionary, embeddings, scene.text_encoder, scene.label_templates)
         ranker = Ranker(labels, names, self.label_counts, encoder, settings, known, lexicon, caches)
         sizes = sizes_in_meters(scene, None if before is None else (before.scene, before.ranked.sizes))
         self.ranked: RankedScene = RankedScene(scene, ranker, names, unseen, self._history, looks, sizes)
@@ -234,25 +234,25 @@ class SceneIndex:
             scene, dictionary=dictionary, head=head, label_embeddings=rows, text_encoder=own, label_templates=templates
         )
 
-    @cached_property
-    def objects(self) -> tuple[SceneObject, ...]:
-        """The things that have a name, as earlier releases say them, see `objects_of`; made by the first question for
-        them."""
-        from fastsplat.service.query.things.objects import objects_of
-
-        return objects_of(self.things)
-
-    def objects_of(self, answer: Answer) -> tuple[SceneObject, ...]:
-        """The objects that a relevant entry names, in the order of the entries, then from the largest. Their Gaussians
-        are in `mask3d`.
+    def objects_of(self, answer: Answer) -> tuple[SceneThing, ...]:
+        """The things and parts that an answer is about, which have a name and can be seen, in the order of the entries,
+        then from the largest; with the cameras that see each best. Their Gaussians are in `mask3d`.
 
         Raises:
             InvalidInputError: the answer names entries that this scene does not have.
         """
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
-        meant = answer.meant_things
-        named = [each for each in self.objects if each.label_id in place and (meant is None or each.thing_id in meant)]
-        return tuple(sorted(named, key=lambda each: place[each.label_id]))
+        if not place:
+            return ()
+        things, meant = self.things, answer.meant_things
+        named = [
+            each
+            for each in (*things.listed, *things.listed_parts)
+            if each.label_id in place and each.box is not None and (meant is None or each.id in meant)
+        ]
+        named.sort(key=lambda each: (place[each.label_id], -things.extents[each.id].opacity))
+        views = things.best_views([each.id for each in named])
+        return tuple(replace(each, best_views=views.get(each.id, ())) for each in named)
 
     def mask2d(self, answer: Answer, posed: PosedCamera) -> Mask2D:
         """Where the answer is in one view; a view of nothing gives an empty mask.

@@ -1,4 +1,4 @@
-"""What edits have made a scene show that its photos do not: it stands in `Scene.quality`, from this release on."""
+"""What edits have made a scene show that its photos do not: it stands in `Scene.quality`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Scene
-
-CHANGING = ("recolor", "remove", "move", "duplicate", "insert")
-"""Edits after which a scene shows what its photos do not."""
 
 
 def changed_views(quality: Mapping[str, Any]) -> tuple[str, ...]:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +112,7 @@ def read_scene(folder: Path) -> Scene:
 
     Raises:
         NotFoundError: no such folder, or it was removed just now.
-        SceneSchemaError: written under a schema this version does not know.
+        SceneSchemaError: written under another schema.
         SceneFileError: any other damage; the message names the file.
     """
     try:
@@ -130,12 +130,9 @@ def _read_scene(folder: Path) -> Scene:
     arrays: dict[str, F32] = _mapped(folder / _ARRAYS, shapes, manifest.arrays_sha256)
     if bad := first_non_finite(arrays):
         raise SceneFileError(f"{_ARRAYS} has NaN or infinite numbers in {bad}", field=_ARRAYS, hint=_RESTORE)
-    head, things = SemanticHead(arrays["head.weight"], arrays["head.bias"]), _read_things(folder, manifest)
-    if things is not None and manifest.label_mode == "codes" and manifest.code:
-        things = replace(things, head=head)  # its pixels were decided by the codes of its labels, and are still
     return Scene(
         gaussians=Gaussians(**{field.name: arrays[field.name] for field in fields(Gaussians)}),
-        head=head,
+        head=SemanticHead(arrays["head.weight"], arrays["head.bias"]),
         dictionary=manifest.dictionary,
         label_embeddings=arrays["label_embeddings"],
         text_encoder=manifest.text_encoder,
@@ -145,7 +142,7 @@ def _read_scene(folder: Path) -> Scene:
         training=manifest.training,
         quality=manifest.quality,
         evidence=_read_evidence(folder / _EVIDENCE, manifest),
-        things=things,
+        things=_read_things(folder, manifest),
         scaling=manifest.scaling,
         alignment=manifest.alignment,
         observations=manifest.observations,

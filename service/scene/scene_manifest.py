@@ -17,21 +17,14 @@ from fastsplat.service.scene.alignment import Alignment, alignment_from_json, al
 from fastsplat.service.scene.observations import observations_from_json, observations_to_json
 from fastsplat.service.scene.scaling import Scaling, scaling_from_json, scaling_to_json
 from fastsplat.service.scene.thing_rows import StrictRow, ThingsRow, group_of_row, thing_of_row, thing_row
-from fastsplat.service.scene.types import SH_COUNTS, LabelMode, Thing, ThingGroup
+from fastsplat.service.scene.types import SH_COUNTS, Thing, ThingGroup
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, SceneFileError, SceneSchemaError
 from fastsplat_contract.observation_messages import Observation
 from fastsplat_contract.scenes import Scale
 
-SCHEMA = 12
-"""Version of the folder's layout that is written. 1 had no evidence: its labels are always in the codes. 2 had no
-confidence of dictionary entries: it is read as 1. 3 had no things: a scene without. 4 had no labels by things, and no
-`next_id`: the one after the last. 5 had no parts of things, and no appearances. 6 had no scaling. 7 had
-no alignment. 8 did not note in which views things were proposed. 9 had no codes of things, and chose
-what answers by a label mode. 10 had no groups of things, and did not say who suggests a name. 11 did not
-say what is written on things or how they look, and had no observations."""
-
-_READABLE = range(1, SCHEMA + 1)
+SCHEMA = 1
+"""Version of the folder's layout, the only one that is written and read."""
 
 _FORMAT = "fastsplat-scene"
 _RESTORE = "Restore the scene's folder from a backup, or train it again."
@@ -45,7 +38,6 @@ class Manifest:
         dictionary, text_encoder, label_templates, scale, training, quality: as in `Scene`.
         gaussians, sh, code, embedding: G, K, D and E of the arrays; N comes from the dictionary.
         arrays_sha256: digest of the arrays and so of the row order.
-        label_mode: of a scene before schema 10, which chose what answers; None since.
         evidence_entries: M of the evidence; None for a scene without.
         evidence_sha256: digest of the evidence, "" without.
         things: the table of things; None for a scene without.
@@ -70,7 +62,6 @@ class Manifest:
     code: int
     embedding: int
     arrays_sha256: str
-    label_mode: LabelMode | None = None
     evidence_entries: int | None = None
     evidence_sha256: str = ""
     things: tuple[Thing, ...] | None = None
@@ -163,25 +154,21 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
     body = _parse(data, "scene.json")
     if not isinstance(body, dict) or body.get("format") != _FORMAT:
         raise SceneFileError("scene.json is not a scene manifest", field="scene.json", hint=_RESTORE)
-    if body.get("schema") not in _READABLE or isinstance(body["schema"], bool):
+    if body.get("schema") != SCHEMA or isinstance(body["schema"], bool):
         raise SceneSchemaError(
-            f"scene.json has schema {body.get('schema')!r}, this version reads {_READABLE[0]} to {_READABLE[-1]}",
+            f"scene.json has schema {body.get('schema')!r}, this version reads {SCHEMA}",
             field="schema",
-            hint="Open the scene with the version of fastsplat that wrote it, or upgrade.",
+            hint="With the version of fastsplat that wrote it, export the scene as PLY or SPZ, and import that here.",
         )
     seal = body.pop("sha256", None)
     if seal != _seal(body):
         raise SceneFileError("scene.json does not match its own digest", field="scene.json", hint=_RESTORE)
     try:
-        checked = _Body.model_validate(_upgraded(body))
+        checked = _Body.model_validate(body)
         dictionary = Dictionary(tuple(DictionaryEntry(**entry.model_dump()) for entry in checked.dictionary))
         observations = observations_from_json(checked.observations)
     except (ValidationError, FastSplatError) as error:
         raise SceneFileError(f"scene.json is malformed: {error}", field="scene.json", hint=_RESTORE) from error
-    if checked.label_mode in ("evidence", "things") and getattr(checked, checked.label_mode) is None:
-        raise SceneFileError(
-            f"scene.json names {checked.label_mode} that it does not have", field="scene.json", hint=_RESTORE
-        )
     if checked.cameras_sha256 != hashlib.sha256(cameras).hexdigest():
         raise SceneFileError("cameras.json does not match its digest", field="cameras.json", hint=_RESTORE)
     parts = None if checked.things is None else checked.things.parts
@@ -197,7 +184,6 @@ def manifest_from_bytes(data: bytes, cameras: bytes) -> Manifest:
         code=checked.sizes.code,
         embedding=checked.sizes.embedding,
         arrays_sha256=checked.arrays_sha256,
-        label_mode=checked.label_mode,
         evidence_entries=None if checked.evidence is None else checked.evidence.entries,
         evidence_sha256="" if checked.evidence is None else checked.evidence.sha256,
         things=None if checked.things is None else tuple(thing_of_row(row) for row in checked.things.table),
@@ -254,7 +240,7 @@ class _Entry(StrictRow):
     aliases: Annotated[tuple[str, ...], Field(strict=False)]
     pixels: int
     views: int
-    confidence: Annotated[float, Field(ge=0, le=1)] = 1.0
+    confidence: Annotated[float, Field(ge=0, le=1)]
 
 
 class _Encoder(StrictRow):
@@ -323,13 +309,12 @@ class _Body(StrictRow):
     quality: dict[str, Any]
     sizes: _Sizes
     arrays_sha256: str
-    label_mode: LabelMode | None = None
     evidence: _Evidence | None
     things: ThingsRow | None
     cameras_sha256: str
-    scaling: _Scaling | None = None
-    alignment: _Alignment | None = None
-    observations: list[dict[str, Any]] = Field(default_factory=list)
+    scaling: _Scaling | None
+    alignment: _Alignment | None
+    observations: list[dict[str, Any]]
 
 
 _Row4 = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -360,13 +345,6 @@ def _finite(value: Any, name: str, left_out: list[str]) -> Any:
     if isinstance(value, (list, tuple)):
         return [_finite(part, f"{name}.{index}", left_out) for index, part in enumerate(value)]
     return value
-
-
-def _upgraded(body: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A body of any readable schema as one of the newest."""
-    if body["schema"] == 1:
-        body = {**body, "label_mode": "codes", "evidence": None}
-    return {**body, "things": None} if body["schema"] < 4 else body
 
 
 def _seal(body: Mapping[str, Any]) -> str:

@@ -49,7 +49,7 @@ class ThingRow(StrictRow):
     consensus: _Share
     surface: SurfaceKind
     suggestions: Annotated[tuple[_Suggestion, ...], Field(strict=False)]
-    parent: Annotated[int, Field(ge=0, le=65535)] = 0
+    parent: Annotated[int, Field(ge=0, le=65535)]
     appearance: _Base64 = ""
     picture: _Base64 = ""
     proposed_in: _Cameras = ()
@@ -82,12 +82,12 @@ class ThingsRow(StrictRow):
     """The things of a scene with their parts, and what is known of the files of their membership."""
 
     table: list[ThingRow]
-    next_id: Annotated[int, Field(ge=0, le=65536)] = 0
+    next_id: Annotated[int, Field(ge=0, le=65536)]
     entries: Annotated[int, Field(ge=0)]
     sha256: str
-    classes: Annotated[int, Field(ge=1)] | None = None
-    parts: _Parts | None = None
-    groups: list[GroupRow] = []
+    classes: Annotated[int, Field(ge=1)] | None
+    parts: _Parts | None
+    groups: list[GroupRow]
 
     @model_validator(mode="after")
     def _ids_ascend(self) -> ThingsRow:

@@ -33,8 +33,7 @@ class Bulk:
 
 
 def find_bulk(gaussians: Gaussians) -> Bulk:
-    """The bulk of a splat. Trainers place many small Gaussians where photos have detail, so that most of them lie where
-    photographers looked.
+    """The bulk of a splat: most small Gaussians lie where photos have detail.
 
     Raises:
         InvalidInputError: all Gaussians lie in one place, or none shows.

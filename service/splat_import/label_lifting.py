@@ -1,9 +1,5 @@
-"""Labels of views on Gaussians that stay as they are: summed up first, then as codes that are optimized alone.
-
-Geometry and color of an imported splat are the user's. What label maps say of each Gaussian is summed over the views
-(FlashSplat's blend weights, `service.splatting.view_evidence`); codes start on the most probable class, and are fitted
-as those of a trained scene are (`service.splatting.label_refit`), which sharpens the edges.
-"""
+"""Labels of views on Gaussians that stay as they are: summed up over the views (`service.splatting.view_evidence`),
+then as codes that start on the most probable class and are fitted alone (`service.splatting.label_refit`)."""
 
 from __future__ import annotations
 

@@ -34,13 +34,11 @@ def axis_vector(axis: UpAxis) -> F64:
 def estimate_up(gaussians: Gaussians, bulk: Bulk) -> F64:
     """float64 [3], a unit vector that is probably up.
 
-    Gaussians on surfaces are flat; their shortest axes, weighted by opacity and area, have peaks at the normals of
-    floor, table and walls. Of the largest peaks the one is up that has most weight, more matter above its densest slab
-    than below (things stand on floors), and is nearest to a custom of splat files. Rooms whose ceiling is better seen
-    than their floor come out upside down: therefore users may state it.
+    The shortest axes of Gaussians, weighted by opacity and area, have peaks at the normals of floor, table and walls.
+    Of the largest peaks the one is up that has most weight, more matter above its densest slab than below, and is
+    nearest to a custom of splat files. Rooms whose ceiling is better seen come out upside down: users may state it.
 
     Args:
-        gaussians: G of them.
         bulk: of the same.
     """
     near = np.linalg.norm(gaussians.means - bulk.center, axis=1) < _REACH * bulk.radius

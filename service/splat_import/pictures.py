@@ -50,17 +50,14 @@ def render_views(
     up: UpAxis | None = None,
     backend: Backend = "cpu",
 ) -> Capture:
-    """The capture of a validated upload that is a splat alone, written to `out_dir`, which appears only when complete.
-
-    Its world is the splat's own. Pixels in which little of the splat is seen are marked as having no content.
+    """The capture of a validated upload that is a splat alone, in its world, written to `out_dir`, which appears only
+    when complete.
 
     Args:
         validated_dir: `ValidatedUpload.folder`.
         out_dir: new or empty.
-        settings: how many pictures, and how large.
         progress: hears of the stage "capture"; may raise `CancelledError`.
         up: which axis of the splat's world is up; None: estimated.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: nothing of the splat can be seen.

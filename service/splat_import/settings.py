@@ -13,9 +13,8 @@ class SplatImportOptions(Options):
     picture_side: int = Field(640, ge=64, le=4_096)
     """Pixels of their longer side; the shorter is three quarters of it."""
     code_steps: int = Field(100, ge=0)
-    """Steps in which the codes of an imported splat are fitted, geometry and color held; of more than 600,000 Gaussians
-    at most one a view. On the sample's splat with exact label maps, pictures of 400 pixels, mean IoU in test views:
-    codes of the most probable class 0.901, after 60 steps 0.935, after 100 0.936."""
+    """Steps in which the codes of an imported splat are fitted, at most one a view above 600,000 Gaussians. The
+    sample's mean IoU: 0.901 without, after 60 steps 0.935, after 100 0.936."""
 
 
 class SplatImportSettings(SplatImportOptions, SettingGroup, section="splat_import"):

@@ -62,19 +62,16 @@ def choose_viewpoints(
     """`count` poses (fewer where there are not so many good ones), world_from_camera float64 [4, 4], OpenCV axes.
 
     Candidates lie on rings around the bulk and at free places within it. Each is rendered small, and judged by how much
-    of the picture is matter, is the bulk's, is not right before the lens, and is not a blur of single Gaussians: a
-    splat looks well only from where photos were taken, and is a haze from behind. Of these the best set is taken step
-    by step, such that Σ_g opacity_g · √(Σ_views quality · weight_g) grows most: everything is shown, and shown from
+    of it is matter, is the bulk's, is not right before the lens, and is no blur of single Gaussians. Of these the set
+    is taken step by step by which Σ_g opacity_g · √(Σ_views quality · weight_g) grows most: everything is shown from
     several sides.
 
     Args:
-        gaussians: G of them.
         bulk: of the same.
         up: unit vector.
         count: of poses, at least 1.
         field_of_view_deg: horizontal.
         on_trial: hears of every candidate, with their number; may raise `CancelledError`.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: nothing can be seen from anywhere.

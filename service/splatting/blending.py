@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.scene.label_evidence import posterior
-from fastsplat.service.scene.thing_codes import ThingCodes, codes_of_things
+from fastsplat.service.scene.thing_codes import codes_of_things
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import F32, Evidence, Scene, SemanticHead, Things, ThingSemantics, semantics_of
 from fastsplat.service.splatting.gaussians import splats_of
@@ -80,8 +80,6 @@ class CodeBlend:
 
     Args:
         codes: float32 [G, D].
-        head: the affine map.
-        device: where to keep both.
     """
 
     def __init__(self, codes: F32, head: SemanticHead, device: torch.device) -> None:
@@ -116,15 +114,11 @@ class CodeBlend:
 
 
 class EvidenceBlend:
-    """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part.
-
-    Gaussians that no labeled view has seen do not count. Of two labels that are equally probable the lower id wins.
-    See `ShareMaps` for how they are drawn.
+    """argmax_n of P(n) = Σ_g w_g A[g, n] / (Σ A[g] + α0), the blended posterior without its even part, by `ShareMaps`.
+    Gaussians that no labeled view has seen do not count; ties go to the lower id.
 
     Args:
-        evidence: of G Gaussians.
         classes: N + 1.
-        device: where the Gaussians are.
     """
 
     def __init__(self, evidence: Evidence, classes: int, device: torch.device) -> None:
@@ -165,62 +159,22 @@ def things_blend(things: Things, codes: F32, device: torch.device) -> LabelBlend
     Args:
         things: of G Gaussians.
         codes: float32 [G, D].
-        device: where the Gaussians are.
     """
     if things.head is None:
         return EvidenceBlend(things.membership, max((thing.id for thing in things.table), default=0) + 1, device)
-    return _CodedThings(codes_of_things(codes, things.head, thing_rows(things)), device)
+    coded = codes_of_things(codes, things.head, thing_rows(things))
+    return _Renamed(CodeBlend(coded.codes, coded.head, device), coded.ids)
 
 
-class _CodedThings:
-    """The thing that the composited code of each pixel says, see `CodeBlend`."""
-
-    def __init__(self, coded: ThingCodes, device: torch.device) -> None:
-        self._blend = CodeBlend(coded.codes, coded.head, device)
-        self._ids = coded.ids
-
-    def render(
-        self,
-        splats: Splats,
-        viewmat: Tensor,
-        camera: Camera,
-        *,
-        alpha_min: float,
-        relevancy: F32 | None,
-        backend: Backend,
-    ) -> LabelMap:
-        """See `LabelBlend`; `relevancy` is by id."""
-        drawn = self._blend.render(
-            splats,
-            viewmat,
-            camera,
-            alpha_min=alpha_min,
-            relevancy=None if relevancy is None else relevancy[self._ids],
-            backend=backend,
-        )
-        return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
-
-
-class ThingBlend:
-    """The name of the thing of each pixel: a label's mask is the union of the masks of the things that bear it.
+class _Renamed:
+    """What another drawing draws, under other ids.
 
     Args:
-        semantics: of G Gaussians.
-        device: where the Gaussians are.
-        before: of the same Gaussians; its drawing of things is used again where they have the same members.
-
-    Attributes:
-        members: see `Things.membership`.
-        things: draws the things themselves.
+        ids: of each class of the other; its relevancy is by these.
     """
 
-    def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:
-        self._label_ids = semantics.label_ids
-        self.members = semantics.things.membership
-        same = before is not None and before.members is self.members
-        self.things: LabelBlend = (
-            before.things if same and before else things_blend(semantics.things, semantics.codes, device)
-        )
+    def __init__(self, blend: LabelBlend, ids: NDArray[np.integer]) -> None:
+        self._blend, self._ids = blend, ids
 
     def render(
         self,
@@ -233,13 +187,25 @@ class ThingBlend:
         backend: Backend,
     ) -> LabelMap:
         """See `LabelBlend`."""
-        drawn = self.things.render(
-            splats,
-            viewmat,
-            camera,
-            alpha_min=alpha_min,
-            relevancy=None if relevancy is None else relevancy[self._label_ids],
-            backend=backend,
+        own = None if relevancy is None else relevancy[self._ids]
+        drawn = self._blend.render(splats, viewmat, camera, alpha_min=alpha_min, relevancy=own, backend=backend)
+        return replace(drawn, classes=torch.tensor(self._ids, device=drawn.classes.device)[drawn.classes.long()])
+
+
+class ThingBlend(_Renamed):
+    """The name of the thing of each pixel: a label's mask is the union of the masks of the things that bear it.
+
+    Args:
+        before: of the same Gaussians; its drawing of things is used again where they have the same members.
+
+    Attributes:
+        members: see `Things.membership`.
+    """
+
+    def __init__(self, semantics: ThingSemantics, device: torch.device, before: ThingBlend | None = None) -> None:
+        self.members = semantics.things.membership
+        same = before is not None and before.members is self.members
+        self.things: LabelBlend = (
+            before.things if same and before else things_blend(semantics.things, semantics.codes, device)
         )
-        label_ids = torch.tensor(self._label_ids, device=drawn.classes.device)
-        return replace(drawn, classes=label_ids[drawn.classes.long()])
+        super().__init__(self.things, semantics.label_ids)

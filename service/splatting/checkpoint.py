@@ -21,10 +21,8 @@ from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import ConflictError
 
 _NAME = "training.safetensors"
-_VERSION = 6
-"""1 knew neither images nor label maps, and had other names for the moments; 2 had no digest; 3 is
-of runs whose loss had no terms of the depth; 4 of runs that did not look at the exposure of photos;
-5 of runs that learnt what detectors said."""
+_VERSION = 1
+"""Of the format, and of what a training does; a change of either counts on."""
 
 
 _log = logging.getLogger(__name__)
@@ -122,9 +120,7 @@ def fingerprint_of(
 
     Args:
         settings: of the run, JSON-ready, and whatever else changes it.
-        labels: names of the dictionary.
         views: all that are loaded: their names, cameras, poses, images, masks and label maps enter at training size.
-        arrays: the start points, e.g.
     """
     head = [settings, list(labels), [(view.name, view.exposure_ev, asdict(view.frames[-1].camera)) for view in views]]
     digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())

@@ -1,17 +1,47 @@
-"""Where Gaussians are moved and added: pure operations on a run's state (3DGS-MCMC, Kheradmand et al. 2024)."""
+"""When and where a run moves and adds Gaussians (3DGS-MCMC, Kheradmand et al. 2024)."""
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from fastsplat.service.splatting.gaussians import activate_opacities, activate_scales
-from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState
+from fastsplat.service.splatting.schedule import event_due
+from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step
+from fastsplat.service.splatting.torch_runtime import release_free_memory
 
+_DEAD_OPACITY = 0.005
+"""A Gaussian less opaque than this is relocated."""
 MAX_COPIES = 16
 """No Gaussian is cut into more parts than this at once; the sums below lose precision beyond."""
+
+
+def densify_if_due(state: SplatState, step: Step, settings: TrainingSettings, start_count: int) -> None:
+    """Move dead Gaussians of a run to where opacity is, and add new ones there, on a schedule (3DGS-MCMC without its
+    noise). Random numbers are drawn from seed and iteration alone, so that a continued run ends as one that was not
+    interrupted.
+
+    Args:
+        state: after an optimizer step; all of its tensors may become longer ones.
+        step: that it has just done.
+        settings: the run's.
+        start_count: Gaussians at the start of the run.
+    """
+    progress = step.progress
+    if not event_due(step.progress_before, progress, settings.densify_events):
+        return
+    if not settings.densify_from <= progress <= settings.densify_until:
+        return
+    target = planned_count(progress, start_count, settings.max_gaussians, settings.densify_from, settings.full_count_at)
+    seed = np.random.SeedSequence((settings.seed, 4, state.iteration)).generate_state(1, np.uint64)
+    generator = torch.Generator().manual_seed(int(seed[0] >> 1))
+    need = activate_opacities(state.parameters["logit_opacities"].detach())
+    relocate_and_grow(state, need, target, _DEAD_OPACITY, generator)
+    release_free_memory()
 
 
 def split_in_place(opacities: Tensor, scales: Tensor, copies: Tensor) -> tuple[Tensor, Tensor]:
@@ -50,14 +80,11 @@ def planned_count(progress: float, start: int, budget: int, grow_from: float, gr
 def relocate_and_grow(
     state: SplatState, need: Tensor, target: int, dead_opacity: float, generator: torch.Generator
 ) -> int:
-    """Moves dead Gaussians to where they are needed, adds new ones until there are `target`, and returns how many were
-    placed.
+    """Moves dead Gaussians to where they are needed, adds new ones up to `target`, and returns how many were placed.
 
-    Sources are drawn from the living with probability ∝ `need` [G]. Each is split into itself and its copies, whose
-    opacities and scales would composite to the source if they stayed at its center. But the copies are scattered within
-    the source's own extent, or they would never part; so the image changes a little, and the next steps repair it.
-    Adam's moments of everything that was touched restart from zero. `generator` is the CPU's, so that a seed means the
-    same draws on every device.
+    Sources are drawn from the living with probability ∝ `need` [G]; each is split into itself and its copies, which are
+    scattered within its extent, or they would never part. Adam's moments of what was touched restart from zero.
+    `generator` is the CPU's, so that a seed means the same draws on every device.
     """
     parameters = state.parameters
     opacities = activate_opacities(parameters["logit_opacities"])

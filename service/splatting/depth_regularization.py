@@ -1,9 +1,8 @@
 """Terms of the loss for surfaces that can be measured by: what a pixel blends lies at one depth, points of the capture
 lie on the surface, and what has no texture is plane.
 
-Color alone leaves depth open. Thin Gaussians in front of each other explain a glossy table by what it mirrors, below
-it, and an untextured wall looks the same at any distance. None of the terms needs another gradient of the rasterizer
-than those of its alpha, its depth and one more feature, so that all backends have them.
+Color alone leaves depth open: thin Gaussians explain a glossy table by what it mirrors. All terms need the rasterizer's
+gradients by its alpha, its depth and one more feature only.
 """
 
 from __future__ import annotations
@@ -76,7 +75,6 @@ def depth_terms(
     Args:
         rendering: alpha and depth of a frame.
         squared: [H, W], `squared_depths` composited.
-        anchors: of the frame.
         target: [H, W, 3], its image, 0..1.
         valid: bool [H, W], pixels of it that have content; None where all do.
         settings: weights, and `depth_every`, by which each is multiplied because it enters only so often.
@@ -174,7 +172,6 @@ def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
     Args:
         alpha: [H, W], Σ w.
         depth: [H, W], Σ w z.
-        anchors: of this frame.
     """
     if not len(anchors.depths):
         return depth.new_zeros(())
@@ -186,10 +183,8 @@ def anchor_error(alpha: Tensor, depth: Tensor, anchors: DepthAnchors) -> Tensor:
 
 
 def depth_anchors(anchor_points: AnchorPoints, view: TrainingView, frame: Frame) -> DepthAnchors:
-    """The points that the frame shows: those in front of the camera whose pixel is valid and has their color.
-
-    Captures do not say which view has seen a point; but what hides one rarely has its color.
-    """
+    """The points that the frame shows: in front of the camera, on a valid pixel of their color (what hides a point
+    rarely has it)."""
     camera = frame.camera
     local = anchor_points.points @ view.viewmat[:3, :3].T + view.viewmat[:3, 3]
     z = local[:, 2].clamp_min(1e-6)

@@ -29,7 +29,6 @@ def splats_under_way(
         parameters: see `SplatState`.
         labelling: see `Labelling.learnt`.
         views: on the backend's device, with label maps if there are labels.
-        settings: as of the run.
 
     Raises:
         TrainingDivergedError: a parameter is not finite.

@@ -70,11 +70,8 @@ def current_gaussians(parameters: Mapping[str, Tensor]) -> Gaussians:
     return _take(arrays, np.arange(len(arrays["means"])))
 
 
-def final_gaussians(
-    parameters: Mapping[str, Tensor], cull_opacity: float, *, keep_rows: bool = False
-) -> tuple[Gaussians, SemanticHead]:
-    """Gaussians with an opacity above `cull_opacity` in Morton order, or all in the run's order with `keep_rows`, and
-    the head.
+def final_gaussians(parameters: Mapping[str, Tensor], cull_opacity: float) -> tuple[Gaussians, SemanticHead]:
+    """Gaussians with an opacity above `cull_opacity` in Morton order, and the head.
 
     Raises:
         TrainingDivergedError: a parameter is not finite.
@@ -85,7 +82,7 @@ def final_gaussians(
             raise TrainingDivergedError(f"after the last step {name} is not finite")
     opacities = activate_opacities(parameters["logit_opacities"].detach().cpu().double()).numpy()
     visible = np.flatnonzero(opacities > cull_opacity)
-    rows = np.arange(len(opacities)) if keep_rows else visible[morton_order(arrays["means"][visible])]
+    rows = visible[morton_order(arrays["means"][visible])]
     return _take(arrays, rows), SemanticHead(arrays["weight"].copy(), arrays["bias"].copy())
 
 

@@ -39,11 +39,8 @@ class StartPoints:
 
 
 def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
-    """The length that position steps are measured in, scene units.
-
-    As in 3DGS, 1.1 times the largest distance of a camera from their center; but at least 0.3 times the median
-    distance from the cameras to the points, because one camera, or a tripod, has no spread.
-    """
+    """The unit of position steps: 1.1 times the largest distance of a camera from their center (3DGS), but at least 0.3
+    times the median distance to the points, because one camera, or a tripod, has no spread."""
     positions = np.stack([view.position.numpy() for view in views]).astype(np.float64)
     center = positions.mean(axis=0)
     spread = 1.1 * float(np.linalg.norm(positions - center, axis=1).max())
@@ -54,10 +51,8 @@ def scene_extent(views: tuple[TrainingView, ...], points: F32) -> float:
 def start_points(
     points: F32, colors: NDArray[np.uint8], views: tuple[TrainingView, ...], budget: int, seed: int
 ) -> StartPoints:
-    """At most `budget` colored points to start from.
-
-    A capture with fewer than 100 points gets 5,000 more at random: inside the cameras' common field of view, at
-    depths around the place that they look at, colored by the pixel they were cast from.
+    """At most `budget` colored points to start from; fewer than 100 get 5,000 more at random in the cameras' common
+    field of view, colored by the pixel they were cast from.
 
     Raises:
         InvalidInputError: a coordinate is NaN, infinite or beyond 1e18.
@@ -84,10 +79,8 @@ def start_points(
 
 
 def start_gaussians(start: StartPoints, extent: float, max_sh_degree: int) -> dict[str, Tensor]:
-    """Round Gaussians on the points, as wide as the root mean square distance to the 3 nearest others (3DGS); faint.
-
-    Returns the parameters of `SplatState` that belong to Gaussians, codes excepted.
-    """
+    """Parameters (see `SplatState`, without codes) of faint round Gaussians as wide as the distance to 3 neighbors
+    (3DGS)."""
     count = len(start.points)
     neighbors = min(3, count - 1)
     if neighbors > 0:

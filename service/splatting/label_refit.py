@@ -1,13 +1,9 @@
 """Labels fitted once more when color and geometry are final.
 
-Pixels blend codes, and many blends look right whose parts are not: codes that are trained through pixels alone leave
-the label of a single Gaussian open, above all of those that hardly show, which drift wherever Adam's normalized steps
-lead. Here Gaussians whose code contradicts the label that the label maps say they have get the mean code of that label,
-and then a few looks at every view fit all codes to pixels and to those labels at once.
-
-The more pixels a Gaussian fills, the less it is held to one label: pixels say enough of it. What few views show has no
-Gaussians of its own; large ones draw it that other views show as something else, and held to that they would lose it,
-the more the longer the run was.
+Codes that are trained through pixels alone leave the label of a single Gaussian open, above all where it hardly shows.
+Here Gaussians whose code contradicts the label that the label maps say get that label's mean code; then a few looks at
+every view fit all codes to pixels and to those labels at once. Large Gaussians are held to one label less: what few
+views show is drawn by large ones that other views show as something else.
 """
 
 from __future__ import annotations
@@ -66,7 +62,6 @@ def refit_codes(
         undetected_weight: what a pixel of class 0 weighs as evidence.
         epochs: more sharpen the borders in pictures.
         seed: of the order of the views.
-        backend: which rasterizer.
     """
     maps = [view.frames[-1].labels for view in views]
     labeled = [(view, labels) for view, labels in zip(views, maps, strict=True) if labels is not None]
@@ -106,7 +101,6 @@ class LabeledView(NamedTuple):
 
     Attributes:
         viewmat: float32 [4, 4], camera from world.
-        camera: of the map's size.
         labels: integers [H, W], the class of each pixel.
         valid: bool [H, W]; pixels that are False say nothing. None: all speak.
     """
@@ -140,8 +134,6 @@ def fit_codes(
         classes: int64 [G], each Gaussian's own class, 0..C − 1.
         pixels: float32 [G], that each Gaussian fills.
         class_weights: [C], what pixels weigh in the cross-entropy.
-        steps, seed: see above.
-        backend: which rasterizer.
         after_step: called with the number of each step, from 1, and its loss; may raise, as to cancel.
     """
     shares = _HALF_HELD / (_HALF_HELD + pixels / pixels.mean().clamp_min(1e-9))

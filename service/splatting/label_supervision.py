@@ -16,15 +16,12 @@ class LabelSupervision:
 
     Args:
         labelling: of all views of the capture, see `Labelling.learnt`.
-        settings: the run's.
-        device: where the frames are.
 
     Attributes:
         labels: N of the dictionary, 0 without label maps.
         mode: where the scene will keep its labels.
         class_codes: [N + 1, D], the codes that the classes start from.
         exact: whether the label maps came with the capture, so that they agree with each other.
-        undetected_weight: what an undetected pixel weighs.
         class_weights: [N + 1], what pixels weigh in the cross-entropy.
     """
 

@@ -43,11 +43,9 @@ def render_frame(
         parameters: see `SplatState`; colors and codes are read.
         splats: their activation (`splats_of`); features are not read.
         view, frame: one of the view's frames.
-        degree: of the spherical harmonics in use.
         with_codes: whether codes are composited too, [H, W, 3 + D].
         with_squared_depth: whether camera z squared is composited too, as the last channel.
         background: RGB [3] behind the colors; black by default. The others have zero behind them.
-        backend: which rasterizer.
     """
     sh = parameters["sh_dc"]
     if degree:
@@ -80,11 +78,9 @@ def loss_terms(
     Args:
         rendering: of `render_frame`, with codes unless `class_weights` is None.
         splats, parameters: what was rendered.
-        frame: what it is compared with.
         target: float32 [H, W, 3], the frame's image.
         class_weights: [N + 1], or None for no cross-entropy.
         extent: of the scene, scene units.
-        settings: weights of the terms.
         anchors: of the frame, where the depth has terms too; `rendering` then has squared depths as its last channel.
         correction: [3] of the photo (`photometric`), or None for none.
     """
@@ -110,7 +106,6 @@ def sensor_depth_terms(rendering: Rendering, frame: Frame, settings: TrainingSet
 
     Args:
         rendering: alpha and depth of a frame.
-        frame: what was measured of it.
         settings: the weight, and `depth_every`, by which it is multiplied because it enters only so often.
     """
     if frame.depth is None or not settings.sensor_depth_weight:

@@ -30,9 +30,7 @@ def adam_update(
         grad: same shape.
         exp_avg: running mean of the gradient, same shape; updated.
         exp_avg_sq: running mean of its square, same shape; updated.
-        lr: learning rate.
         step: number of this step, from 1.
-        betas: decay of the two means.
         eps: added to the root of `exp_avg_sq`.
         backend: `cpu` uses the kernels and wants CPU tensors, the others torch on the tensors' device.
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from fastsplat.service.splatting.densify import densify_if_due
 from fastsplat.service.splatting.depth_regularization import AnchorPoints, depth_anchors
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.label_supervision import LabelSupervision
@@ -20,33 +21,26 @@ from fastsplat.service.splatting.photometric_training import PhotometricTraining
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.schedule import depth_regularized, image_level, learning_rates, run_progress, sh_degree
 from fastsplat.service.splatting.settings import FEWEST_STEPS, TrainingSettings
-from fastsplat.service.splatting.state import GAUSSIAN_PARAMETERS, SplatState, Step, adam_step
-from fastsplat.service.splatting.strategy import DensificationStrategy
+from fastsplat.service.splatting.state import SplatState, Step, adam_step
 from fastsplat.service.splatting.training_views import TrainingView
 from fastsplat_contract.errors import TrainingDivergedError
 
 
 class Trainer:
-    """Optimizes a state until the run is over: render, compare, step; then the strategy and the recorder have their
+    """Optimizes a state until the run is over: render, compare, step; then densification and the recorder have their
     turn.
 
     Random numbers are drawn afresh from (seed, iteration), so a checkpoint need not hold any.
 
     Args:
         state: of a new run or of a checkpoint.
-        views: training views on the backend's device.
         anchor_points: of the capture, on the backend's device; there may be none.
-        supervision: of the labels.
-        strategy: of densification.
-        recorder: of progress.
-        settings: the run's.
+        start_count: Gaussians at the start of the run.
         extent: of the scene, scene units.
         elapsed_s: seconds that the run has taken before.
         finish: whether to end the run early; asked once it has 250 steps.
-        only: bool [G], on the backend's device: which Gaussians change; None: all.
 
     Attributes:
-        state, views, elapsed_s: as they are at present.
         progress: 0..1; below 1 after `run` if it ended early.
     """
 
@@ -57,19 +51,18 @@ class Trainer:
         *,
         anchor_points: AnchorPoints,
         supervision: LabelSupervision,
-        strategy: DensificationStrategy,
+        start_count: int,
         recorder: Recorder,
         settings: TrainingSettings,
         extent: float,
         elapsed_s: float = 0.0,
         finish: Callable[[], bool] = lambda: False,
-        only: Tensor | None = None,
     ) -> None:
         self.state, self.views, self.elapsed_s = state, views, elapsed_s
-        self._supervision, self._strategy, self._recorder = supervision, strategy, recorder
+        self._supervision, self._start_count, self._recorder = supervision, start_count, recorder
         self._anchor_points = anchor_points
         self._settings, self._extent = settings, extent
-        self._finish, self._rest = finish, None if only is None else ~only
+        self._finish = finish
         self._photometric = PhotometricTraining(settings)
         self._device = state.parameters["means"].device
         self.progress = 0.0
@@ -84,17 +77,17 @@ class Trainer:
         progress = run_progress(self.state.iteration, self.elapsed_s, self._settings)
         self._recorder.start(self.state, self.elapsed_s, progress)
         while progress < 1 and not (self.state.iteration >= FEWEST_STEPS and self._finish()):
-            loss, radii = self._step(progress)
+            loss = self._step(progress)
             self.elapsed_s = time.monotonic() - begun
             before, progress = progress, run_progress(self.state.iteration, self.elapsed_s, self._settings)
-            step = Step(before, progress, self.elapsed_s, loss, radii)
-            self._strategy.step_post_backward(self.state, step)
+            step = Step(before, progress, self.elapsed_s, loss)
+            densify_if_due(self.state, step, self._settings, self._start_count)
             self._recorder.after_step(self.state, step)
         self.progress = progress
         self._recorder.finish(self.state, self.elapsed_s)
 
-    def _step(self, progress: float) -> tuple[float, Tensor]:
-        """The loss of one optimization step, and the radii of the Gaussians in its view."""
+    def _step(self, progress: float) -> float:
+        """The loss of one optimization step."""
         settings, iteration, parameters = self._settings, self.state.iteration, self.state.parameters
         number = self._view_of(iteration)
         view = self.views[number]
@@ -130,23 +123,12 @@ class Trainer:
                 hint="Lower the learning rates in training.rates, and check the poses and points of the capture.",
                 field="training.rates",
             )
-        radii = rendering.radii
         fit = self._photometric.fit(self.state, progress, rendering, target, frame)
         del rendering, target, splats, terms  # the backward pass needs the memory, not them
         loss.backward()
-        self._spare_the_rest()
         self._photometric.step(self.state, number, progress, fit)
         adam_step(self.state, learning_rates(progress, self._extent, settings), settings.backend)
-        return value, radii
-
-    def _spare_the_rest(self) -> None:
-        """Without a gradient from the first step on, Adam's moments stay zero, and a Gaussian as it is, to the bit."""
-        if self._rest is None:
-            return
-        for name in GAUSSIAN_PARAMETERS:
-            gradient = self.state.parameters[name].grad
-            if gradient is not None:
-                gradient.masked_fill_(self._rest.reshape(-1, *[1] * (gradient.ndim - 1)), 0)
+        return value
 
     def _view_of(self, iteration: int) -> int:
         """The number of a view: every one once an epoch, in an order of the epoch's own."""

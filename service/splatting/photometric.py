@@ -1,14 +1,10 @@
-"""Exposure and white balance of single photos: three numbers each, by which a rendered picture is corrected before it
-is compared with the photo.
+"""Exposure and white balance of single photos, by which a rendered picture is corrected before it is compared.
 
-A photo's correction is an exposure (EV, base 2) and the white balance of red and blue against green (EV too): light is
-multiplied by 2^(exposure + red), 2^exposure and 2^(exposure + blue). These are two of the modules of PPISP (Deutsch et
-al., "Physically-Plausible Compensation and Control of Photometric Variations in Radiance Field Reconstruction", CVPR
-2026); vignetting and response curve are left out. Values are multiplied as light, not as they are stored: with the
-curve of sRGB (IEC 61966-2-1) a gain g of the light is, above the curve's toe, the affine map
-s ↦ k·(s + 0.055) − 0.055 of the stored value with k = g^(1/2.4), which no gain of the stored value is.
-
-All photos darker and the scene brighter is the same picture, so the mean over the photos is zero after every step.
+A correction is an exposure (EV, base 2) and the white balance of red and blue against green (EV): light is multiplied
+by 2^(exposure + red), 2^exposure and 2^(exposure + blue), as in PPISP (Deutsch et al., CVPR 2026). With the curve of
+sRGB (IEC 61966-2-1) a gain g of the light is, above the curve's toe, s ↦ k·(s + 0.055) − 0.055 of the stored value, k =
+g^(1/2.4). The mean over the photos is zero after every step, since all photos darker and the scene brighter is the same
+picture.
 """
 
 from __future__ import annotations
@@ -95,10 +91,7 @@ def fitted_correction(image: Tensor, target: Tensor, alpha: Tensor, valid: Tenso
 
 
 class _Exposed(torch.autograd.Function):
-    """sRGB values [..., 3] times 2^evs [3] as light. Only the values in the curve's toe need its powers.
-
-    Rows of values, not of pixels: torch multiplies by a factor for each of three channels ten times as slowly.
-    """
+    """sRGB values [..., 3] times 2^evs [3] as light; rows of values, since torch multiplies single channels slowly."""
 
     @staticmethod
     def forward(ctx: Any, image: Tensor, evs: Tensor) -> Tensor:

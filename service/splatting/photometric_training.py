@@ -1,28 +1,22 @@
 """When and how a run corrects its photos' exposure and white balance (`photometric`).
 
-Photos that agree are better left as they are: three free numbers each cost them 0.2 to 0.4 dB. So a run with
-`photometric = "auto"` first only looks: until `_DECIDED_AT` each photo's fit to the picture that was rendered of its
-view is noted, and where the fits differ by more than they do in captures of one exposure, or the EXIF of the photos
-says that they do, the photos are corrected from then on, starting at what was noted.
-
-A correction follows two things: the fit of the median draws it near in a few visits, which the gradient, an Adam step a
-visit, would need many for; the gradient then makes it agree with the loss.
+Photos that agree are better left alone: three free numbers each cost 0.2 to 0.4 dB. So a run with `photometric =
+"auto"` notes each photo's fit to its rendered picture until `_DECIDED_AT`, and corrects the photos from then on where
+the fits differ, or their EXIF says so. A correction follows the fit of the median, which draws it near in a few visits,
+and the gradient.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.optim import adam_update
-from fastsplat.service.splatting.photometric import correct, fitted_correction, zero_mean
+from fastsplat.service.splatting.photometric import fitted_correction, zero_mean
 from fastsplat.service.splatting.raster.types import Rendering
-from fastsplat.service.splatting.scene_exposure import exposed, fits_to_photos
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState
 from fastsplat.service.splatting.training_views import Frame, TrainingView
@@ -36,8 +30,7 @@ CORRECTIONS = "photometric"
 FITS = "photometric_fits"
 """Name of what was noted of the photos before anything was decided [V, 4]: their fits, and how many there were."""
 STEPS = "photometric_steps"
-"""Name of how many steps of Adam each correction has had [V]: corrections may begin late in a run, their moments with
-them."""
+"""Name of how many steps of Adam each correction has had [V]; corrections may begin late in a run."""
 
 _WARM_UP = 50
 """Steps before which pictures say too little of the photos."""
@@ -62,55 +55,8 @@ def start_corrections(views: Sequence[TrainingView], settings: TrainingSettings)
     return {FITS: torch.zeros(len(views), 4)}
 
 
-def continued_corrections(
-    begin: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
-) -> tuple[Gaussians, dict[str, Tensor]]:
-    """A finished scene as a run goes on from it, and what the run's parameters hold of its photos' corrections.
-
-    A finished scene tells at once whether its photos differ. Where they do, they are corrected from the first step by
-    what fits them to it, and it gets their mean exposure; else it stays as it is.
-    """
-    start = start_corrections(views, settings)
-    if not start:
-        return begin, start
-    fits = fits_to_photos(begin, views, settings.backend)
-    known = ~fits.isnan().any(dim=1)
-    if not bool(known.any()):
-        return begin, start
-    mean = fits[known].mean(dim=0)
-    fits = torch.where(known[:, None], fits - mean, 0.0)
-    if CORRECTIONS not in start and not _differ(fits):
-        return begin, start
-    return exposed(begin, mean), {CORRECTIONS: zero_mean(fits)}
-
-
-def with_colors_of(
-    scene: Gaussians, views: Sequence[TrainingView], settings: TrainingSettings
-) -> tuple[TrainingView, ...]:
-    """The views as the exposure and white balance of a finished scene would have shown them: those whose own differ
-    from these by more than those of one capture do from each other are corrected by what fits the scene to them."""
-    if settings.photometric == "off":
-        return tuple(views)
-    corrected = []
-    for view, fit in zip(views, fits_to_photos(scene, views, settings.backend), strict=True):
-        exposure, red, blue = fit.abs().tolist()  # NaN, where nothing can be told, is not larger than anything
-        if exposure > _EXPOSURE_SPREAD or max(red, blue) > _BALANCE_SPREAD:
-            frames = (replace(each, rgb=_bytes(correct(each.target(), -fit))) for each in view.frames)
-            view = replace(view, frames=tuple(frames))
-        corrected.append(view)
-    return tuple(corrected)
-
-
-def _bytes(colors: Tensor) -> Tensor:
-    return (colors.clamp(0, 1) * 255).round().to(torch.uint8)
-
-
 class PhotometricTraining:
-    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it.
-
-    Args:
-        settings: the run's.
-    """
+    """The corrections of a run; everything it knows is in the run's state, so that a checkpoint holds it."""
 
     def __init__(self, settings: TrainingSettings) -> None:
         self._settings = settings
@@ -145,13 +91,8 @@ class PhotometricTraining:
     def step(self, state: SplatState, number: int, progress: float, fit: Tensor | None) -> None:
         """Changes the correction of one view, clears the gradient, and makes the mean over the photos zero.
 
-        The others' moments rest meanwhile: a step that does not see a photo says nothing of it.
-
         Args:
             state: after the backward pass of a step.
-            number: of the view.
-            progress: of the run.
-            fit: see `fit`.
         """
         corrections = state.parameters.get(CORRECTIONS)
         if corrections is None:

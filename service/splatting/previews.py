@@ -35,9 +35,7 @@ class TrainingPreview:
         jpeg: of at most 320 pixels on the longer side.
         step: optimization steps behind it.
         seconds: of optimization behind it.
-        gaussians: in the scene.
         psnr: dB, as measured last; None before the first time.
-        view: name of the view.
         width, height: pixels.
     """
 
@@ -78,12 +76,9 @@ UNWATCHED = TrainingWatch()
 
 
 class PreviewBudget:
-    """Says when a picture is due: the first at once, then ever more seldom, and never so that all pictures together
-    would take more than `PREVIEW_SHARE` of the time since the start.
-
-    The next one is expected to cost what the last one did. What the first costs nobody knows before it is made, so the
-    second waits until the first is paid for.
-    """
+    """Says when a picture is due: the first at once, the second when the first is paid for, then ever more seldom, and
+    never so that all would take more than `PREVIEW_SHARE` of the time. The next one is expected to cost what the last
+    one did."""
 
     def __init__(self) -> None:
         self._spent_s = self._last_cost_s = 0.0
@@ -113,7 +108,6 @@ class Previews:
 
     Args:
         view: from which.
-        backend: which rasterizer.
         publish: is given each picture; what it takes is counted too.
     """
 
@@ -131,9 +125,6 @@ class Previews:
 
         Args:
             parameters: see `SplatState`.
-            step: optimization steps done.
-            elapsed_s: seconds of optimization.
-            degree: of the spherical harmonics in use.
             psnr: dB; NaN if it is not known.
         """
         begun = time.monotonic()

@@ -33,14 +33,12 @@ MeasurePsnr = Callable[[Gaussians], float]
 def max_contribution(
     gaussians: Gaussians, views: Iterable[tuple[Tensor, Camera]], backend: Backend = "cpu"
 ) -> NDArray[np.float64]:
-    """[G]: max_views Σ_pixels w, the pixels that a Gaussian fills in the view that shows it best; 0 for one that no
-    view shows. (Mini-Splatting, Fang and Wang 2024, ranks by the sum over views, which would prune first what few views
-    show.)
+    """[G]: the pixels that a Gaussian fills in the view that shows it best; 0 for one that no view shows. (Not the sum
+    over views, which would prune first what few views show.)
 
     Args:
         gaussians: G of them.
         views: of each float32 [4, 4], camera-from-world, and the camera.
-        backend: which rasterizer.
     """
     device = device_of(backend)
     splats = splats_of(gaussians, torch.zeros(len(gaussians), 1, device=device), device)
@@ -57,12 +55,10 @@ def prune_to_psnr(
 ) -> Gaussians:
     """The scene without harmonics and Gaussians that may go for at most `max_drop_db` of PSNR altogether.
 
-    Harmonics go first, the highest degrees together, for up to half of the allowance: with few views they may even do
-    harm. Then Gaussians go, those with the smallest contribution first, as many as the allowance bears (to 1/64 of
-    them).
+    Harmonics go first, the highest degrees together, for up to half of the allowance; then the Gaussians with the
+    smallest contribution, as many as the allowance bears (down to 1/64 of them).
 
     Args:
-        gaussians: a finished scene.
         contribution: [G], `max_contribution`.
         measure: PSNR of a scene of some of these Gaussians; where it is not finite for the whole scene, nothing goes.
         max_drop_db: the allowance; 0 or less takes nothing away.

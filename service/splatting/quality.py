@@ -21,34 +21,25 @@ _MIN_FIT = 16
 
 
 def psnr(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Peak signal-to-noise ratio in dB of [H, W, 3] images in 0..1 over `valid` pixels [H, W].
-
-    The image is clamped to 0..1 first. inf when equal, NaN when no pixel is valid.
-    """
+    """Peak signal-to-noise ratio in dB of [H, W, 3] images, clamped to 0..1, over `valid` pixels; inf when equal, NaN
+    without pixels."""
     error = (image.clamp(0, 1) - target) ** 2
     mse = float((error if valid is None else error[valid]).double().mean())
     return math.inf if mse == 0 else -10 * math.log10(mse)
 
 
 def ssim(image: Tensor, target: Tensor, valid: Tensor | None = None) -> float:
-    """Structural similarity (Wang et al. 2004) of [H, W, 3] images in 0..1, mean over `valid` pixels [H, W].
-
-    Window and padding are those of the training loss (and of 3DGS): 11×11, σ = 1.5, zeros outside. NaN when no pixel
-    is valid.
-    """
+    """Structural similarity (Wang et al. 2004) of [H, W, 3] images in 0..1, mean over `valid` pixels, NaN without any;
+    windows as in the training loss (11×11, σ = 1.5, zeros outside)."""
     if valid is not None and not bool(valid.any()):
         return math.nan
     return 1 - float(image_loss(image.clamp(0, 1), target, 1.0, valid))
 
 
 def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) -> Tensor:
-    """The image [H, W, 3], 0..1, with its colors mapped by the affine map that brings them closest to the target's.
-
-    What a picture is worth whose exposure and white balance cannot be known from elsewhere: as RawNeRF (Mildenhall et
-    al., "NeRF in the Dark", CVPR 2022) and PPISP (Deutsch et al., CVPR 2026) align colors before they compare. A
-    least-squares fit in float64 of three numbers from three and a constant, over the valid pixels in which neither has
-    a channel that is saturated; the image as it is where these are fewer than 16.
-    """
+    """The image [H, W, 3], 0..1, with its colors mapped by the affine map that brings them closest to the target's, as
+    RawNeRF (Mildenhall et al., CVPR 2022) aligns colors: least squares over valid pixels without a saturated channel;
+    the image as it is where these are fewer than 16."""
     clamped = image.clamp(0, 1).double()
     inside = ((clamped < _SATURATED) & (target < _SATURATED)).all(dim=2)
     if valid is not None:
@@ -69,16 +60,12 @@ def color_corrected(image: Tensor, target: Tensor, valid: Tensor | None = None) 
 def measure_views(
     parameters: Mapping[str, Tensor], views: Sequence[TrainingView], backend: Backend
 ) -> dict[str, float]:
-    """psnr, psnr_cc and ssim of the scene's colors, each the mean over the views where it is finite; absent if it
-    is in none.
-
-    A view without a valid pixel has no figure, and one that is reproduced exactly (a black photo of nothing) has no
-    finite PSNR. psnr_cc is the PSNR after `color_corrected`.
+    """psnr, psnr_cc (after `color_corrected`) and ssim of the scene's colors, each the mean over the views where it is
+    finite; absent if it is in none.
 
     Args:
         parameters: see `SplatState`; all harmonics are used.
         views: compared at their largest size.
-        backend: which rasterizer.
     """
     degree = math.isqrt(1 + parameters["sh_rest"].shape[1]) - 1
     splats = splats_of(parameters)

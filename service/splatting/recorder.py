@@ -23,8 +23,7 @@ _REPORT_EVERY_S = 0.5
 _PSNR_EVERY = 20
 _MEAN_OF = 50
 _SPEED_OF = 40
-"""The speed of a run is that of its last so many reports, 20 s where steps are fast: later steps draw more Gaussians on
-larger images than the first."""
+"""The speed of a run is that of its last so many reports (20 s at most), as later steps take longer than the first."""
 
 
 class Recorder:
@@ -33,7 +32,6 @@ class Recorder:
     The loop calls `start`, then `observe_image` and `after_step` in every step, then `finish`.
 
     Args:
-        settings: the run's.
         progress: called with metrics iteration, elapsed_s, gaussians, iterations_per_second, random_points, loss, psnr
             and seconds_left, each once it is known.
         held_out: views whose PSNR is measured; without any, that of training images is.
@@ -89,7 +87,7 @@ class Recorder:
             self._psnr = psnr(shown, target, frame.valid)
 
     def after_step(self, state: SplatState, step: Step) -> None:
-        """After a step and what the strategy made of it. What `progress` raises ends the run."""
+        """After a step and what densification made of it. What `progress` raises ends the run."""
         settings, now = self._settings, time.monotonic()
         self._losses.append(step.loss)
         if self._held_out and event_due(step.progress_before, step.progress, settings.evaluations):

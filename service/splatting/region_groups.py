@@ -1,10 +1,5 @@
 """Groups of regions of several views that cover the same Gaussians, without a full matrix of regions × regions or ×
-Gaussians.
-
-In memory are one entry for each Gaussian and each view that assigns it to a region (8 bytes, twice), one number for
-each Gaussian and view and for each region and view (4 bytes), and one entry for each two regions that overlap
-(12 bytes).
-"""
+Gaussians: in memory are entries for what overlaps, and one number for each Gaussian or region and view."""
 
 from __future__ import annotations
 
@@ -28,8 +23,7 @@ _ENOUGH = 0.3
 _LEAST = 0.1
 """Smaller overlaps count as none."""
 _ROWS = 64
-"""Regions whose overlaps are computed at a time; about 60 bytes for each other region that shares a Gaussian. As many
-views at a time are asked which Gaussians they see: 4 bytes for each."""
+"""Regions whose overlaps are computed at a time: about 60 bytes for each other that shares a Gaussian."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """The exposure that a scene is shown with whose photos differ in exposure.
 
-The corrections have a mean of zero, so that the scene has the photos' mean exposure: what only the darker photos show
-below white would be burnt out in it. A finished scene is therefore darkened as far as it has something to show; a run
-that goes on from it begins with the photos' mean exposure again (`photometric_training.continued_corrections`).
+The corrections have a mean of zero: what only the darker photos show below white would be burnt out. A finished scene
+is therefore darkened as far as it has something to show.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from torch import Tensor
 from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.objective import render_frame
-from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, fitted_correction, to_light
+from fastsplat.service.splatting.photometric import SATURATED, channel_evs, correct, to_light
 from fastsplat.service.splatting.raster.checks import device_of
 from fastsplat.service.splatting.raster.types import Backend, Rendering
 from fastsplat.service.splatting.training_views import Frame, TrainingView
@@ -44,7 +43,6 @@ def display_ev(
         parameters: colors of a finished scene, see `SplatState`; all harmonics are used.
         views: training views; they are compared at their smallest size.
         corrections: [V, 3] exposure, red, blue of each photo in EV (`photometric`).
-        backend: which rasterizer.
     """
     shown = []
     for view, correction in zip(views, corrections, strict=True):
@@ -66,7 +64,6 @@ def exposed(gaussians: Gaussians, correction: Tensor) -> Gaussians:
     above the toe of the curve of sRGB are (`service.splatting.photometric`).
 
     Args:
-        gaussians: of a scene.
         correction: [3] exposure, red, blue in EV; zeros change nothing.
     """
     if not bool(correction.any()):
@@ -85,20 +82,6 @@ def scene_exposure(
     """A finished scene with the exposure that it is shown with, and the EV by which that is below the photos' mean."""
     ev = display_ev(_parameters(gaussians, device_of(backend)), views, corrections, backend)
     return exposed(gaussians, torch.tensor([ev, 0.0, 0.0])), ev
-
-
-@torch.no_grad()
-def fits_to_photos(gaussians: Gaussians, views: Sequence[TrainingView], backend: Backend) -> Tensor:
-    """[V, 3]: the correction that fits a finished scene to each photo (`fitted_correction`); NaN where none can be
-    told. On the CPU."""
-    parameters = _parameters(gaussians, device_of(backend))
-    rows = []
-    for view in (view.to(device_of(backend)) for view in views):
-        frame = view.frames[-1]
-        rendering = _render(parameters, view, frame, backend)
-        fit = fitted_correction(rendering.image, frame.target(), rendering.alpha, frame.valid)
-        rows.append(torch.full((3,), math.nan) if fit is None else fit.cpu())
-    return torch.stack(rows)
 
 
 def _parameters(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:

@@ -40,10 +40,9 @@ def sh_degree(progress: float, settings: TrainingSettings) -> int:
 def learning_rates(progress: float, extent: float, settings: TrainingSettings) -> dict[str, float]:
     """Adam's learning rate of each parameter of `SplatState`."""
     rates = settings.rates
-    rise = min(1.0, progress / settings.warmup) if settings.warmup else 1.0
-    decay = rise * rates.final_share**progress
+    decay = rates.final_share**progress
     return {
-        "means": rise * extent * rates.means * (rates.means_final / rates.means) ** progress,
+        "means": extent * rates.means * (rates.means_final / rates.means) ** progress,
         "quats": rates.quats * decay,
         "log_scales": rates.log_scales * decay,
         "logit_opacities": rates.logit_opacities * decay,

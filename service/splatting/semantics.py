@@ -27,10 +27,9 @@ _STARTS, _STEPS = 6, 100
 def code_size(labels: int, setting: Literal["auto"] | int) -> int:
     """Numbers a Gaussian carries for its meaning; 0 for a scene without labels.
 
-    A pixel on the edge between two things blends their codes, and with short codes the blend lands in the cell of a
-    third ("ghost label"). For n classes (labels and undetected), optimized unit codes keep every pair's midpoint
-    0.15 or more away from any third class from these sizes on: n = 3: 2, 5: 4, 9: 5, 12: 6, 18: 8, 25: 10, 33: 11.
-    `min(n − 1, ⌊2√n⌋)` follows that; it stops at 13, which with color fills 16 channels.
+    With short codes the blend of two things may lie in the cell of a third ("ghost label"). `min(n − 1, ⌊2√n⌋)` keeps
+    every pair's midpoint 0.15 or more away from any third of n classes; it stops at 13, which with color fills 16
+    channels.
     """
     if labels == 0:
         return 0
@@ -43,9 +42,8 @@ def code_size(labels: int, setting: Literal["auto"] | int) -> int:
 def separated_codes(classes: int, size: int, seed: int) -> Tensor:
     """float32 [classes, size]: unit vectors such that no midpoint of two is nearer to a third than to the two.
 
-    For a, b and any third c the margin is (1 + a·b) − (a·c + b·c); its soft minimum over all triples is maximised,
-    or, beyond 64 classes, the soft maximum of a·b over pairs is minimised. The best of a few random starts; beyond
-    512 classes a random start alone, which no 13 numbers could improve on much.
+    The margin (1 + a·b) − (a·c + b·c) is maximised over triples; beyond 64 classes a·b over pairs is minimised; beyond
+    512 one random start is taken.
     """
     random = np.random.default_rng((seed, 5))
     starts = [random.normal(size=(classes, size)) for _ in range(_STARTS if classes <= _TRIPLES_UP_TO // 2 else 1)]
@@ -83,10 +81,8 @@ def start_head(codes: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def start_codes(points: F32, views: tuple[TrainingView, ...], class_codes: Tensor) -> Tensor:
-    """float32 [P, D]: each point starts on the code of the label that most views show at its projection.
-
-    Occlusion is not tested; undetected counts only where no view shows a label. `views` must not hold held-out ones.
-    """
+    """float32 [P, D]: each point starts on the code of the label that most views, none held out, show at its
+    projection. Occlusion is not tested; undetected counts only where no view shows a label."""
     votes = np.zeros((len(points), len(class_codes)), np.int32)
     for view in views:
         labels = view.frames[-1].labels
@@ -121,9 +117,8 @@ def label_loss(
 
 
 def ghost_share(codes: Tensor, opacities: Tensor, weight: Tensor, bias: Tensor) -> float:
-    """Share of pairs of present labels between whose mean codes a third class wins, 0..1; 0 with fewer than 2.
-
-    Of more than 2,000 pairs, a random 2,000 are tested.
+    """Share of at most 2,000 pairs of present labels between whose mean codes a third class wins, 0..1; 0 with fewer
+    than 2.
 
     Args:
         codes: [G, D]. opacities: [G], weigh the mean. weight: [N + 1, D]. bias: [N + 1].

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field
 
 from fastsplat.service.common.settings import Options, SettingGroup
-from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
+from fastsplat.service.scene.types import MAX_SH_DEGREE
 
 FEWEST_STEPS = 250
 """Steps before which nobody ends a run, neither a time that was asked for nor a person: fewer leave a blur."""
@@ -18,9 +18,7 @@ class LearningRates(Options):
     """Adam's learning rates at the start of a run; each decays exponentially to `final_share` of it (means:
     `means_final`).
 
-    Larger than 3DGS's, whose runs are ten times as long. Measured once each on held-out views after 1,500 steps with
-    12,000 Gaussians at 240×180: these 29.4 dB on a table scene and 27.1 on the demo's sample, 3DGS's 27.4 and 23.8;
-    another seed moves that by 0.1 to 0.3 dB.
+    Larger than 3DGS's, whose runs are ten times as long: after 1,500 steps of a table scene 29.4 dB against 27.4.
     """
 
     means: float = Field(3e-3, gt=0)
@@ -36,8 +34,7 @@ class LearningRates(Options):
     sh_dc: float = Field(5e-3, gt=0)
     """Of the constant color."""
     sh_rest_share: float = Field(0.4, gt=0, le=1)
-    """Of the other spherical harmonics, as a share of `sh_dc`. 3DGS's 0.05 leaves highlights to geometry: to Gaussians
-    below a glossy table (`docs/method.md`, "Depth terms and highlights")."""
+    """Of the other harmonics, as a share of `sh_dc`. 3DGS's 0.05 leaves highlights to geometry (`docs/method.md`)."""
     codes: float = Field(1e-2, gt=0)
     """Of the semantic codes."""
     weight: float = Field(5e-3, gt=0)
@@ -60,8 +57,7 @@ class TrainingOptions(Options):
     seed: int = Field(0, ge=0)
     """Of every random choice."""
     min_iterations: int = Field(1_000, ge=0)
-    """Steps before which the clock does not end a run, so that no scene of a busy machine is a mere beginning: what the
-    verdict "good" needs (`service.scene.assessment`)."""
+    """Steps before which the clock does not end a run: what the verdict "good" needs (`service.scene.assessment`)."""
     start_scale: float = Field(0.5, gt=0, le=1)
     """Image size at the start of the run, as a share of the training size."""
     full_size_from: float = Field(0.3, ge=0, le=1)
@@ -82,13 +78,9 @@ class TrainingOptions(Options):
     """What an undetected pixel weighs, in the cross-entropy and as evidence, where a labeled one has 1. In label maps
     that came with the capture a pixel without a label is as sure as any and weighs 1."""
     label_refit_epochs: int = Field(4, ge=0)
-    """How often every view is looked at when codes are fitted once more to label maps that came with the capture, after
-    color and geometry are final (`service.splatting.label_refit`); 0 leaves the codes as they were trained."""
+    """How often every view is looked at when codes are fitted to exact label maps (`service.splatting.label_refit`)."""
     code_size: Literal["auto"] | Annotated[int, Field(ge=1, le=256)] = "auto"
     """Numbers of a Gaussian's semantic code; "auto" takes it from the number of labels."""
-    warmup: float = Field(0.0, ge=0, lt=1)
-    """Share of the run over which all learning rates rise from 0: Adam's moments of a run that goes on from a finished
-    scene know nothing yet, and full steps by them would undo some of it."""
     background: Literal["black", "random"] = "black"
     """Behind the scene in training: black, or a random color a step, which leaves no holes."""
     densify_from: float = Field(0.03, ge=0, le=1)
@@ -102,8 +94,7 @@ class TrainingOptions(Options):
     cull_opacity: float = Field(0.005, ge=0, lt=1)
     """A Gaussian less opaque than this is not stored."""
     depth_spread_weight: float = Field(0.1, ge=0)
-    """Weight of the spread of the depths that a pixel blends, in squared shares of the depth
-    (`service.splatting.depth_regularization`)."""
+    """Weight of the spread of a pixel's depths, in squared shares (`service.splatting.depth_regularization`)."""
     depth_smoothness_weight: float = Field(0.3, ge=0)
     """Weight of the bend of surfaces where the photo has no edge."""
     depth_anchor_weight: float = Field(0.3, ge=0)
@@ -120,8 +111,7 @@ class TrainingOptions(Options):
     rates: LearningRates = LearningRates()
     """Learning rates."""
     max_psnr_drop_db: float = Field(0.0, ge=0)
-    """What the finished scene may lose on its held-out views by pruning harmonics and Gaussians that hardly matter, dB;
-    0 prunes nothing, nor does a run without held-out views."""
+    """What pruning harmonics and Gaussians may cost the held-out views, dB; 0, or no such views: nothing is pruned."""
     checkpoint_every_s: float = Field(30.0, ge=0)
     """Seconds between checkpoints."""
 
@@ -129,10 +119,9 @@ class TrainingOptions(Options):
 class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
     """How long, how large and how fine a scene is trained.
 
-    A run ends at `iterations` or after `time_budget_s` seconds, whichever is first, but the clock ends none before
-    `min_iterations` (for a time that somebody asked for, see `ending_after`). Every schedule below is a function of its
-    progress, 0 to 1; so a run bounded by iterations alone (`time_budget_s=None`) is reproducible to the bit, and one
-    bounded by time adapts to the machine it is on.
+    A run ends at `iterations` or after `time_budget_s` seconds, but the clock ends none before `min_iterations` (see
+    `ending_after`). Schedules are functions of its progress, 0 to 1; a run bounded by iterations alone
+    (`time_budget_s=None`) is reproducible to the bit.
     """
 
     backend: Literal["cpu", "cuda", "reference"] = "cpu"
@@ -150,9 +139,8 @@ class TrainingSettings(TrainingOptions, SettingGroup, section="training"):
     photometric: Literal["auto", "on", "off"] = "auto"
     """Whether exposure and white balance of every photo are found along with the scene."""
     label_mode: Literal["codes", "evidence", "auto"] = "auto"
-    """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: color and geometry
-    are trained alone, then the label maps are projected once. auto: codes, which with exact label maps have a mean IoU
-    of 0.975 where evidence has 0.892."""
+    """Where the scene keeps its labels. codes: trained jointly with color and geometry. evidence: projected once from
+    the label maps. auto: codes."""
 
     def ending_after(self, seconds: float) -> Self:
         """These settings for a run that ends after so many seconds, or `FEWEST_STEPS` if those take longer."""

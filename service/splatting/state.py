@@ -23,7 +23,6 @@ class SplatState:
         parameters: leaves of the autograd graph, float32; see `service.scene.types.Gaussians` for shapes; `sh_dc` is
             [G, 1, 3], `sh_rest` [G, K − 1, 3], `weight` [N + 1, D], `bias` [N + 1].
         exp_avg, exp_avg_sq: Adam's moments, shaped as the parameters.
-        iteration: completed steps.
     """
 
     parameters: dict[str, Tensor]
@@ -44,20 +43,17 @@ class SplatState:
 
 @dataclass(frozen=True)
 class Step:
-    """One completed step of a run, for its strategy and its recorder.
+    """One completed step of a run, for densification and the recorder.
 
     Attributes:
         progress_before, progress: of the run, 0..1, before and after the step.
         elapsed_s: seconds of optimization since the run began, those before a checkpoint included.
-        loss: of the step.
-        radii: int32 [G], pixels of each Gaussian in the view of the step, 0 for culled ones.
     """
 
     progress_before: float
     progress: float
     elapsed_s: float
     loss: float
-    radii: Tensor
 
 
 def new_state(parameters: Mapping[str, Tensor], device: torch.device | None = None) -> SplatState:

@@ -25,11 +25,7 @@ def one_torch_thread() -> Iterator[None]:
 
 
 def release_free_memory() -> None:
-    """Returns free pages of the C heap to the system; does nothing where the C library is not glibc.
-
-    Arrays that grow leave holes behind them, which glibc keeps: after a run to 40,000 Gaussians at 480×360 it held
-    126 MiB of them.
-    """
+    """Returns free pages of the C heap to the system, which glibc keeps where arrays grew; does nothing elsewhere."""
     trim = _malloc_trim()
     if trim is not None:
         trim(0)

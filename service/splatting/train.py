@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
@@ -30,10 +29,8 @@ from fastsplat.service.splatting.label_supervision import LabelSupervision
 from fastsplat.service.splatting.optimization import Trainer
 from fastsplat.service.splatting.photometric_training import (
     CORRECTIONS,
-    continued_corrections,
     photo_corrections,
     start_corrections,
-    with_colors_of,
 )
 from fastsplat.service.splatting.previews import UNWATCHED, Previews, TrainingWatch
 from fastsplat.service.splatting.pruning import MAX_EVAL_VIEWS, max_contribution, prune_to_psnr
@@ -46,7 +43,6 @@ from fastsplat.service.splatting.schedule import image_scales
 from fastsplat.service.splatting.semantics import ghost_share, start_codes, start_head
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.state import SplatState, new_state, restored_state
-from fastsplat.service.splatting.strategy import DensificationStrategy, FixedRows, RelocationStrategy
 from fastsplat.service.splatting.torch_runtime import one_torch_thread
 from fastsplat.service.splatting.training_views import (
     TrainingView,
@@ -66,10 +62,7 @@ def train(
     progress: Progress,
     checkpoint_dir: Path | None = None,
     *,
-    strategy: DensificationStrategy | None = None,
     watch: TrainingWatch = UNWATCHED,
-    begin: Gaussians | None = None,
-    only: NDArray[np.bool_] | None = None,
 ) -> TrainedSplats:
     """Trains a scene until `settings.iterations`, `settings.time_budget_s` or `watch.finish`, whichever comes first.
 
@@ -81,13 +74,7 @@ def train(
             gaussians, iterations_per_second, seconds_left; may raise `CancelledError`, which ends the run at once.
         checkpoint_dir: where the run's state is kept; a checkpoint there is continued, to the bit when the run is
             bounded by iterations alone.
-        strategy: decides over number and places of the Gaussians; by default `RelocationStrategy`.
         watch: is shown pictures of the training, and may end it once it has 250 steps; by default nobody.
-        begin: Gaussians of a finished scene to go on from, without labels (see `service.splatting.continuation`); by
-            default a run starts on the capture's points.
-        only: bool [G], which Gaussians of `begin` may change: the others stay as they are, to the bit. All keep their
-            rows, none is moved or added, and photos of another exposure get the scene's before the first step; by
-            default all may change.
 
     Raises:
         InvalidInputError: no views, points that are not finite, images that contradict their cameras.
@@ -104,7 +91,7 @@ def train(
     device = device_of(settings.backend)  # at once, not after the images have been read
     with one_torch_thread():
         progress(ProgressEvent("training", 0.0, f"loading {len(capture.views)} images"))
-        run, views = _load(capture, labelling, settings, device, begin, only)
+        run, views = _load(capture, labelling, settings, device)
         fingerprint = _fingerprint(capture, labelling, settings, run, views) if checkpoint_dir else ""
         checkpoint = read_checkpoint(checkpoint_dir, fingerprint) if checkpoint_dir else None
         if checkpoint:
@@ -137,13 +124,12 @@ def train(
             there,
             anchor_points=_anchor_points(capture, settings.seed, device),
             supervision=run.supervision,
-            strategy=strategy or _strategy(run, settings),
+            start_count=len(run.start.points),
             recorder=recorder,
             settings=settings,
             extent=run.extent,
             elapsed_s=checkpoint.elapsed_s if checkpoint else 0.0,
             finish=watch.finish,
-            only=None if only is None else torch.from_numpy(only).to(device),
         )
         trainer.run()
         refit_seconds = _refit_labels(run, trainer, settings)
@@ -158,52 +144,31 @@ class _Run:
 
     Attributes:
         held_out: the other views, on the backend's device.
-        supervision: of the labels.
         start: points that the run starts from.
         extent: of the scene, scene units.
-        begin: Gaussians that it goes on from, in place of the points' own; None for a new scene.
-        only: which of them may change; None: all, and their number.
     """
 
     held_out: tuple[TrainingView, ...]
     supervision: LabelSupervision
     start: StartPoints
     extent: float
-    begin: Gaussians | None = None
-    only: NDArray[np.bool_] | None = None
 
 
 def _load(
-    capture: Capture,
-    labelling: Labelling,
-    settings: TrainingSettings,
-    device: torch.device,
-    begin: Gaussians | None,
-    only: NDArray[np.bool_] | None,
+    capture: Capture, labelling: Labelling, settings: TrainingSettings, device: torch.device
 ) -> tuple[_Run, tuple[TrainingView, ...]]:
     """The run, and its training views on the CPU."""
     training, held_out = capture_split(capture, settings.held_out_every)
     views = load_views(capture, labelling, training, settings.max_side, image_scales(settings))
     test_views = load_views(capture, labelling, held_out, settings.max_side, (1.0,))
-    if begin is None:
-        start = start_points(capture.points, capture.point_colors, views, settings.max_gaussians, settings.seed)
-    else:
-        start = StartPoints(begin.means, np.zeros_like(begin.means), 0)
-        if only is not None:
-            views = with_colors_of(begin, views, settings)
+    start = start_points(capture.points, capture.point_colors, views, settings.max_gaussians, settings.seed)
     run = _Run(
         tuple(view.to(device) for view in test_views),
         LabelSupervision(labelling, settings, device),
         start,
         scene_extent(views, start.points),
-        begin,
-        only,
     )
     return run, drop_empty_label_maps(views)
-
-
-def _strategy(run: _Run, settings: TrainingSettings) -> DensificationStrategy:
-    return RelocationStrategy(settings, len(run.start.points)) if run.only is None else FixedRows()
 
 
 def _anchor_points(capture: Capture, seed: int, device: torch.device) -> AnchorPoints:
@@ -220,23 +185,13 @@ def _fingerprint(
 ) -> str:
     choices = settings.model_dump(mode="json") | {"exact": labelling.exact}
     labels = [entry.label for entry in labelling.dictionary.entries]
-    arrays = (capture.points, capture.point_colors, *(() if run.begin is None else vars(run.begin).values()))
-    if run.only is not None:
-        arrays = (*arrays, run.only)
-    return fingerprint_of(choices, labels, (*views, *run.held_out), arrays)
+    return fingerprint_of(choices, labels, (*views, *run.held_out), (capture.points, capture.point_colors))
 
 
 def _start(run: _Run, views: tuple[TrainingView, ...], settings: TrainingSettings, device: torch.device) -> SplatState:
-    """A new run: on the capture's points, or from the Gaussians of a finished scene."""
+    """A new run, on the capture's points."""
     class_codes = run.supervision.class_codes
     weight, bias = start_head(class_codes)
-    if run.begin is not None:
-        begin: Gaussians = run.begin
-        corrections: dict[str, Tensor] = {}
-        if run.only is None:
-            begin, corrections = continued_corrections(begin, views, settings)
-        more = {"codes": torch.from_numpy(begin.codes), "weight": weight, "bias": bias}
-        return new_state(color_parameters(begin) | more | corrections, device)
     parameters = start_gaussians(run.start, run.extent, settings.max_sh_degree)
     codes = start_codes(run.start.points, views, class_codes)
     parameters |= {"codes": codes, "weight": weight, "bias": bias}
@@ -267,7 +222,7 @@ def _finished(
 ) -> TrainedSplats:
     """What the run leaves, and its figures."""
     supervision, backend = run.supervision, settings.backend
-    trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity, keep_rows=run.only is not None)
+    trained, head = final_gaussians(trainer.state.parameters, settings.cull_opacity)
     corrections = photo_corrections(trainer.state, trainer.views)
     exposure: dict[str, float] = {}
     if corrections:
@@ -307,9 +262,6 @@ def _finished(
         quality["label_refit_seconds"] = refit_seconds
         quality["ghost_share"] = _ghost_share(gaussians, head)
     quality |= measure_views(_on(backend, color_parameters(gaussians)), run.held_out, backend)
-    if run.begin is not None:
-        before = measure_views(_on(backend, color_parameters(run.begin)), run.held_out, backend)
-        quality |= {f"{name}_before": value for name, value in before.items()}
     held_out = tuple(view.name for view in run.held_out)
     return TrainedSplats(gaussians, head, quality, held_out, evidence, corrections)
 

@@ -83,11 +83,8 @@ class TrainingView:
 
 
 def split_views(count: int, every: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Indices of (training, held-out) views: one in `every` is held out, from the middle of each such group.
-
-    None is held out when `every` is below 2 or there are fewer than 4 views; with 4 or more and `every` larger than
-    their number, the middle one is.
-    """
+    """Indices of (training, held-out) views: of each `every` the middle one is held out, of at least 4 at least one;
+    none when `every` is below 2 or there are fewer than 4 views."""
     if every < 2 or count < 4:
         return tuple(range(count)), ()
     every = min(every, count)
@@ -112,9 +109,8 @@ def load_views(
     max_side: int,
     scales: tuple[float, ...],
 ) -> tuple[TrainingView, ...]:
-    """Views `indices` of a capture at each of `scales` (shares of the training size, ascending, the last is 1).
-
-    The training size is the image's own, reduced to `max_side` pixels on the longer side where it is larger.
+    """Views `indices` of a capture at each of `scales` (ascending, the last is 1) of the training size, which is the
+    image's own, reduced to `max_side` pixels on the longer side.
 
     Raises:
         InvalidInputError: an image or label map has another size than its camera.

@@ -22,8 +22,7 @@ class TrainedSplats:
             evidence_seconds, label_refit_seconds (of the labels' last fit), preview_seconds (of train_seconds, if it
             was watched), stopped_at_share (0..1 of the planned run, only if it was ended early), random_points
             (Gaussians that started at random places because the capture has too few points), exposure_ev (of a scene
-            whose photos were corrected: of its colors against the photos' mean exposure, EV, at most 0); of a run
-            that went on from a finished scene psnr_before and ssim_before, of the same views.
+            whose photos were corrected: of its colors against the photos' mean exposure, EV, at most 0).
         held_out: names of the views that never entered a loss.
         evidence: what the label maps of the other views say of each Gaussian, or None where the codes say it.
         photometric: exposure, white balance of red and of blue of each training photo by its name, EV, of mean zero

@@ -37,16 +37,11 @@ def view_evidence(
 ) -> Evidence:
     """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
 
-    The same input gives the same integers on one kind of processor.
-
     Args:
-        gaussians: G of them.
-        posed: the view.
         labels: int [H, W], 0..classes − 1.
         classes: N + 1.
         valid: bool [H, W]; pixels that are False say nothing, not even "undetected".
         undetected_weight: what a pixel of class 0 counts, in pixels.
-        backend: which rasterizer.
 
     Raises:
         InvalidInputError: a map of another size than the camera's, or with a label that is not below `classes`.
@@ -69,11 +64,9 @@ def views_evidence(
     """The evidence of all views that have a label map, at their training size.
 
     Args:
-        gaussians: G of them.
         views: training views; what is held out must not be among them.
         classes: N + 1.
         undetected_weight: what a pixel of class 0 counts, in pixels.
-        backend: which rasterizer.
     """
     splats = splats_of(gaussians, device=device_of(backend))
     parts = [no_evidence(len(gaussians))]

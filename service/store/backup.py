@@ -13,17 +13,13 @@ Rows are saved first and files after, so what a row names is there, or was delet
 are saved again. What is not saved: stage results of running jobs (which start over), uploads of failed jobs and those
 that are not whole, and logs. With an object store, scenes and uploads stay there, and its own versioning is their
 backup.
-
-Earlier releases saved PostgreSQL as `postgresql.dump` (`pg_dump --format=custom`), which is restored by `pg_restore`.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sqlite3
-import subprocess
 import tempfile
 from collections.abc import Mapping
 from contextlib import closing
@@ -49,7 +45,7 @@ from fastsplat.service.store.schema import api_keys, metadata, operations, scene
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
 
-_SQLITE, _DUMP, _FILES, _KEY = SQLITE_NAME, "postgresql.dump", "files", "key"
+_SQLITE, _FILES, _KEY = SQLITE_NAME, "files", "key"
 _TRIES = 5
 _ROWS = 200
 _UNFINISHED = ("QUEUED", "RUNNING")
@@ -92,8 +88,7 @@ def restore(backup: Path, data_dir: Path, database_url: str) -> BackupReport:
         InvalidInputError: it is damaged, or of the other kind of database.
         ConflictError: the data folder is not empty.
         ConflictError: there are scenes, jobs or keys in the PostgreSQL database.
-        ResourceError: the disk is full; or a backup of an earlier release needs `pg_restore`, which is not installed or
-            fails.
+        ResourceError: the disk is full.
     """
     manifest = _read_manifest(backup)
     url = resolve_url(data_dir, database_url)
@@ -280,10 +275,7 @@ def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
             shutil.copyfile(backup / _SQLITE, path)
             path.chmod(0o600)
     else:
-        if (backup / _DUMP).is_file():
-            _pg_restore(url, backup / _DUMP)
-        else:
-            _copy_rows_in(backup / _SQLITE, url)
+        _copy_rows_in(backup / _SQLITE, url)
     engine = open_engine(url)
     try:
         with engine.begin() as connection:
@@ -292,24 +284,3 @@ def _restore_database(backup: Path, data_dir: Path, url: URL) -> None:
             connection.execute(delete(workers))
     finally:
         engine.dispose()
-
-
-def _pg_restore(url: URL, dump: Path) -> None:
-    """Run PostgreSQL's program; the password travels in its environment, where other users cannot read it."""
-    name = url.set(drivername="postgresql", password=None).render_as_string(hide_password=False)
-    command = ["pg_restore", f"--dbname={name}", "--clean", "--if-exists", "--no-owner", str(dump)]
-    password = {} if url.password is None else {"PGPASSWORD": str(url.password)}
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, **password})
-    except FileNotFoundError as error:
-        raise ResourceError(
-            "pg_restore is not installed here, and the backup holds a dump of PostgreSQL's",
-            field="backup",
-            hint="Install PostgreSQL's client programs, of the server's version or later; the images lack them.",
-        ) from error
-    if done.returncode:
-        raise ResourceError(
-            f"pg_restore ended with status {done.returncode}: {done.stderr.strip()[-300:]}",
-            field="database_url",
-            hint="Run it by hand to see more: " + " ".join(command)[:300],
-        )

@@ -70,7 +70,7 @@ def save_before_upgrade(data_dir: Path, live: Connection, bring: Callable[[Conne
 
 
 def _copy_rows(live: Connection, file: Path, bring: Callable[[Connection], None]) -> None:
-    """As they are: no type of ours reads or writes them, so that a release may have called a column anything."""
+    """As they are: no type of ours reads or writes them, so that a column may have been called anything."""
     known = inspect(live)
     tables = MetaData()
     tables.reflect(live)

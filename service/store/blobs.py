@@ -19,7 +19,7 @@ import os
 import shutil
 import time
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -177,16 +177,6 @@ class Blobs:
     def drop_version(self, scene_id: str, version: str) -> None:
         """Remove one version; those who have its files open may read on."""
         self._discard(self.version(scene_id, version))
-
-    def erase_versions(self, scene_id: str, versions: Iterable[str]) -> None:
-        """Remove versions of a scene, and whatever the trash has of it or of anything that is half removed."""
-        for version in versions:
-            self.drop_version(scene_id, version)
-        for name in self.trashed_scenes():
-            if name.startswith(f"{scene_id}."):
-                self.drop_trashed(name)
-        for path in self.half_removed():
-            remove(path)
 
     def versions(self) -> dict[tuple[str, str], float]:
         """When each version was published, by scene and name, wherever they are kept; seconds since 1970."""

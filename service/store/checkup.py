@@ -22,7 +22,7 @@ from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.reserve import floor_of
 from fastsplat.service.store.schema import metadata, operations, scene_versions, scenes
 from fastsplat.service.store.store import Store
-from fastsplat_contract.errors import FastSplatError
+from fastsplat_contract.errors import ConflictError, FastSplatError
 
 _LOST = "Restore a database that has it; or, if nobody needs it, remove the folder."
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO
@@ -184,15 +184,15 @@ def _check_schema(url: URL) -> Iterator[Problem]:
     except ValueError as error:
         yield Problem("database", str(error), "Stop the service and restore a backup.")
         return
+    except ConflictError as error:
+        yield Problem("database", error.message, error.hint)
+        return
     except SQLAlchemyError as error:
         yield Problem("database", f"it does not answer ({type(error).__name__})", "Start it, or mend its URL.")
         return
     finally:
         engine.dispose()
-    if stored > newest:
-        hint = "Start the release that wrote it, or a newer one; or restore a backup made before the upgrade."
-        yield Problem("database", f"it is of version {stored}, and this release knows versions up to {newest}", hint)
-    elif stored < newest:
+    if stored < newest:
         hint = "Make a backup; the next start of the service, or --repair, brings it to this release's."
         yield Problem("database", f"it is of version {stored}, and this release's is {newest}", hint, True)
     elif missing:

@@ -20,7 +20,7 @@ def options_to_json(options: SceneOptions) -> dict[str, Any]:
 
 
 def options_from_json(row: Mapping[str, Any]) -> SceneOptions:
-    """Back from `options_to_json`, also from what earlier releases wrote; other keys are ignored."""
+    """Back from `options_to_json`; other keys are ignored."""
     return from_plain(
         SceneOptions, {field.name: row[field.name] for field in fields(SceneOptions) if field.name in row}
     )

@@ -108,25 +108,6 @@ def transaction(engine: Engine) -> Iterator[Connection]:
         raise _damaged() from error
 
 
-def scrub(engine: Engine) -> None:
-    """Overwrite what was deleted, also in SQLite's log. PostgreSQL's server does that by itself, some time later.
-
-    Raises:
-        DatabaseError: somebody reads what was deleted all the while.
-    """
-    if engine.dialect.name != "sqlite":
-        return
-    connection = engine.raw_connection()
-    try:
-        (busy, *_) = connection.cursor().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-    except sqlite3.OperationalError as error:
-        raise DatabaseError(f"the database does not answer ({error.sqlite_errorname})") from error
-    finally:
-        connection.close()
-    if busy:
-        raise DatabaseError("the database's log cannot be emptied, as somebody reads")
-
-
 def _sqlite_code(error: SQLAlchemyError) -> int:
     return int(getattr(getattr(error, "orig", None), "sqlite_errorcode", 0) & _PRIMARY_CODE)
 

@@ -37,7 +37,7 @@ def write_digests(folder: Path) -> None:
 def check_files(folder: Path, *names: str) -> None:
     """Check files of a published folder, by default all, against their digests.
 
-    A folder of a release before digests were recorded has none, and passes.
+    A folder without any passes.
 
     Raises:
         SceneFileError: one is damaged or missing; names it.

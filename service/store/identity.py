@@ -2,8 +2,8 @@
 another's.
 
 The place is the data folder (its file `.identity`), or the object store (its object `identity`) where there is one.
-Both get their id at the first start; a database and a folder of before get it at the next one, if the database knows a
-scene of the folder.
+Both get their id at the first start. Where one has it and the other has none, as a restored folder, the other gets the
+same, if the database knows a scene of the folder or neither has any.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ def check_identity(engine: Engine, blobs: Blobs) -> None:
 
 
 def establish_identity(engine: Engine, blobs: Blobs) -> None:
-    """Return if database and place share an id, or do from now on: a new database and an empty place, or two of before.
+    """Return if database and place share an id, or do from now on: a new database and an empty place, or two
+    that know the same scenes.
 
     Several processes may do so at once.
 

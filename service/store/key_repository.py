@@ -53,9 +53,6 @@ class KeyRecord:
         return self.revoked_at is None and (self.expires_at is None or now < self.expires_at)
 
 
-_COLUMNS = [column.label(name) for name, column in api_keys.c.items()]
-
-
 def use_key(connection: Connection, key_id: str, operation_id: str, now: float) -> bool:
     """Note the one operation that a key for one upload makes, in the transaction that makes it.
 
@@ -83,19 +80,19 @@ class KeyRepository:
     def all(self) -> Sequence[KeyRecord]:
         """Every key ever made, oldest first."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
-            rows = connection.execute(select(*_COLUMNS).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
+            rows = connection.execute(select(api_keys).order_by(api_keys.c.created_at, api_keys.c.id)).mappings()
             return [KeyRecord(**row) for row in rows]
 
     def valid(self, now: float) -> Sequence[KeyRecord]:
         """Every key that is valid at time `now`, oldest first."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
-            query = select(*_COLUMNS).where(_valid(now)).order_by(api_keys.c.created_at, api_keys.c.id)
+            query = select(api_keys).where(_valid(now)).order_by(api_keys.c.created_at, api_keys.c.id)
             return [KeyRecord(**row) for row in connection.execute(query).mappings()]
 
     def find(self, key_id: str) -> KeyRecord | None:
         """The key of an id; None if there is none."""
         with transaction(self._engine.execution_options(read_only=True)) as connection:
-            row = connection.execute(select(*_COLUMNS).where(api_keys.c.id == key_id)).mappings().first()
+            row = connection.execute(select(api_keys).where(api_keys.c.id == key_id)).mappings().first()
         return None if row is None else KeyRecord(**row)
 
     def of_project(
@@ -109,7 +106,7 @@ class KeyRepository:
         """Up to `limit` keys of a project and of these roles, newest first, those after (created_at, id); with a scene,
         only those that show it alone."""
         rows = api_keys.c
-        query = select(*_COLUMNS).where(rows.project == project, rows.role.in_(roles))
+        query = select(api_keys).where(rows.project == project, rows.role.in_(roles))
         if scene_id:
             query = query.where(rows.scene_id == scene_id)
         query = query.order_by(rows.created_at.desc(), rows.id.desc()).limit(limit)
@@ -132,12 +129,6 @@ class KeyRepository:
         this_key = update(api_keys).where(api_keys.c.id == key_id, api_keys.c.expires_at < expires_at)
         with transaction(self._engine) as connection:
             connection.execute(this_key.values(expires_at=expires_at))
-
-    def expire(self, key_id: str, now: float, expires_at: float) -> bool:
-        """Set when a key expires. False if it is not valid at time `now`."""
-        this_key = update(api_keys).where(api_keys.c.id == key_id, _valid(now))
-        with transaction(self._engine) as connection:
-            return bool(connection.execute(this_key.values(expires_at=expires_at)).rowcount)
 
     def revoke(self, key_id: str, now: float) -> None:
         """Revoke a key; one that is revoked stays so.

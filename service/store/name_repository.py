@@ -17,19 +17,16 @@ from sqlalchemy import (
     RowMapping,
     and_,
     delete,
-    func,
     insert,
     literal,
     or_,
     select,
-    union_all,
 )
 
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.store.database import transaction
-from fastsplat.service.store.records import DEFAULT_PROJECT
-from fastsplat.service.store.schema import known_names, name_packs, scenes
-from fastsplat_contract.errors import LimitExceededError, NotFoundError
+from fastsplat.service.store.schema import known_names, scenes
+from fastsplat_contract.errors import NotFoundError
 
 if TYPE_CHECKING:
     from fastsplat.service.scene.types import Things
@@ -82,19 +79,6 @@ class KnownNameRecord:
     picture: bytes = field(default=b"", repr=False)
     said: Sequence[Said] = ()
     tags: Sequence[tuple[str, float]] = ()
-
-
-@dataclass(frozen=True)
-class PackRecord:
-    """Names that were learnt elsewhere, see `NamePack`: name and base64 of the appearance of each; `added_at` in
-    seconds since 1970, UTC."""
-
-    id: str
-    license: str
-    model: str
-    digest: str
-    names: Sequence[tuple[str, str]] = field(repr=False)
-    added_at: float
 
 
 def names_between(
@@ -165,12 +149,11 @@ class KnownNameRepository:
         self._reading = partial(transaction, engine.execution_options(read_only=True))
 
     def keys(self) -> Sequence[tuple[str, str]]:
-        """Id and version of every name that counts, and the id of every pack with "". No row ever changes: as long as
-        these stay, so do what `all` and `packs` return, whichever process writes."""
-        names = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within())
-        packs = select(name_packs.c.id, literal("")).where(self._packed())
+        """Id and version of every name that counts. No row ever changes: as long as these stay, so does what `all`
+        returns, whichever process writes."""
+        query = select(_ROWS.id, _ROWS.version).join(scenes, _OF_CURRENT).where(self._within()).order_by(_ROWS.id)
         with self._reading() as connection:
-            return [(each, version) for each, version in connection.execute(union_all(names, packs).order_by("id"))]
+            return [(each, version) for each, version in connection.execute(query)]
 
     def all(self) -> Sequence[KnownNameRecord]:
         """Every name that counts, newest first, without pictures."""
@@ -188,59 +171,23 @@ class KnownNameRepository:
             rows = connection.execute(query.order_by(*_NEWEST_FIRST).limit(limit))
             return [_record(row) for row in rows.mappings()]
 
-    def packs(self) -> Sequence[PackRecord]:
-        """The packs that were added, newest first."""
-        columns = [column for column in name_packs.c if column.name not in ("count", "project")]
-        query = select(*columns).where(self._packed()).order_by(name_packs.c.added_at.desc(), name_packs.c.id)
-        with self._reading() as connection:
-            return [PackRecord(**row) for row in connection.execute(query).mappings()]
-
-    def add_pack(self, pack: PackRecord, most: int) -> None:
-        """Keep a pack.
-
-        Raises:
-            LimitExceededError: the project's packs would have more than `most` names.
-        """
-        with self._writing() as connection:
-            held = connection.scalar(select(func.sum(name_packs.c.count)).where(self._packed())) or 0
-            if held + len(pack.names) > most:
-                raise LimitExceededError(
-                    f"{held + len(pack.names)} names in packs",
-                    field="pack.names",
-                    limit=str(most),
-                    hint="Forget a pack first.",
-                )
-            row = {**vars(pack), "count": len(pack.names), "project": self._project or DEFAULT_PROJECT}
-            connection.execute(insert(name_packs).values(**row))
-
-    def forget(self, name_id: str) -> None:
-        """Remove a name, from the versions that are not current, too, its scene keeps it; or a pack.
+    def forget(self, name_id: str | None) -> None:
+        """Remove a name, or all of the project with None, from the versions that are not current, too; scenes keep
+        theirs.
 
         Raises:
             NotFoundError: there is none of that id.
         """
+        mine = _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
+        of_id = () if name_id is None else (_ROWS.id == name_id,)
         with self._writing() as connection:
-            packs = delete(name_packs).where(name_packs.c.id == name_id, self._packed())
-            names = delete(known_names).where(_ROWS.id == name_id, self._mine())
-            if not (connection.execute(names).rowcount or connection.execute(packs).rowcount):
+            if not connection.execute(delete(known_names).where(mine, *of_id)).rowcount and name_id is not None:
                 raise NotFoundError(
                     f"no known name {name_id[:80]!r}", field="name_id", hint="List the known names to see which are."
                 )
 
-    def forget_all(self) -> None:
-        """Remove every name and pack of the project; its scenes keep theirs."""
-        with self._writing() as connection:
-            connection.execute(delete(known_names).where(self._mine()))
-            connection.execute(delete(name_packs).where(self._packed()))
-
     def _within(self) -> ColumnElement[bool]:
         return literal(True) if self._project is None else scenes.c.project == self._project
-
-    def _packed(self) -> ColumnElement[bool]:
-        return literal(True) if self._project is None else name_packs.c.project == self._project
-
-    def _mine(self) -> ColumnElement[bool]:
-        return _ROWS.scene_id.in_(select(scenes.c.id).where(self._within()))
 
 
 def _record(row: RowMapping) -> KnownNameRecord:

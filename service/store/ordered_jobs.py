@@ -13,9 +13,7 @@ from fastsplat.service.store.records import NewJob
 from fastsplat_contract.operations import OperationKind, SceneOptions
 
 
-def order_job(
-    kind: OperationKind, scene_id: str, request_id: str, order: Mapping[str, Any], project: str, **more: Any
-) -> NewJob:
+def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mapping[str, Any], project: str) -> NewJob:
     """The job that does an order.
 
     Args:
@@ -24,7 +22,6 @@ def order_job(
         request_id: the same id with the same order is the same operation; "" for none.
         order: what is asked for, as JSON.
         project: whose scene it is.
-        **more: what the server adds to the order, which does not tell it from another one.
     """
     content = json.dumps({"scene": scene_id, kind: order}, sort_keys=True)
     return NewJob(
@@ -34,6 +31,6 @@ def order_job(
         request_id=request_id,
         request_digest=hashlib.sha256(content.encode()).hexdigest(),
         upload_id="",
-        options={**options_to_json(SceneOptions()), kind: {**order, **more}},
+        options={**options_to_json(SceneOptions()), kind: dict(order)},
         project=project,
     )

@@ -30,16 +30,11 @@ RELEASED = "released"
 _SCENE_STATES, _OPERATION_STATES, _SCALES = get_args(SceneState), get_args(OperationState), get_args(Scale)
 _KINDS: tuple[OperationKind, ...] = get_args(OperationKind)
 
-JOINED_CAMERAS = "joined_cameras"
-"""In the quality of a version: rows of the cameras of photos that have joined the scene since it was trained, as
-`SceneRecord.cameras`."""
-
 
 @dataclass(frozen=True)
 class SceneRecord:
     """One scene. `version` is empty as long as nothing of it can be asked; that of a scene that is not READY
-    is a draft, or what one was edited to. `things` is None where nobody has counted them. Times are seconds since 1970,
-    UTC."""
+    is a draft, or what one was edited to. Times are seconds since 1970, UTC."""
 
     id: str
     name: str
@@ -55,17 +50,7 @@ class SceneRecord:
     project: str = DEFAULT_PROJECT
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    things: int | None = None
-
-    @property
-    def frame(self) -> str:
-        """The name of the frame that it lies in: a map's, another scene's id, or its own."""
-        return str((self.alignment or {}).get("frame") or self.id)
-
-    @property
-    def every_camera(self) -> Sequence[Mapping[str, Any]]:
-        """The cameras, then those of photos that have joined the scene in its current version."""
-        return (*self.cameras, *self.quality.get(JOINED_CAMERAS, ()))
+    things: int = 0
 
     def __post_init__(self) -> None:
         require(
@@ -79,10 +64,10 @@ class SceneRecord:
             scale=self.scale in _SCALES,
             dictionary=are_objects(self.dictionary, "label_id", "label"),
             cameras=are_objects(self.cameras, "name"),
-            quality=is_object(self.quality) and are_objects(self.quality.get(JOINED_CAMERAS, ()), "name"),
+            quality=is_object(self.quality),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            things=self.things is None or isinstance(self.things, int),
+            things=isinstance(self.things, int),
         )
 
 
@@ -162,11 +147,6 @@ class OperationRecord:
         return self.kind == "create_scene"
 
     @property
-    def replaces(self) -> bool:
-        """Whether what the job makes takes the place of all versions of its scene, with the edits made meanwhile."""
-        return self.kind in ("create_scene", "withdraw_photos")
-
-    @property
     def order(self) -> Mapping[str, Any]:
         """What was ordered of a job on a finished scene, as JSON; empty for one that makes its scene."""
         return self.options.get(self.kind) or {}
@@ -176,11 +156,6 @@ class OperationRecord:
         """What came of a job on a finished scene, as JSON; None as long as there is nothing."""
         found: Mapping[str, Any] | None = self.options.get(RESULT)
         return found
-
-    @property
-    def replaced(self) -> bool:
-        """Whether its finished scene was replaced, so that all that is left to do is to remove what was before."""
-        return self.kind == "withdraw_photos" and self.result is not None
 
     @property
     def run_id(self) -> str:
@@ -209,8 +184,7 @@ class NewJob:
 
 @dataclass(frozen=True)
 class SceneSummary:
-    """What a finished job stores about its scene; the artefact itself is a folder of this version. `things` is None
-    where the job's trainer, of an earlier release, did not count them."""
+    """What a finished job stores about its scene; the artefact itself is a folder of this version."""
 
     version: str
     gaussians: int
@@ -218,7 +192,7 @@ class SceneSummary:
     dictionary: Sequence[Mapping[str, Any]]
     cameras: Sequence[Mapping[str, Any]]
     quality: Mapping[str, Any]
-    things: int | None = None
+    things: int
 
 
 @dataclass(frozen=True)

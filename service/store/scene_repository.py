@@ -20,7 +20,6 @@ from fastsplat_contract.errors import ArtefactError, ConflictError, NotFoundErro
 from fastsplat_contract.operations import OperationState
 from fastsplat_contract.scenes import SceneState
 
-_MOST_CAPTURES = 1_000
 _LISTED = [column for column in scenes.c if column.name != "cameras"]
 
 
@@ -216,28 +215,6 @@ class SceneRepository:
         query = select(scenes.c.id).where(scenes.c.version != "", *self._within(scenes))
         with self._reading() as connection:
             return list(connection.scalars(query.order_by(scenes.c.created_at.desc(), scenes.c.id.desc())))
-
-    def captures(self, scene_id: str) -> Sequence[SceneRecord]:
-        """The finished scenes in the frame of a finished one, itself among them, of 1,000 at most those that were made
-        last, in no order; their `cameras` are left empty.
-
-        Raises:
-            NotFoundError: there is none of that id.
-            NotReadyError: the scene whose frame it is has been put into another one since.
-        """
-        asked = self.scene(scene_id)
-        named = scenes.c.alignment["frame"].as_string() == asked.frame
-        query = select(*_LISTED).where(scenes.c.state == "READY", *self._within(scenes))
-        query = query.where(or_(scenes.c.id.in_((scene_id, asked.frame)), named)).order_by(scenes.c.created_at.desc())
-        with self._reading() as connection:
-            found = first_readable(connection, query, _MOST_CAPTURES, lambda row: SceneRecord(**row, cameras=()))
-        if moved := [each.id for each in found if each.frame != asked.frame]:
-            raise NotReadyError(
-                f"scene {moved[0]!r}, to which scene {scene_id!r} was aligned, is in another frame by now",
-                field="scene",
-                hint="Align one of them to the other again.",
-            )
-        return found
 
     def rename(self, scene_id: str, name: str, expected_name: str | None = None) -> None:
         """Give a scene another name; with `expected_name`, only if that, or already the new one, is its name.

@@ -14,9 +14,7 @@ from sqlalchemy import (
     MetaData,
     String,
     Table,
-    Text,
     UniqueConstraint,
-    false,
 )
 
 from fastsplat.service.store.records import DEFAULT_PROJECT
@@ -25,7 +23,7 @@ metadata = MetaData()
 
 
 def _project() -> Column[str]:
-    return Column("project", String(64), nullable=False, default=DEFAULT_PROJECT, server_default=DEFAULT_PROJECT)
+    return Column("project", String(64), nullable=False, default=DEFAULT_PROJECT)
 
 
 projects = Table(
@@ -34,7 +32,7 @@ projects = Table(
     Column("name", String(64), primary_key=True),
     Column("created_at", Double, nullable=False),
     # The host of a namer to which pictures of its things may go; "": none.
-    Column("namer_host", String(300), nullable=False, default="", server_default=""),
+    Column("namer_host", String(300), nullable=False, default=""),
 )
 
 scenes = Table(
@@ -54,8 +52,8 @@ scenes = Table(
     # Of the current version: how its lengths follow from those of the trained one; null: they are the same.
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
-    # Things of the current version; null: not counted, as in rows of earlier releases.
-    Column("things", Integer, nullable=True),
+    # Of the current version, as all above but the name; 0 as long as there is none.
+    Column("things", Integer, nullable=False, default=0),
     _project(),
     Index("scenes_newest_first", "project", "created_at", "id"),
 )
@@ -81,14 +79,14 @@ operations = Table(
     # takes its start back.
     Column("starts", Integer, nullable=False, default=0),
     # The executor id of the worker that has it while it is RUNNING; "": others may claim it.
-    Column("worker", String(80), nullable=False, default="", server_default=""),
+    Column("worker", String(80), nullable=False, default=""),
     Column("cancel_requested", Boolean, nullable=False, default=False),
     # Its training is to end early, and what is there to be kept.
-    Column("finish_requested", Boolean, nullable=False, default=False, server_default=false()),
+    Column("finish_requested", Boolean, nullable=False, default=False),
     # What can be looked at while it runs, by kind; the bytes are in `Blobs.progress_file`.
     Column("progress_files", JSON(none_as_null=True), nullable=True),
     # Higher ones first.
-    Column("priority", Integer, nullable=False, default=0, server_default="0"),
+    Column("priority", Integer, nullable=False, default=0),
     _project(),
     UniqueConstraint("project", "request_id", name="operations_request"),
 )
@@ -100,8 +98,7 @@ workers = Table(
     Column("host", String(255), nullable=False),
     Column("pid", Integer, nullable=False),
     Column("started_at", Double, nullable=False),
-    # It keeps its first name in the database, where workers of an earlier release may run beside this one's.
-    Column("beat_at", Double, key="heartbeat_at", nullable=False),
+    Column("heartbeat_at", Double, nullable=False),
 )
 
 scene_versions = Table(
@@ -117,14 +114,14 @@ scene_versions = Table(
     Column("gaussians", Integer, nullable=False),
     Column("dictionary", JSON, nullable=False),
     Column("edits", JSON, nullable=False),
-    # When it last became current; null: with its making. By it a redo knows which version was left.
+    # When it last ceased to be current; null: never. By it a redo knows which version was left.
     Column("current_at", Double, nullable=True),
     # The name of the key that made it; empty where there was none.
-    Column("author", String(200), nullable=False, default="", server_default=""),
+    Column("author", String(200), nullable=False, default=""),
     Column("scaling", JSON(none_as_null=True), nullable=True),
     Column("alignment", JSON(none_as_null=True), nullable=True),
-    Column("quality", JSON(none_as_null=True), nullable=True),
-    Column("things", Integer, nullable=True),
+    Column("quality", JSON, nullable=False),
+    Column("things", Integer, nullable=False),
     UniqueConstraint("scene_id", "request_id"),
 )
 
@@ -141,24 +138,10 @@ known_names = Table(
     Column("appearance", LargeBinary, nullable=False),
     Column("picture", LargeBinary, nullable=False),
     # What sources of suggestions had said of it: [source, probability, right] of each.
-    Column("said", JSON, nullable=False, default=list, server_default="[]"),
+    Column("said", JSON, nullable=False, default=list),
     # Printed tags on it: [number, probability] of each.
-    Column("tags", JSON, nullable=False, default=list, server_default="[]"),
+    Column("tags", JSON, nullable=False, default=list),
     Index("known_names_of_version", "scene_id", "version"),
-)
-
-# Names that were learnt elsewhere, with what such things look like: [name, base64 of the appearance] of each.
-name_packs = Table(
-    "name_packs",
-    metadata,
-    Column("id", String(40), primary_key=True),
-    Column("license", Text, nullable=False),
-    Column("model", String(200), nullable=False),
-    Column("digest", String(64), nullable=False),
-    Column("names", JSON, nullable=False),
-    Column("count", Integer, nullable=False),
-    Column("added_at", Double, nullable=False),
-    _project(),
 )
 
 # Verdicts of a scene's photos as JSON objects, see `service.store.photo_repository`.
@@ -174,8 +157,7 @@ api_keys = Table(
     metadata,
     Column("id", String(16), primary_key=True),
     Column("name", String(200), nullable=False),
-    # It has the name that it had when there were two kinds of keys.
-    Column("kind", String(16), key="role", nullable=False),
+    Column("role", String(16), nullable=False),
     Column("hash", String(64), nullable=False),
     Column("created_at", Double, nullable=False),
     Column("expires_at", Double, nullable=True),
@@ -184,12 +166,12 @@ api_keys = Table(
     Column("operation_id", String(40), nullable=True),
     _project(),
     # The one scene that the key shows; "" for all of the project.
-    Column("scene_id", String(40), nullable=False, default="", server_default=""),
+    Column("scene_id", String(40), nullable=False, default=""),
 )
 
 # What each scene counts against the quotas of its project.
 quota_usage = Table(
-    "holdings",
+    "quota_usage",
     metadata,
     Column("scene_id", String(40), primary_key=True),
     Column("bytes", BigInteger, nullable=False),
@@ -202,6 +184,3 @@ identity = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("id", String(40), nullable=False),
 )
-
-# Read by releases before alembic only, which refuse a database of a later version.
-schema_version = Table("schema_version", metadata, Column("version", Integer, primary_key=True, autoincrement=False))

@@ -26,7 +26,6 @@ from fastsplat.service.store.reserve import Reserve
 from fastsplat.service.store.scene_repository import SceneRepository
 from fastsplat.service.store.settings import ArtefactSettings
 from fastsplat.service.store.version_repository import VersionRepository
-from fastsplat.service.store.withdrawals import Withdrawals
 from fastsplat.service.store.worker_repository import WorkerRepository
 from fastsplat_contract.errors import FastSplatError, ObjectStoreError, ResourceError
 
@@ -50,7 +49,6 @@ class Store:
     quota_usage: QuotaUsage
     known_names: KnownNameRepository
     photos: PhotoRepository
-    withdrawals: Withdrawals
     blobs: Blobs
     reserve: Reserve
     engine: Engine
@@ -86,8 +84,8 @@ def open_store(
 
     Raises:
         InvalidInputError: a URL cannot be read.
-        ConflictError: database and folder do not belong together, see `service.store.identity`; or a later release
-            wrote the database.
+        ConflictError: database and folder do not belong together, see `service.store.identity`; or this release
+            cannot read the database, see `service.store.migrations`.
         ResourceError: the folder or the database cannot be used.
     """
     try:
@@ -121,7 +119,6 @@ def open_store(
         quota_usage=QuotaUsage(engine),
         known_names=KnownNameRepository(engine),
         photos=PhotoRepository(engine),
-        withdrawals=Withdrawals(engine),
         blobs=blobs,
         reserve=reserve,
         engine=engine,

@@ -27,9 +27,8 @@ from fastsplat_contract.errors import ConflictError, NotFoundError
 @dataclass(frozen=True)
 class VersionRecord:
     """One version. `number` counts from 1, the trained one; `edits`, `scaling`, `alignment` and `quality` are JSON as
-    the service layer wrote them; `things` is None where nobody has counted them. `current_at` is when it last ceased to
-    be current (in rows of earlier releases when it last became current), None if it never did. `author` names the key
-    that made it.
+    the service layer wrote them. `current_at` is when it last ceased to be current, None if it never did. `author`
+    names the key that made it.
     """
 
     scene_id: str
@@ -42,12 +41,12 @@ class VersionRecord:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    quality: Mapping[str, Any]
+    things: int
     current_at: float | None = None
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    quality: Mapping[str, Any] | None = None
-    things: int | None = None
     current: bool = False
 
     def __post_init__(self) -> None:
@@ -63,8 +62,8 @@ class VersionRecord:
             current_at=self.current_at is None or is_time(self.current_at),
             scaling=self.scaling is None or is_object(self.scaling),
             alignment=self.alignment is None or is_object(self.alignment),
-            quality=self.quality is None or is_object(self.quality),
-            things=self.things is None or isinstance(self.things, int),
+            quality=is_object(self.quality),
+            things=isinstance(self.things, int),
         )
 
 
@@ -72,8 +71,6 @@ class VersionRecord:
 class NewVersion:
     """A version whose folder is in place, to become the current one; without a `scaling`, an `alignment` or a `quality`
     it has its parent's.
-
-    One that is `beside` the current version, and made of another one, does not become the current one.
 
     Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
     version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
@@ -87,13 +84,12 @@ class NewVersion:
     gaussians: int
     dictionary: Sequence[Mapping[str, Any]]
     edits: Sequence[Mapping[str, Any]]
+    things: int
     names: VersionNames = field(default_factory=VersionNames)
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
     quality: Mapping[str, Any] | None = None
-    things: int | None = None
-    beside: bool = False
     max_versions: int | None = None
 
 
@@ -102,7 +98,7 @@ _ALL = select(scene_versions, (_ROWS.version == scenes.c.version).label("current
     scenes, scenes.c.id == _ROWS.scene_id
 )
 """In one statement, so that which one is current is of the same moment."""
-_NO_COLUMNS = ("names", "beside", "max_versions", "current")
+_NO_COLUMNS = ("names", "max_versions", "current")
 _TICK_S = 1e-6
 
 
@@ -175,14 +171,6 @@ class VersionRepository:
             raise ConflictError(
                 f"request id {new.request_id!r} has made a version meanwhile", field="request_id"
             ) from error
-
-    def record_things(self, scene_id: str, version: str, things: int) -> None:
-        """Note how many things a version has that no row says it of."""
-        with self._writing() as connection:
-            here = update(scenes).where(scenes.c.id == scene_id, scenes.c.version == version)
-            connection.execute(here.values(things=things))
-            here = update(scene_versions).where(_ROWS.scene_id == scene_id, _ROWS.version == version)
-            connection.execute(here.values(things=things))
 
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
         """Make the parent of the current version current; returns it.
@@ -261,32 +249,25 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
 
     Raises:
         ConflictError: the scene has another current version by now.
-        NotFoundError: the scene was deleted, or has no version any more that this one is `beside` of.
+        NotFoundError: the scene was deleted.
     """
-    scene = locked_scene(connection, new.scene_id, "" if new.beside else new.parent)
-    # Rows of before versions had a quality of their own: then that of the scene is that of all of them.
-    unsaid = update(scene_versions).where(_ROWS.scene_id == scene.id, _ROWS.quality.is_(None))
-    connection.execute(unsaid.values(quality=dict(scene.quality)))
+    scene = locked_scene(connection, new.scene_id, new.parent)
     records = versions_of(connection, scene.id)
     if not records:
         records = {scene.version: trained_version(scene)}
         connection.execute(insert(scene_versions).values(version_row(records[scene.version])))
-    if new.beside and new.parent not in records:
-        raise no_version(new.parent)
-    parent = records[new.parent] if new.beside else scene
     new = replace(
         new,
-        scaling=new.scaling or parent.scaling,
-        alignment=new.alignment or parent.alignment,
-        quality=new.quality or parent.quality,
+        scaling=new.scaling or scene.scaling,
+        alignment=new.alignment or scene.alignment,
+        quality=new.quality or scene.quality,
     )
     values = {
         **version_row(new), "request_id": new.request_id or None, "created_at": time.time(),
         "number": max(record.number for record in records.values()) + 1,
     }  # fmt: skip
     connection.execute(insert(scene_versions).values(values))
-    if not new.beside:
-        _point(connection, scene, new)
+    _point(connection, scene, new)
     record_names(connection, scene.id, new.parent, new.version, new.names)
     removed = () if new.max_versions is None else _prune(connection, scene.id, new.version, new.max_versions)
     return versions_of(connection, scene.id)[new.version], removed
@@ -356,7 +337,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
 
 def versions_of(connection: Connection, scene_id: str) -> dict[str, VersionRecord]:
     """All rows of a scene by version, oldest first; none if it was never edited."""
-    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number, _ROWS.created_at))
+    rows = connection.execute(_ALL.where(_ROWS.scene_id == scene_id).order_by(_ROWS.number))
     return {row["version"]: VersionRecord(**row) for row in rows.mappings()}
 
 
@@ -379,5 +360,5 @@ def no_version(version: str) -> NotFoundError:
 def trained_version(scene: SceneRecord) -> VersionRecord:
     return VersionRecord(
         scene.id, scene.version, 1, "", scene.created_at, None, "", scene.gaussians, scene.dictionary, (),
-        quality=scene.quality, things=scene.things, current=True,
+        scene.quality, scene.things, current=True,
     )  # fmt: skip

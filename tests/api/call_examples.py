@@ -8,24 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fastsplat_contract.align_messages import AlignToIn
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.edit_previews import PreviewEditIn
 from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.gaussian_filters import GaussianFilter
-from fastsplat_contract.known_names import NamePack, PackedName
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.pictures import PictureRequest, Tint
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
-from fastsplat_contract.train_more_messages import TrainMoreIn
-from fastsplat_contract.withdrawal_messages import WithdrawPhotosIn
 from tests.api.made_scene import turned
 
 _PIXEL = Pixel(24.0, 18.0)
@@ -35,7 +30,6 @@ _SPLIT = Edit("split", things=(1,), prompt=ThingPrompt(view="front.png", pixels=
 _NEAR = Box(Pose(Vector3(0.0, 0.0, 4.0), Quaternion(0.0, 0.0, 0.0, 1.0)), Vector3(1.5, 9.0, 9.0))
 _CROP = Edit("remove", filter=GaussianFilter(box=_NEAR, outside=True))
 _LOOSE = Edit("remove", filter=GaussianFilter(isolation_above=1.2))
-_PACK = NamePack("CC0-1.0", "picodet_416", "0" * 64, (PackedName("mug", b"\x00\x3c"),))
 UP = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
 
 
@@ -71,8 +65,6 @@ EXAMPLES = (
     Example("UpdateScene", SceneUpdate("desk <b>☕</b>"), "own"),
     Example("ListLabels"),
     Example("ListLabels", {"page_size": 2}),
-    Example("ListObjects"),
-    Example("ListObjects", {"label": "ball", "version": "1"}),
     *(Example("ListThings", fields) for fields in ({}, {"page_size": 2}, {"parts": True, "version": "1"})),
     *(
         Example("PickThing", PickRequest("", **place))
@@ -103,8 +95,6 @@ EXAMPLES = (
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
     Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
-    Example("TrainMore", TrainMoreIn(steps=100, preset="draft", request_id="more"), "own"),
-    Example("WithdrawPhotos", WithdrawPhotosIn(("front.png",), "gone"), "own"),
     Example("UndoEdit", {}, "edited"),
     Example("RedoEdit", {"version": "1"}, "undone"),
     Example("RestoreVersion", {"version": "1"}, "edited"),
@@ -116,13 +106,9 @@ EXAMPLES = (
     _render("rgb", coarse=True, tints=(Tint((1,), RED, 0.5),)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
-    *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
-    Example("DownloadScenePly"),
-    Example("DownloadMaskPly", {"text": "mug"}),
-    Example("DownloadThingIds"),
     _export("spz", coarse=True),
     *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
-    *(_export(name) for name in ("cameras", "points", "spz")),
+    *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "things")),
     _export("points", cell=0.2),
     _export("map", "upright", cell=0.1),
     Example("ListPhotos"),
@@ -163,20 +149,24 @@ EXAMPLES = (
     ),
     *(
         _bad(name, {}, "scene", "NOT_FOUND", "nothing")
-        for name in ("DownloadScenePly", "DownloadThingIds", "ListPhotos", "ListNextPhotos", "ListDetections")
+        for name in ("ExportScene", "ListPhotos", "ListNextPhotos", "ListDetections")
     ),
     *(
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
-        for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
+        for name in (
+            "GetOperation",
+            "CancelOperation",
+            "RetryOperation",
+            "FinishOperation",
+            "GetPreview",
+            "WaitOperation",
+        )
     ),
-    _bad("ListScenes", {"place": "0" * 32}, "scene", "NOT_FOUND"),
+    _bad("WaitOperation", {}, "operation", "NOT_FOUND", "nothing"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
-    Example("CheckKnownNames", {}, "named"),
-    _bad("ExportNamePack", {"license": "CC0-1.0"}, "names"),  # what is known there has no descriptor
-    _bad("AddNamePack", {"pack": _PACK}, "picodet_416", "MODEL_UNAVAILABLE"),
-    _bad("AddNamePack", {"pack": _PACK._replace(license="a\0")}, "pack.license"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
+    *(_bad("UpdateScene", SceneUpdate("desk", told), "scene", "NOT_FOUND", "nothing") for told in (None, "made")),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),
@@ -222,20 +212,8 @@ EXAMPLES = (
     _bad("PreviewEdit", PreviewEditIn(()), "edits"),
     _bad("PreviewEdit", PreviewEditIn((_LOOSE,), "e0"), "version", "NOT_FOUND"),
     _bad("PreviewEdit", PreviewEditIn((Edit("recolor", label="mug", color=RED),)), "edits[0].action"),
-    *(
-        _bad("LookAgain", LookAgainIn(texts), field, reason)
-        for texts, field, reason in (
-            ((), "texts", "INVALID_INPUT"),
-            (("cup", "cups"), "texts[1]", "INVALID_INPUT"),
-            (("two\nlines",), "texts[0]", "INVALID_INPUT"),
-            (("x" * 201,), "texts[0]", "LIMIT_EXCEEDED"),
-            (("x",) * 1001, "texts", "LIMIT_EXCEEDED"),
-        )
-    ),
-    _bad("AlignToScene", AlignToIn("e0"), "other.scene", "NOT_FOUND"),
-    _bad("TrainMore", TrainMoreIn(steps=100, seconds=1.0), "steps"),
-    _bad("WithdrawPhotos", WithdrawPhotosIn(), "photos"),
-    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # what is answered: see test_own_namer
+    _bad("LookAgain", LookAgainIn(("cup", "cups")), "texts[1]"),
+    _bad("AskNamer", {}, "namer", "MODEL_UNAVAILABLE"),  # where it has one: see test_own_namer
     _bad("AgreeToNamer", {"host": "localhost:11434"}, "namer", "MODEL_UNAVAILABLE"),
     _bad("UndoEdit", {}, "", "CONFLICT"),
     _bad("RedoEdit", {}, "", "CONFLICT"),
@@ -263,7 +241,7 @@ EXAMPLES = (
     ),
     _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),
     _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
-    _bad("DownloadCameras", DownloadCamerasRequest("", "colmap"), "format"),  # the name of one has blanks
+    _bad("ExportScene", ExportRequest("", "colmap"), "format"),  # the name of one has blanks
     *(
         _bad("ExportScene", ExportRequest("", name, things=(4_000,)), "things[0]", "NOT_FOUND")
         for name in ("ply", "sog")

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -15,7 +12,6 @@ from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
-from fastsplat.service.perception.appearance import SIZE
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
@@ -118,24 +114,11 @@ def add_scene(service: SceneService, settings: Settings, name: str = "made") -> 
     return scene_id
 
 
-@contextmanager
-def detector_file(models: Path) -> Iterator[bytes]:
-    """A file that is taken for the default detector's while its features are asked for, and a descriptor of these."""
-    folder = models / "picodet_416"
-    folder.mkdir()
-    (folder / "picodet_416.onnx").write_bytes(b"a detector")
-    try:
-        yield (np.arange(SIZE) == 5).astype(np.float16).tobytes()
-    finally:
-        shutil.rmtree(folder)
-
-
-def add_known_name(service: SceneService, scene_id: str, name: str = "mug", appearance: bytes = b"\0\0") -> str:
-    """Store a name as if a person had given it to thing 1, of that appearance, in the current version of a scene;
-    returns its id."""
+def add_known_name(service: SceneService, scene_id: str, name: str = "mug") -> str:
+    """Store a name as if a person had given it to thing 1 in the current version of a scene; returns its id."""
     store = service._store
     version = store.scenes.scene(scene_id).version
-    names = VersionNames([NewName(1, name, appearance, b"\xff\xd8\xff")], limit=1000)
+    names = VersionNames([NewName(1, name, b"\0\0", b"\xff\xd8\xff")], limit=1000)
     with transaction(store.engine) as connection:
         record_names(connection, scene_id, "", version, names)
     return f"{scene_id}-1"

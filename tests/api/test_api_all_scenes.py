@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Literal
 
-import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import CallSettings, Settings
-from fastsplat_contract.pieces import READS_SKIPPED
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces, rpc_refusal, served
+from tests.api.served import Faces, served
 
 
 @pytest.fixture(scope="module")
@@ -65,24 +62,3 @@ def test_where_every_scene_is_damaged_there_are_no_answers_and_all_are_named(
         _damage(service, scene_id)
         out = client.ask_everywhere(QueryRequest("", ("mug",)), protocol=protocol)
         assert out.answers == () and [scene.scene_id for scene in out.skipped] == [scene_id]
-
-
-def test_a_client_of_the_first_release_reads_every_answer_over_grpc(
-    api_settings: Settings, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    """It takes the first message for an answer's; where there is none, it gets an error as it did from that release."""
-    settings = api_settings.model_copy(update={"data_dir": tmp_path_factory.mktemp("old")})
-    question = pb.QueryRequest(texts=["mug"])
-    with open_service(settings) as service, served(service, settings) as faces:
-        assert list(faces.rpc.Query(question)) == []
-        damaged = add_scene(service, settings)
-        _damage(service, damaged)
-        with pytest.raises(grpc.RpcError) as refused:
-            list(faces.rpc.Query(question))
-        refusal = rpc_refusal(refused.value)
-        assert damaged in refusal.detail and "digest" in refusal.detail
-        (alone,) = faces.rpc.Query(question, metadata=(READS_SKIPPED,))
-        assert not alone.HasField("answer") and alone.skipped_count == 1
-        add_scene(service, settings)
-        first, skipped = faces.rpc.Query(question)
-        assert first.HasField("answer") and skipped.skipped_count == 1

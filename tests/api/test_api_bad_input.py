@@ -87,30 +87,6 @@ def test_an_unknown_scene_is_not_found(faces: Faces, scene: str) -> None:
     _agree(rest, rpc)
 
 
-def test_unknown_names_are_not_found_everywhere(faces: Faces, scene_id: str) -> None:
-    paths = ("scenes/none", "operations/none", "scenes/none/scene.ply", "scenes/none/mask.ply?text=mug")
-    for path in (*paths, "scenes/none/rgb.png?view=v", f"scenes/{scene_id}/rgb.png?view=none", "operations/none:wait"):
-        assert rest_refusal(faces.rest.get(f"/v1/{path}")).code == 404
-    assert rest_refusal(faces.rest.delete("/v1/scenes/none")).code == 404
-    assert rest_refusal(faces.rest.post("/v1/operations/none:cancel")).code == 404
-    stub = faces.rpc
-    calls = (
-        lambda: stub.GetScene(pb.GetSceneRequest(scene_id="none")),
-        lambda: stub.DeleteScene(pb.DeleteSceneRequest(scene_id="none")),
-        lambda: stub.GetOperation(pb.GetOperationRequest(operation_id="none")),
-        lambda: stub.RetryOperation(pb.RetryOperationRequest(operation_id="none")),
-        lambda: stub.CancelOperation(pb.CancelOperationRequest(operation_id="none")),
-        lambda: list(stub.WatchOperation(pb.WatchOperationRequest(operation_id="none"))),
-        lambda: list(stub.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id="none"))),
-        lambda: list(stub.DownloadMaskPly(pb.DownloadMaskPlyRequest(scene_id="none", text="mug"))),
-        lambda: list(stub.RenderView(pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, view="none"))),
-    )
-    for call in calls:
-        with pytest.raises(grpc.RpcError) as caught:
-            call()
-        assert rpc_refusal(caught.value).code == "NOT_FOUND"
-
-
 def _changed(path: str, value: Any) -> dict[str, Any]:
     camera = copy.deepcopy(_CAMERA)
     *groups, last = path.split(".")
@@ -216,7 +192,7 @@ def test_query_parameters_are_checked(faces: Faces, scene_id: str) -> None:
         f"/v1/scenes/{scene_id}/rainbow.png?view=front.png": "kind",
         f"/v1/scenes/{scene_id}/mask.png?view=front.png": "text",
         f"/v1/scenes/{scene_id}/rgb.png": "view",
-        f"/v1/scenes/{scene_id}/mask.ply": "text",
+        f"/v1/scenes/{scene_id}/mask3d.bin": "text",
         "/v1/operations/none:wait?timeout_s=1e9": "timeout_s",
     }
     for path, field in cases.items():

@@ -17,7 +17,7 @@ _UPRIGHT = Quaternion(0.0, 0.0, 0.0, 1.0)
 
 def _around(client: Client, scene_id: str, label: str) -> Box:
     """A box with all of a label's Gaussians in it, half a unit larger each way."""
-    (thing,) = client.objects(scene_id, label=label)
+    (thing,) = client.query(scene_id, label, outputs=["objects"])[0].objects
     size = np.array(thing.box.size)
     return Box(Pose(thing.box.center.position, _UPRIGHT), Vector3(*(np.full(3, np.linalg.norm(size)) + 0.5).tolist()))
 

@@ -7,7 +7,6 @@ import json
 import shutil
 import socket
 import threading
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +20,6 @@ from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
 from fastsplat_contract.camera import PosedCamera
@@ -36,7 +34,7 @@ from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import Faces, served, serving
+from tests.api.served import EndlessQuestions, Faces, served, serving
 from tests.waiting import with_growing_limit
 
 
@@ -74,7 +72,7 @@ def test_a_capture_arrives_whole_with_its_options(
         again = client.create_scene(captures[kind], name="desk", options=_OPTIONS, request_id=f"desk-{kind}")
         assert again.id == operation.id
         record = service._store.scenes.operation(operation.id)
-        stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+        stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
         assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
         assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
@@ -95,7 +93,7 @@ def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
     with client_of(faces) as client:
         operation = client.create_scene(tmp_path)
     record = service._store.scenes.operation(operation.id)
-    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
     manifest, files = read_manifest(stored)
     assert manifest.source == "nerfstudio" and len(manifest.photos) == len(transforms["frames"])
     assert len(manifest.label_maps) == len(transforms["frames"])  # the sample's masks are label maps: no detector runs
@@ -167,7 +165,7 @@ def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
             operation = client.create_scene(captures["archive"])
     assert len(carried) > 2
     record = service._store.scenes.operation(operation.id)
-    stored = service._store.blobs.upload(record.upload_id) / record.options["admitted"]
+    stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
     assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
     service.delete_scene(operation.scene_id)
 
@@ -182,7 +180,7 @@ def test_keys_and_tls_reach_both_ports(
     with serving(service, settings) as ports:
         url, target = f"https://127.0.0.1:{ports.http}", f"127.0.0.1:{ports.grpc}"
         with Client(url, key=read, ca=pem / "ca.pem") as client:  # which asks the server where gRPC is
-            assert client.query(scene_id, "mug")[0].verdict == "exact"
+            assert client.query(scene_id, "mug")[0].outcome == "here"
             question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
             (found,) = client.stream_query(question, [turned(0.0)])
             assert found.answers[0].masks[0].area > 0
@@ -212,33 +210,9 @@ def test_an_address_without_a_port_is_none(address: str) -> None:
         Settings(grpc_address=address)
 
 
-class _Endless:
-    """A service whose questions go on until nobody waits for them."""
-
-    def __init__(self, service: SceneService) -> None:
-        self._service = service
-        self.begun, self.stopped = threading.Event(), threading.Event()
-
-    @property
-    def answers(self) -> _Endless:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
-
-    def query(self, request: QueryRequest) -> QueryOut:
-        self.begun.set()
-        try:
-            while True:
-                check_cancelled()
-                time.sleep(0.01)
-        finally:
-            self.stopped.set()
-
-
 @pytest.mark.parametrize("way", ["REST", "gRPC"])
 def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_settings: Settings, way: str) -> None:
-    endless = _Endless(service)
+    endless = EndlessQuestions(service)
     with served(endless, api_settings) as faces:
         if way == "REST":
             with client_of(faces) as client:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import http.client
-import os
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -16,16 +15,15 @@ from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.common.call_scheduling import charge
-from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import LimitSettings, Settings, UploadSettings
 from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Color, Edit, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import turned
-from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal, served
+from tests.api.served import EndlessQuestions, Faces, Refusal, rest_refusal, rpc_refusal, served
 
 
 def _refused(faces: Faces, request: QueryRequest, protocol: str) -> Refusal:
@@ -55,32 +53,12 @@ def test_too_many_sentences_or_pixels_are_refused_before_any_work(
     assert pixels.details["limit"] == f"{2**27} pixels" and not opened
 
 
-class _Slow:
-    """A service whose questions end only by being stopped."""
-
-    def __init__(self, service: SceneService) -> None:
-        self._service = service
-
-    @property
-    def answers(self) -> _Slow:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
-
-    def query(self, request: QueryRequest) -> QueryOut:
-        never = threading.Event()
-        while not never.wait(0.005):
-            check_cancelled()
-        raise AssertionError
-
-
 @pytest.mark.parametrize("protocol", ["REST", "gRPC"])
 def test_the_server_itself_ends_what_takes_too_long(
     service: SceneService, api_settings: Settings, scene_id: str, protocol: str
 ) -> None:
     limits = LimitSettings(answer_s=0.2)
-    with served(_Slow(service), api_settings.model_copy(update={"limits": limits})) as faces:
+    with served(EndlessQuestions(service), api_settings.model_copy(update={"limits": limits})) as faces:
         refusal = _refused(faces, QueryRequest(scene_id, ("mug",)), protocol)
     assert refusal.reason == "DEADLINE_EXCEEDED" and refusal.code in (504, "DEADLINE_EXCEEDED")
     assert refusal.details["limit"] == "0.2 s"
@@ -159,9 +137,9 @@ def test_work_slots_go_by_key() -> None:
     callers: list[str] = []
 
     class Recording(FairPool):
-        def submit(self, caller: str, function: Callable[[], Any], *, costly: bool = False) -> Any:
+        def submit(self, caller: str, function: Callable[[], Any], *, background: bool = False) -> Any:
             callers.append(caller)
-            return super().submit(caller, function, costly=costly)
+            return super().submit(caller, function, background=background)
 
     async def main() -> None:
         threads = Threads(LimitSettings(threads=2))
@@ -175,30 +153,31 @@ def test_work_slots_go_by_key() -> None:
     assert callers == ["one", "two"]
 
 
-def _thread_and_niceness() -> tuple[str, int]:
-    return threading.current_thread().name, os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+@pytest.mark.parametrize("protocol", ["REST", "gRPC"])
+def test_what_renders_runs_where_it_holds_up_no_question(
+    faces: Faces, service: SceneService, scene_id: str, protocol: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    threads: list[str] = []
+    real = service.answers._scenes.reading
 
+    def noting(*arguments: Any) -> Any:
+        threads.append(threading.current_thread().name.rpartition("_")[0])
+        return real(*arguments)
 
-def test_a_costly_call_moves_to_a_thread_that_yields_to_the_others() -> None:
-    begun: list[str] = []
-
-    def work(cost: float) -> tuple[str, int]:
-        begun.append(threading.current_thread().name)
-        charge(cost / 2)
-        charge(cost / 2)
-        return _thread_and_niceness()
-
-    async def main() -> tuple[tuple[str, int], tuple[str, int]]:
-        threads = Threads(LimitSettings(costly=1_000, costly_niceness=7))
-        try:
-            return await threads.answer(lambda: work(1_000)), await threads.answer(lambda: work(1_001))
-        finally:
-            await asyncio.to_thread(threads.close)
-
-    cheap, costly = asyncio.run(main())
-    own = os.getpriority(os.PRIO_PROCESS, 0)
-    assert cheap == ("call_0", own) and costly == ("call_background_0", min(19, own + 7))
-    assert begun == ["call_0", "call_0", "call_background_0"] or begun == ["call_0", "call_1", "call_background_0"]
+    monkeypatch.setattr(service.answers._scenes, "reading", noting)
+    asked = QueryRequest(scene_id, ("mug",))
+    masked = QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=frozenset({"mask2d"}))
+    picture = PictureRequest(scene_id, "rgb", camera=turned(0.0))
+    if protocol == "REST":
+        for request in (asked, masked):
+            body = {name: value for name, value in to_plain(request).items() if name != "scene_id"}
+            faces.rest.post(f"/v1/scenes/{scene_id}:query", json=body).raise_for_status()
+        body = {name: value for name, value in to_plain(picture).items() if name != "scene_id"}
+        faces.rest.post(f"/v1/scenes/{scene_id}:render", json=body).raise_for_status()
+    else:
+        for call, sent in ((faces.rpc.Query, asked), (faces.rpc.Query, masked), (faces.rpc.RenderView, picture)):
+            list(call(to_proto(sent)))
+    assert threads == ["call", "call_background", "call_background"]
 
 
 def test_an_edit_that_waits_for_another_one_has_no_thread(

@@ -23,20 +23,13 @@ from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import NotFoundError, SceneFileError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.exports import FILE_NAMES, FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.api.upright_scene import add_upright_scene
-from tests.interop.rrd import components_of, recording_of
-
-
-@pytest.fixture(scope="module")
-def upright_id(service: SceneService, api_settings: Settings) -> str:
-    return add_upright_scene(service, api_settings)
 
 
 def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -> bytes:
@@ -114,19 +107,12 @@ def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: S
     assert (refusal.code, refusal.details["field"]) == (400, "things")
 
 
-def test_the_cell_of_points_goes_every_way(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.exports.file(ExportRequest(scene_id, "points", cell=0.2))
-    assert len(truth) < len(service.exports.file(ExportRequest(scene_id, "points")))
-    with client_of(faces) as client:
-        assert client.export(scene_id, "points", cell=0.2) == truth
-    for name, cell in (("points", -1.0), ("points", float("nan")), ("spz", 0.2)):
-        refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"cell": cell}))
-        assert refusal.code == 400 and "cell" in refusal.details["field"]
-        value = pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}")
-        asked = pb.ExportSceneRequest(scene_id=scene_id, format=value, cell=cell)
-        with pytest.raises(grpc.RpcError) as caught:
-            list(faces.rpc.ExportScene(asked))
-        assert caught.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+def test_a_cell_of_points_is_a_number_above_zero_that_leaves_fewer(service: SceneService, scene_id: str) -> None:
+    fewer, every = (service.exports.file(ExportRequest(scene_id, "points", cell=cell)) for cell in (0.2, 0.0))
+    assert len(fewer) < len(every)
+    for cell in (-1.0, float("nan")):
+        with pytest.raises(InvalidInputError, match="cell"):
+            service.exports.file(ExportRequest(scene_id, "points", cell=cell))
 
 
 def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
@@ -147,49 +133,18 @@ def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(
     assert (about["scene_id"], about["version"], about["photos"]) == (scene_id, version.version, "3")
 
 
-def test_a_recording_for_rerun_without_its_package_is_refused_alike(
+def test_a_file_for_foxglove_without_the_package_that_writes_it_is_refused_alike(
     faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    writer = importlib.import_module("fastsplat.service.application.exporting.rerun_file")
+    writer = importlib.import_module("fastsplat.service.application.exporting.foxglove_file")
     monkeypatch.delitem(sys.modules, writer.__name__)
     monkeypatch.delattr(writer.__name__)
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.rerun"))
+    monkeypatch.setitem(sys.modules, "foxglove", None)
+    rest = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.mcap"))
     with pytest.raises(grpc.RpcError) as caught:
-        _rpc(faces, scene_id, "rerun")
+        _rpc(faces, scene_id, "mcap")
     assert rest.details == rpc_refusal(caught.value).details and rest.details["field"] == "format"
-    assert "rerun-sdk" in rest.detail and "fastsplat[rerun]" in rest.details["hint"]
-
-
-@pytest.mark.parametrize("things", [(), (1,)])
-def test_recordings_for_rerun_hold_the_same_and_an_unchanged_one_is_not_sent_again(
-    faces: Faces, service: SceneService, scene_id: str, things: tuple[int, ...], tmp_path: Path
-) -> None:
-    response = faces.rest.get(f"/v1/scenes/{scene_id}/scene.rerun", params={"thing": list(things)})
-    assert response.headers["content-disposition"] == 'attachment; filename="scene.rrd"'
-    with client_of(faces) as client:
-        contents = [
-            service.exports.file(ExportRequest(scene_id, "rerun", things=things)),
-            response.content,
-            _rpc(faces, scene_id, "rerun", things),
-            client.export(scene_id, "rerun", things=things),
-        ]
-    read = []
-    for number, content in enumerate(contents):
-        path = tmp_path / f"{number}.rrd"
-        path.write_bytes(content)
-        assert recording_of(path) == ("fastsplat", f"{scene_id}-{service.versions.resolve(scene_id)}")
-        read.append(components_of(path))
-    assert read[0] == read[1] == read[2] == read[3]
-    photos = {entity for entity in read[0] if entity.endswith("/photo")}
-    assert len(photos) == len(service.photos.all(scene_id).photos) == 3
-    assert response.headers["etag"].startswith('W/"')  # the bytes differ
-    again = faces.rest.get(
-        f"/v1/scenes/{scene_id}/scene.rerun",
-        params={"thing": list(things)},
-        headers={"If-None-Match": response.headers["etag"]},
-    )
-    assert (again.status_code, again.content) == (304, b"")
+    assert "foxglove-sdk" in rest.detail and "fastsplat[robots]" in rest.details["hint"]
 
 
 def test_photos_that_are_damaged_or_gone_refuse_the_foxglove_file(

@@ -8,12 +8,11 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat_client import Client
-from fastsplat_contract.align_messages import AlignIn
 from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.places import Alignment, PointPair
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.proto_codec import from_proto, to_proto
-from fastsplat_contract.scenes import Scene, SceneVersion
+from fastsplat_contract.scenes import Edit, EditIn, Scene, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same
 from tests.api.served import Faces, rest_refusal, rpc_refusal
@@ -23,13 +22,13 @@ def test_every_face_aligns_alike(faces: Faces, client: Client, service: SceneSer
     before = service.get_scene(own)
     points = [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.3, 1.0)]
     pairs = tuple(PointPair(Vector3(*one), Vector3(5 - one[1], 2 + one[0], one[2])) for one in points)
-    body = AlignIn(Alignment("map", pairs=pairs), "the-same-map")
-    made = client.align_scene(own, body.alignment, request_id=body.request_id)
-    posted = faces.rest.post(f"/v1/scenes/{own}:align", json=to_plain(body))
+    body = EditIn((Edit("align", alignment=Alignment("map", pairs=pairs)),), "the-same-map")
+    made = client.align_scene(own, body.edits[0].alignment, request_id=body.request_id)
+    posted = faces.rest.post(f"/v1/scenes/{own}:edit", json=to_plain(body))
     assert_same(from_json(SceneVersion, posted.content), made)
     message = to_proto(body)
     message.scene_id = own
-    assert_same(from_proto(SceneVersion, faces.rpc.AlignScene(message)), made)
+    assert_same(from_proto(SceneVersion, faces.rpc.EditScene(message)), made)
     assert made.current and [edit.action for edit in made.edits] == ["align"]
     scene = client.scene(own)
     assert_same(from_proto(Scene, faces.rpc.GetScene(pb.GetSceneRequest(scene_id=own))), scene)
@@ -51,12 +50,13 @@ def test_every_face_aligns_alike(faces: Faces, client: Client, service: SceneSer
 
 
 def test_bad_alignments_are_refused_alike(faces: Faces, own: str) -> None:
-    body = AlignIn(Alignment("map", pairs=(PointPair(Vector3(0, 0, 0), Vector3(0, 0, 0)),)))
-    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:align", json=to_plain(body)))
+    pairs = (PointPair(Vector3(0, 0, 0), Vector3(0, 0, 0)),)
+    body = EditIn((Edit("align", alignment=Alignment("map", pairs=pairs)),))
+    refused = rest_refusal(faces.rest.post(f"/v1/scenes/{own}:edit", json=to_plain(body)))
     message = to_proto(body)
     message.scene_id = own
     with pytest.raises(grpc.RpcError) as caught:
-        faces.rpc.AlignScene(message)
+        faces.rpc.EditScene(message)
     over_rpc = rpc_refusal(caught.value)
     assert (over_rpc.reason, over_rpc.detail, over_rpc.details) == (refused.reason, refused.detail, refused.details)
     assert refused.reason == "INVALID_INPUT" and refused.details["field"].endswith("alignment.pairs")

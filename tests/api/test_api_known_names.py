@@ -9,12 +9,11 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.known_names import KnownName, KnownNamesCheck, NamePack, PackedName
-from fastsplat_contract.proto_codec import from_proto, to_proto
+from fastsplat_contract.known_names import KnownName
+from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_known_name, add_scene, detector_file
+from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 
@@ -23,7 +22,7 @@ def _ids(client: Client) -> list[str]:
 
 
 def test_names_are_listed_and_forgotten_alike(faces: Faces, service: SceneService, api_settings: Settings) -> None:
-    service.known_names.forget_all()
+    service.known_names.forget("all")
     scenes = [add_scene(service, api_settings) for _ in range(3)]
     ids = [add_known_name(service, scene_id, f"mug {number} ☕") for number, scene_id in enumerate(scenes)]
     with client_of(faces) as client:
@@ -44,35 +43,8 @@ def test_names_are_listed_and_forgotten_alike(faces: Faces, service: SceneServic
         assert (refused.reason, refused.detail) == (same.reason, same.detail) and refused.details["field"] == "name_id"
         with pytest.raises(NotFoundError):
             service.known_names.forget(ids[1])
-        client.known_names.forget_all()
+        client.known_names.forget("all")
         assert _ids(client) == []
-        faces.rpc.DeleteKnownNames(pb.DeleteKnownNamesRequest())
-        client.known_names.forget_all()
+        faces.rpc.DeleteKnownName(pb.DeleteKnownNameRequest(name_id="all"))
     for scene_id in scenes:
         service.delete_scene(scene_id)
-
-
-def test_a_pack_goes_both_ways_over_both_protocols(faces: Faces, service: SceneService, api_settings: Settings) -> None:
-    service.known_names.forget_all()
-    scene_id = add_scene(service, api_settings)
-    with detector_file(api_settings.models) as looks, client_of(faces) as client:
-        add_known_name(service, scene_id, "mug ☕", looks)
-        pack = client.known_names.export_pack("CC0-1.0")
-        sent = faces.rpc.ExportNamePack(pb.ExportNamePackRequest(license="CC0-1.0"))
-        assert_same(from_proto(NamePack, sent), pack)
-        assert (pack.names, pack.license) == ((PackedName("mug ☕", looks),), "CC0-1.0")
-        told = client.known_names.check(pack)
-        assert (told.borne, told.suggested, told.right) == (1, 1, 1) and client.known_names.check().borne == 0
-        assert_same(from_proto(KnownNamesCheck, faces.rpc.CheckKnownNames(pb.CheckKnownNamesRequest(pack=sent))), told)
-        faces.rpc.AddNamePack(pb.AddNamePackRequest(pack=sent))
-        client.known_names.add_pack(pack)
-        assert [each.names for each in client.known_names.packs()] == [1, 1]
-        other = pack._replace(digest="0" * 64)
-        refused = rest_refusal(faces.rest.post("/v1/known-names:add", json={"pack": to_plain(other)}))
-        with pytest.raises(grpc.RpcError) as raised:
-            faces.rpc.AddNamePack(pb.AddNamePackRequest(pack=to_proto(other)))
-        same = rpc_refusal(raised.value)
-        assert (refused.reason, refused.detail) == (same.reason, same.detail) and refused.reason == "CONFLICT"
-        client.known_names.forget_all()
-        assert client.known_names.packs() == ()
-    service.delete_scene(scene_id)

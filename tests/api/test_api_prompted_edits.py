@@ -71,7 +71,7 @@ def test_a_split_thing_becomes_two_that_share_its_gaussians_and_its_masks(
     assert client.query(own, "moon")[0].things == (4,)
     client.undo_edit(own, made.version)
     np.testing.assert_array_equal(_owner(service, own), owner)
-    assert client.query(own, "violin")[0].verdict == "absent" and client.scene(own).version == merged.version
+    assert client.query(own, "violin")[0].is_absent and client.scene(own).version == merged.version
 
 
 def test_a_version_keeps_what_was_made_over_restarts(
@@ -156,7 +156,7 @@ def test_a_large_view_is_segmented_smaller_at_the_same_place(api_settings: Setti
         (replace(_ADD, prompt=_prompt(_NOTHING)), InvalidInputError, "prompt"),
         (replace(_SPLIT, name=""), InvalidInputError, "name"),
         (replace(_SPLIT, aliases=("moon",)), InvalidInputError, "aliases"),
-        (replace(_SPLIT, color=None, object_id="1"), InvalidInputError, "label"),
+        (replace(_SPLIT, color=None, label="mug"), InvalidInputError, "label"),
     ],
 )
 def test_bad_prompts_are_refused_and_leave_no_version(

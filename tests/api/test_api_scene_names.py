@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import threading
 
-import grpc
 import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import (
     ConflictError,
-    NotFoundError,
 )
 from fastsplat_contract.scenes import SceneUpdate
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces, rpc_refusal
+from tests.api.served import Faces
 
 
 @pytest.fixture
@@ -26,28 +23,14 @@ def scene(service: SceneService, api_settings: Settings) -> str:
     return add_scene(service, api_settings, "made")
 
 
-def test_a_scene_is_renamed_over_each_face(faces: Faces, service: SceneService, scene: str) -> None:
-    before = service.get_scene(scene)
-    with client_of(faces) as client:
-        assert client.rename_scene(scene, "by REST").name == service.get_scene(scene).name == "by REST"
-        answer = faces.rpc.UpdateScene(pb.UpdateSceneRequest(scene_id=scene, name="by gRPC <b>☕</b>"))
-        assert answer.name == client.scene(scene).name == "by gRPC <b>☕</b>"
-        service.update_scene(scene, SceneUpdate(""))
-        after = client.scene(scene)
-        assert after.name == "" and (after.version, after.state) == (before.version, before.state)
-    service.delete_scene(scene)
-
-
 def test_a_name_that_was_changed_meanwhile_is_not_overwritten(faces: Faces, service: SceneService, scene: str) -> None:
     with client_of(faces) as client:
         assert client.rename_scene(scene, "desk", expected_name="made").name == "desk"
         assert client.rename_scene(scene, "desk", expected_name="made").name == "desk"  # the same, sent twice
         with pytest.raises(ConflictError):
             client.rename_scene(scene, "table", expected_name="made")
-        request = pb.UpdateSceneRequest(scene_id=scene, name="table", expected_name="")
-        with pytest.raises(grpc.RpcError) as raised:
-            faces.rpc.UpdateScene(request)
-        assert rpc_refusal(raised.value).details["field"] == "expected_name"
+        with pytest.raises(ConflictError):
+            client.rename_scene(scene, "table", expected_name="")
         assert client.scene(scene).name == "desk"
     service.delete_scene(scene)
 
@@ -71,11 +54,3 @@ def test_of_two_at_once_that_expect_the_same_name_one_wins(service: SceneService
     assert sorted(outcomes)[0] == "" and outcomes.count("") == 1
     assert service.get_scene(scene).name in outcomes
     service.delete_scene(scene)
-
-
-def test_what_is_not_there_is_not_renamed(faces: Faces, service: SceneService, scene: str) -> None:
-    service.delete_scene(scene)
-    with client_of(faces) as client:
-        for expected in (None, "made"):
-            with pytest.raises(NotFoundError):
-                client.rename_scene(scene, "desk", expected_name=expected)

@@ -6,10 +6,8 @@ import io
 import json
 import os
 import socket
-import struct
 import threading
 import zipfile
-import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,21 +32,6 @@ def _zip(entries: dict[str, bytes]) -> bytes:
         for name, data in entries.items():
             archive.writestr(name, data)
     return buffer.getvalue()
-
-
-def _huge_png() -> bytes:
-    """A header that promises 30,000 × 30,000 pixels."""
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-
-    header = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(b"\0" * 1000))
-        + chunk(b"IEND", b"")
-    )
 
 
 def _splat(count: int = 9) -> bytes:
@@ -206,23 +189,17 @@ _POSES = json.dumps(
         "frames": [{"file_path": f"{name}.jpg", "transform_matrix": np.eye(4).tolist()} for name in "ab"],
     }
 ).encode()
+# What archives and photos are refused for is stated of the capture; here is one of each kind.
 _HOSTILE: dict[str, tuple[Files, tuple[int, str]]] = {
     "no images": ([("notes.txt", b"hello"), ("more.txt", b"hello")], (400, "INVALID_ARGUMENT")),
     "one image": ([("a.jpg", photo(1))], (400, "INVALID_ARGUMENT")),
     "text called jpg": ([("a.jpg", photo(1)), ("b.jpg", b"just text")], (400, "INVALID_ARGUMENT")),
-    "truncated jpg": (
-        [("a.jpg", photo(1)), ("b.jpg", photo(2, (320, 240))[:-2000])],
-        (400, "INVALID_ARGUMENT"),
-    ),
-    "30,000 × 30,000": ([("a.jpg", photo(1)), ("b.png", _huge_png())], (413, "RESOURCE_EXHAUSTED")),
     "name leaves": ([("../../a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
     "absolute name": ([("/etc/a.jpg", photo(1)), ("b.jpg", photo(2))], (400, "INVALID_ARGUMENT")),
     "same name twice": (
         [("a.jpg", photo(1)), ("a.jpg", photo(2)), ("b.jpg", photo(3)), ("transforms.json", _POSES)],
         (400, "INVALID_ARGUMENT"),
     ),
-    "zip leaves": ([("c.zip", _zip({"../a.jpg": photo(1), "b.jpg": photo(2)}))], (400, "INVALID_ARGUMENT")),
-    "zip absolute": ([("c.zip", _zip({"/a.jpg": photo(1), "b.jpg": photo(2)}))], (400, "INVALID_ARGUMENT")),
     "zip bomb": ([("c.zip", _zip({"a.jpg": bytes(100_000_000)}))], (400, "INVALID_ARGUMENT")),
     "splat cut off": ([("own.ply", _splat()[:-1])], (400, "INVALID_ARGUMENT")),
     "splat of billions": (
@@ -230,7 +207,6 @@ _HOSTILE: dict[str, tuple[Files, tuple[int, str]]] = {
         (413, "RESOURCE_EXHAUSTED"),
     ),
     "two splats": ([("own.ply", _splat()), ("other.ply", _splat())], (400, "INVALID_ARGUMENT")),
-    "broken zip": ([("c.zip", _zip({"a.jpg": photo(1)})[:-30])], (400, "INVALID_ARGUMENT")),
 }
 
 

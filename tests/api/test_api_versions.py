@@ -23,6 +23,7 @@ from fastsplat_contract.poses import Pose
 from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_messages import SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces
@@ -41,7 +42,7 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     assert after.version == made.version and after.gaussians == made.gaussians == before.gaussians - mugs
     assert [row.gaussian_count for row in after.dictionary] == [0, 60, 60]
     assert not client.mask3d(own, "mug").any() and len(client.mask3d(own, "ball")) == after.gaussians
-    assert [thing.label for thing in client.objects(own)] != [thing.label for thing in client.objects(own, version="1")]
+    assert [thing.name for thing in client.things(own)] != [thing.name for thing in client.things(own, version="1")]
 
     # The old version answers as before, whoever asks for it by name.
     (old,) = client.query(own, "mug", outputs=["mask3d", "objects"], version=before.version)
@@ -56,19 +57,23 @@ def test_an_edit_is_a_new_version_that_can_be_undone(faces: Faces, client: Clien
     assert list(listed) == [to_proto(version) for version in client.versions(own)]
 
 
+def _mugs(client: Client, scene_id: str) -> list[SceneThing]:
+    return [thing for thing in client.things(scene_id) if thing.name == "mug"]
+
+
 def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> None:
-    (mug,) = client.objects(own, label="mug")
+    (mug,) = _mugs(client, own)
     made = client.edit_scene(
         own,
-        [Edit("recolor", object_id=mug.id, color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
+        [Edit("recolor", things=(mug.id,), color=(0.0, 0.0, 1.0)), Edit("move", label="mug", transform=_UP)],
     )
-    (moved,) = client.objects(own, label="mug")
+    (moved,) = _mugs(client, own)
     # Within a hundredth: what was a label's object is a thing from then on, with the faint Gaussians around it.
     np.testing.assert_allclose(moved.centroid, np.add(mug.centroid, _UP.position), atol=0.01)
     assert (client.depth(own, "front.png") != client.depth(own, "front.png", version=made.parent)).any()
     copies = client.edit_scene(own, [Edit("duplicate", label="mug", transform=_UP)])
     assert copies.gaussians == made.gaussians + 60  # those too faint for the object, too
-    assert len(list(client.objects(own, label="mug"))) == 2
+    assert len(_mugs(client, own)) == 2
     assert client.undo_edit(own).version == made.version
     assert client.undo_edit(own).version == made.parent
     with pytest.raises(ConflictError):
@@ -81,9 +86,9 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
         ([], InvalidInputError, "edits"),
         ([_REMOVE] * 101, LimitExceededError, "edits"),
         ([Edit("remove")], InvalidInputError, "edits[0].label"),
-        ([_REMOVE, Edit("remove", label="mug", object_id="1-1")], InvalidInputError, "edits[1].label"),
+        ([_REMOVE, Edit("remove", label="mug", things=(1,))], InvalidInputError, "edits[1].label"),
         ([Edit("remove", label="unicorn")], NotFoundError, "edits[0].label"),
-        ([Edit("remove", object_id="9-9")], NotFoundError, "edits[0].object_id"),
+        ([Edit("remove", things=(9,))], NotFoundError, "edits[0].things[0]"),
         ([Edit("recolor", label="mug")], InvalidInputError, "edits[0].color"),
         ([Edit("move", label="mug")], InvalidInputError, "edits[0].transform"),
         (

@@ -18,20 +18,22 @@ from mcp import StdioServerParameters, stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CallToolResult, ImageContent, TextContent
 from PIL import Image
+from typer.testing import CliRunner
 
+from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_client.assistant.look_from import free_view
-from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
+from fastsplat_contract.errors import InvalidInputError, MissingPackageError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces, rest_refusal
+from tests.api.served import Faces, rest_refusal, served
 from tests.api.upright_scene import add_upright_scene
 
 _TOOLS = {
-    *("list_scenes", "describe_scene", "list_things", "find", "where_is", "count", "measure", "look_from"),
+    *("list_scenes", "describe_scene", "list_things", "find", "measure", "look_from"),
     *("relations", "goal", "pick_thing"),
     *("unnamed_things", "suggest_names"),
     *("name_thing", "clean_up", "photograph_next", "scene_status"),
@@ -121,24 +123,23 @@ def test_a_goal_is_that_of_rest_and_refused_as_there(
 
 
 def test_where_a_thing_is_and_how_large_and_how_far(faces: Faces, scene_id: str) -> None:
-    where = _said(_call(faces, "where_is", text="mug", scene=scene_id))
-    (mug,) = where["places"]
-    assert where["unit"] == "m" and np.allclose(mug["center"], (-0.8, 0, 4), atol=0.2)
+    found = _said(_call(faces, "find", text="mug", scene=scene_id))
+    (mug,) = found["places"]
+    assert found["unit"] == "m" and np.allclose(mug["center"], (-0.8, 0, 4), atol=0.2)
     assert all(side["low"] <= side["value"] <= side["high"] for side in mug["sides"]) and mug["plus_minus"] > 0
     assert mug["seen_best_in"]
-    ball = _said(_call(faces, "where_is", text="ball", scene=scene_id))["places"][0]
+    ball = _said(_call(faces, "find", text="ball", scene=scene_id))["places"][0]
     measured = _said(_call(faces, "measure", first=mug["id"], second=ball["id"], scene=scene_id))
     between = np.linalg.norm(np.subtract(mug["center"], ball["center"]))
     assert measured["center_distance"]["value"] == pytest.approx(between, rel=0.02)
     assert f"{measured['distance']['value']:g} m" in measured["sentence"]
-    nothing = _said(_call(faces, "where_is", text="volcano", scene=scene_id))
-    assert nothing["outcome"] == "not_here" and nothing["places"] == []
 
 
 def test_a_count_is_of_the_leading_label(faces: Faces, scene_id: str) -> None:
-    one = _said(_call(faces, "count", text="mug", scene=scene_id))
+    one = _said(_call(faces, "find", text="mug", scene=scene_id))
     assert one["count"] == len(one["counted"]) == 1 and one["label"] == "mug"
-    assert _said(_call(faces, "count", text="submarine", scene=scene_id))["count"] == 0
+    nothing = _said(_call(faces, "find", text="submarine", scene=scene_id))
+    assert (nothing["outcome"], nothing["count"], nothing["places"]) == ("not_here", 0, [])
 
 
 @pytest.mark.parametrize(
@@ -167,14 +168,14 @@ def test_a_relation_must_be_asked_for(faces: Faces, scene_id: str) -> None:
 
 
 def test_a_count_is_by_all_that_is_said_or_none(faces: Faces, scene_id: str) -> None:
-    red = _said(_call(faces, "count", text="how many things are red?", scene=scene_id))
+    red = _said(_call(faces, "find", text="how many things are red?", scene=scene_id))
     assert (red["count"], len(red["counted"])) == (1, 1)
-    refused = _said(_call(faces, "count", text="the thing left of the ball", scene=scene_id))
+    refused = _said(_call(faces, "find", text="the thing left of the ball", scene=scene_id))
     assert refused["count"] is None and refused["counted"] == [] and refused["sentence"].startswith("Cannot say: ")
 
 
 def test_there_are_none_of_what_is_absent(faces: Faces, scene_id: str) -> None:
-    none = _said(_call(faces, "count", text="how many submarines are there?", scene=scene_id))
+    none = _said(_call(faces, "find", text="how many submarines are there?", scene=scene_id))
     assert (none["outcome"], none["count"], none["counted"]) == ("not_here", 0, [])
     with client_of(faces) as client:
         (answer,) = client.query(scene_id, "submarines")
@@ -328,6 +329,22 @@ def test_a_broken_request_is_refused(faces: Faces, content: bytes) -> None:
     headers = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
     assert 400 <= faces.rest.post("/mcp", content=content, headers=headers).status_code < 500
     assert faces.rest.get("/livez").status_code == 200
+
+
+def test_without_the_package_all_else_is_served_and_the_refusal_names_the_extra(
+    service: SceneService, api_settings: Settings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mcp.server.transport_security", None)
+    with served(service, api_settings) as faces:
+        for _ in range(2):
+            refusal = rest_refusal(faces.rest.post("/mcp", json={}))
+            assert refusal.reason == "MISSING_PACKAGE" and "fastsplat[assistant]" in refusal.details["hint"]
+        assert faces.rest.get("/v1/scenes").status_code == 200
+    for module in ("fastsplat_client.assistant", "fastsplat_client.assistant.server"):
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, "mcp.server.mcpserver", None)
+    with pytest.raises(MissingPackageError, match="mcp"):
+        CliRunner().invoke(app, ["mcp", "--data", "sample"], catch_exceptions=False)
 
 
 def test_standard_input_and_output_serve_the_same_tools(faces: Faces, scene_id: str) -> None:

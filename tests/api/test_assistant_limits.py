@@ -97,7 +97,7 @@ class _Many:
     def __init__(self, things: int) -> None:
         self.count = things
 
-    def scenes(self, *, place: str = "") -> Any:
+    def scenes(self) -> Any:
         at = datetime(2026, 1, 1, tzinfo=UTC)
         summary = SceneSummary("s", "sample \u202eroom\n", "READY", "o", at, 1, "METRIC", "1", 1, None, None)
         return (replace(summary, id=f"s{number}") for number in range(self.count))

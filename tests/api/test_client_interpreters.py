@@ -42,7 +42,7 @@ with Client(url) as client:
     view = scene.cameras[0]
     (answer,) = client.query(scene_id, "mug", cameras=[view], outputs=["mask2d", "mask3d", "objects"])
     (mask,), (thing, *_) = answer.masks, answer.objects
-    told["answer"] = [answer.verdict, answer.explanation, mask.area, thing.id, len(answer.mask3d)]
+    told["answer"] = [answer.outcome, answer.sentence, mask.area, thing.id, len(answer.mask3d)]
     told["pixels"] = int(mask.array().sum())
     question = StandingQuestion(QueryRequest(scene_id, ("mug",), outputs=frozenset({"mask2d"})))
     (seen,) = client.stream_query(question, [view])
@@ -136,7 +136,7 @@ def test_it_talks_with_a_real_server(python: Path, faces: Faces, service: SceneS
     (truth,) = service.answers.query(QueryRequest(scene_id, ("mug",), (turned(0.0),), outputs=outputs)).answers
     assert truth.objects and truth.mask3d
     area = truth.masks[0].area
-    assert told["answer"] == [truth.verdict, truth.explanation, area, truth.objects[0].id, len(truth.mask3d)]
+    assert told["answer"] == [truth.outcome, truth.sentence, area, truth.objects[0].id, len(truth.mask3d)]
     assert told["pixels"] == told["streamed"] == area > 0
     assert told["labels"] == [row.label for row in service.list_labels(scene_id).labels]
     assert told["refused"] == told["refused over gRPC"] == ["scene", True]

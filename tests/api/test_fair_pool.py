@@ -88,13 +88,13 @@ def test_an_error_is_the_calls_own_and_closing_cancels_what_waits(pool: FairPool
         pool.submit("a", lambda: None)
 
 
-def test_costly_calls_leave_a_thread_to_the_callers_other_calls() -> None:
+def test_calls_in_the_background_leave_a_thread_to_the_callers_other_calls() -> None:
     pool = FairPool(1, "classes")
     release = threading.Event()
-    costly = pool.submit("a", lambda: release.wait(30), costly=True)
+    long = pool.submit("a", lambda: release.wait(30), background=True)
     assert pool.submit("a", lambda: "short").result(30) == "short"
     release.set()
-    assert costly.result(30)
+    assert long.result(30)
     pool.close()
 
 

@@ -53,7 +53,7 @@ def test_photos_of_one_name_are_all_kept_however_they_come(faces: Faces, service
     ids = [answer.json()["id"] for answer in posted] + [faces.rpc.CreateScene(messages(files)).id]
     for operation_id in ids:
         record = service._store.scenes.operation(operation_id)
-        manifest, folder = read_manifest(service._store.blobs.upload(record.upload_id) / record.options["admitted"])
+        manifest, folder = read_manifest(service._store.blobs.upload(record.upload_id) / record.options["validated"])
         kept = {name: (folder / name).read_bytes() for name in manifest.names}
         assert kept == {f"image{end}.jpg": files[i][1] for i, end in enumerate(("", " (2)", " (3)"))}
         assert not manifest.left_out

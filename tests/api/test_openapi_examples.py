@@ -123,12 +123,7 @@ def _sent(place: _Place, name: str, body: Any, ids: dict[str, str]) -> httpx.Res
 
 @pytest.mark.parametrize(
     "name",
-    sorted(
-        set(_OPERATIONS)
-        - _TUS
-        - {"create_scene", "localize", "observe_scene", "align_to_scene"}
-        - {"add_name_pack", "export_name_pack"}  # they need the detector's file: see test_name_packs
-    ),
+    sorted(set(_OPERATIONS) - _TUS - {"create_scene", "localize", "observe_scene"}),
 )
 def test_a_server_takes_every_example_and_answers_as_described(place: _Place, name: str) -> None:
     operation = _OPERATIONS[name][2]
@@ -138,8 +133,6 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
         ids = place.ids(training=name in _OF_TRAINING)
         if name == "redo_edit":
             place.service.versions.undo(ids["scene_id"])
-        if name == "train_more":  # other examples have changed what is seen
-            place.service.versions.restore(ids["scene_id"], "1")
         if name == "get_goal":  # of a scene whose z is up
             upright = add_upright_scene(place.service, place._settings)
             ids |= {"scene_id": upright, "version": place.service.versions.resolve(upright)}

@@ -25,9 +25,9 @@ from tests.api.made_scene import add_known_name, add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _SHOWN = {
-    *("GetScene", "ListScenes", "ListLabels", "ListObjects", "ListThings", "PickThing", "ListVersions", "Query"),
-    *("StreamQuery", "DownloadCameras", "RenderView", "DownloadScenePly", "DownloadMaskPly", "ExportScene"),
-    *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
+    *("GetScene", "ListScenes", "ListLabels", "ListThings", "PickThing", "ListVersions", "Query"),
+    *("StreamQuery", "RenderView", "ExportScene"),
+    *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
     "GetThingSheet",

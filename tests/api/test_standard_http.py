@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fastsplat.api.rest import responses
+from fastsplat.api.rest import access, responses
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from tests.api.served import Faces, rest_refusal, served
@@ -52,7 +52,7 @@ def test_a_picture_that_a_client_has_is_not_made_again(
     assert rest_refusal(gone).reason == "NOT_FOUND"
 
 
-@pytest.mark.parametrize("path", ["mask.ply?text=mug", "mask3d.bin?text=mug", "mask3d.bin?text=mug&encoding=runs"])
+@pytest.mark.parametrize("path", ["mask3d.bin?text=mug", "mask3d.bin?text=mug&encoding=runs"])
 def test_a_mask_that_a_client_has_is_not_made_again(faces: Faces, scene_id: str, path: str) -> None:
     url = f"/v1/scenes/{scene_id}/{path}"
     first = faces.rest.get(url)
@@ -126,12 +126,6 @@ def test_allow_names_every_method_that_is_possible(faces: Faces, path: str, allo
     assert refused.status_code == 405 and refused.headers["allow"] == allowed
 
 
-def test_a_file_of_cameras_is_compressed_too(faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(responses, "_GZIP_FROM_BYTES", 100)
-    answer = faces.rest.get(f"/v1/scenes/{scene_id}/cameras", headers={"Accept-Encoding": "gzip"})
-    assert answer.headers["content-encoding"] == "gzip" and len(answer.json()["cameras"]) == 3
-
-
 def test_other_origins_may_call_only_by_setting(service: SceneService, api_settings: Settings, faces: Faces) -> None:
     headers = {"Origin": "http://localhost:3000", "Access-Control-Request-Method": "POST"}
     assert "access-control-allow-origin" not in faces.rest.options("/v1/scenes", headers=headers).headers
@@ -150,3 +144,11 @@ def test_operation_ids_are_names() -> None:
     paths = json.loads(_OPENAPI.read_text())["paths"]
     ids = [operation["operationId"] for methods in paths.values() for operation in methods.values()]
     assert len(ids) == len(set(ids)) and all(re.fullmatch(r"[a-z][a-z0-9_]{2,30}", name) for name in ids)
+
+
+def test_a_call_that_goes_with_the_next_release_says_so(
+    faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(access, "DEPRECATED", {"GET /v1/scenes/{scene_id}/things": "ListLabels"})
+    assert faces.rest.get(f"/v1/scenes/{scene_id}/things").headers["deprecation"].startswith("@")
+    assert "deprecation" not in faces.rest.get(f"/v1/scenes/{scene_id}").headers

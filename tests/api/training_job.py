@@ -32,7 +32,7 @@ def add_training_job(service: SceneService, name: str = "") -> Claim:
 
 def add_cancelled_job(service: SceneService, photo: str) -> str:
     """Id of a job of three photos, one of this name, that was cancelled in the queue."""
-    options = {"labels": [], "admitted": VALIDATED}
+    options = {"labels": [], "validated": VALIDATED}
     job = NewJob(uuid.uuid4().hex, uuid.uuid4().hex, "", "", "", uuid.uuid4().hex, options)
     names = (photo, "another.jpg", "a third.jpg")
     photos = tuple(PhotoInfo(name, 32, 24, 1, "", 0.0) for name in names)

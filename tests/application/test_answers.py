@@ -11,7 +11,6 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.application.service import open_service
-from fastsplat.service.common.call_scheduling import SENTENCE_COST, run_by
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
@@ -26,7 +25,6 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryRequest
-from tests.application.conftest import ENCODER
 
 BEHIND = PosedCamera(Camera(40, 30, 40.0, 40.0, 20.0, 15.0), np.diag([-1.0, 1.0, -1.0, 1.0]))
 
@@ -63,7 +61,7 @@ def test_texts_are_answered_in_order_with_masks_in_views_and_free_cameras(servic
         ready.id, ("mug", "bananas"), (BEHIND,), ("front.jpg",), outputs=frozenset({"mask2d", "mask3d"})
     )
     mug, banana = service.answers.query(request).answers
-    assert [answer.verdict for answer in (mug, banana)] == ["exact", "exact"]
+    assert [answer.outcome for answer in (mug, banana)] == ["here", "here"]
     assert [answer.matches[0].label for answer in (mug, banana)] == ["mug", "banana"]
     assert (mug.mask3d, banana.mask3d) == (b"\x80", b"\x40")
     for answer, side in ((mug, slice(0, 20)), (banana, slice(20, 40))):
@@ -103,11 +101,12 @@ def test_pictures_show_the_view(service, ready):
 
 def test_plys_hold_the_scene_and_the_answer(service, ready, tmp_path):
     whole = read_ply(service.answers.scene_ply(ready.id)[0])
-    (tmp_path / "mask.ply").write_bytes(service.answers.mask_ply(ready.id, "banana"))
-    part = read_ply(tmp_path / "mask.ply")
-    assert len(whole) == 2 and np.array_equal(part.means, whole.means[1:])
-    (tmp_path / "none.ply").write_bytes(service.answers.mask_ply(ready.id, "quarterly tax return"))
-    assert len(read_ply(tmp_path / "none.ply")) == 0
+    parts = []
+    for text in ("banana", "quarterly tax return"):
+        request = QueryRequest(ready.id, (text,), outputs=frozenset({"mask3d"}), mask3d_encoding="ply")
+        (tmp_path / "mask.ply").write_bytes(service.answers.query(request).answers[0].mask3d)
+        parts.append(read_ply(tmp_path / "mask.ply"))
+    assert len(whole) == 2 and np.array_equal(parts[0].means, whole.means[1:]) and len(parts[1]) == 0
 
 
 def test_an_unfinished_scene_says_what_to_wait_for(service, post):
@@ -116,7 +115,6 @@ def test_an_unfinished_scene_says_what_to_wait_for(service, post):
         lambda: service.answers.query(QueryRequest(info.id, ("mug",))).answers,
         lambda: service.answers.picture(PictureRequest(info.id, "rgb", view="front.jpg")),
         lambda: service.answers.scene_ply(info.id),
-        lambda: service.answers.mask_ply(info.id, "mug"),
     ]
     for call in calls:
         with pytest.raises(NotReadyError, match="still being made") as caught:
@@ -145,7 +143,6 @@ def test_senseless_questions_are_refused(service, ready):
         (NotFoundError, lambda: picture(PictureRequest(ready.id, "rgb", view="back.jpg"))),
         (InvalidInputError, lambda: service.answers.query(QueryRequest("", ())).answers),
         (LimitExceededError, lambda: service.answers.query(QueryRequest("", ("x" * 100_000,))).answers),
-        (InvalidInputError, lambda: service.answers.mask_ply(ready.id, "")),
     ]
     for error, call in refused:
         with pytest.raises(error) as caught:
@@ -174,24 +171,6 @@ def test_only_so_many_bytes_of_scenes_stay_open(post, finish, settings):
         assert len(bounded.answers.query(QueryRequest("", ("mug",))).answers) == 3
         assert bounded._scenes.count() == 2
         assert 0 < bounded._scenes._open.bytes <= 2.5 * weight
-
-
-@pytest.mark.parametrize("text", ["mug", "how many cups are between the banana and the red mug behind it"])
-def test_every_sentence_that_is_encoded_is_charged_those_of_parts_of_a_text_too(service, ready, monkeypatch, text):
-    charged, encoded = [], []
-
-    class Runner:
-        def charge(self, cost: float) -> None:
-            charged.append(cost)
-
-    encoder = service._scenes._encoder(ENCODER)
-    real = encoder.encode
-    monkeypatch.setattr(encoder, "encode", lambda sentences: encoded.extend(sentences) or real(sentences))
-    service.answers.query(QueryRequest(ready.id, ("elephant",)))
-    opening = len(encoded)
-    with run_by(Runner()):
-        service.answers.query(QueryRequest(ready.id, (text,), negatives=("thing",)))
-    assert sum(charged) == SENTENCE_COST * (len(encoded) - opening) > 0
 
 
 def test_a_missing_encoder_is_named(service, ready, settings, tmp_path):

@@ -227,7 +227,7 @@ def test_what_is_forgotten_stays_so_until_it_is_named_again(service: SceneServic
     assert service.answers.list_things(first).things[1].name == "mug"
     _name(service, first, 2, "beaker")
     assert _suggested(service, other)[1][0].name == "beaker"
-    service.known_names.forget_all()
+    service.known_names.forget("all")
     assert _known(service) == [] and _rows(service) == 0
     assert [thing.name for thing in service.answers.list_things(first).things] == ["moon", "beaker", "violin"]
 
@@ -242,7 +242,7 @@ def test_projects_never_see_each_others_names(service: SceneService, add: Callab
         assert set(_suggested(other, scene_id).values()) == {()}
         with pytest.raises(NotFoundError):
             other.known_names.forget(known.id)
-        other.known_names.forget_all()
+        other.known_names.forget("all")
     assert mine.known_names.list().names == (known,)
     assert _suggested(mine, add(1, 2, 7, project="a"))[3][0].name == "volcano"
 

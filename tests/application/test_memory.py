@@ -147,32 +147,21 @@ def test_requests_wait_until_others_have_released_enough() -> None:
 
 
 def test_who_waits_for_memory_leaves_when_nobody_waits_for_the_answer_and_needs_no_thread() -> None:
-    class Runner:
-        def charge(self, cost: float) -> None:
-            raise AssertionError
-
     budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 0)
     cancelled = Cancellation()
     cancelled.cancel()
     with budget.reserve(100, "camera"):
         with cancellable(cancelled), pytest.raises(CancelledError), budget.reserve(1, "camera"):
             raise AssertionError
-        with run_by(Runner()), pytest.raises(CallAgainError), budget.reserve(1, "camera"):
+        with run_by(object()), pytest.raises(CallAgainError), budget.reserve(1, "camera"):
             raise AssertionError
     assert budget.reserved == 0
-
-
-class _Runner:
-    """Makes calls again."""
-
-    def charge(self, cost: float) -> None:
-        raise AssertionError
 
 
 def test_small_requests_do_not_overtake_a_large_one_that_waits() -> None:
     seconds = 0.0
     budget = MemoryBudget(CallSettings(answer_memory_bytes=100, request_memory_bytes=100), 0, lambda: seconds)
-    large, small = _Runner(), _Runner()
+    large, small = object(), object()
     with budget.reserve(30, "camera"):
         with run_by(large), pytest.raises(CallAgainError), budget.reserve(80, "camera"):
             raise AssertionError
@@ -207,12 +196,12 @@ def test_edits_and_scenes_that_open_take_their_share_of_the_memory(
         assert opened.value.field == "scene" and "ANSWER_MEMORY_BYTES" in opened.value.limit
     with open_service(settings.model_copy(update={"models": models_dir})) as service:
         memory = service._scenes._memory
-        with memory.opening(memory._all), run_by(_Runner()):
+        with memory.opening(memory._all), run_by(object()):
             with pytest.raises(CallAgainError):  # without a thread
                 service.answers.query(QueryRequest(info.id, ("mug",)))
             memory._waiting.clear()
         assert service.answers.query(QueryRequest(info.id, ("mug",))).answers
-        with memory.opening(memory._all), run_by(_Runner()), pytest.raises(CallAgainError):
+        with memory.opening(memory._all), run_by(object()), pytest.raises(CallAgainError):
             service.versions.edit(info.id, recolor)
         memory._waiting.clear()
         assert service.versions.edit(info.id, recolor).current and memory.reserved == 0

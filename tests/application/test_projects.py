@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -40,14 +39,10 @@ def _post(service: SceneService, request_id: str = "", content: bytes = b"pictur
 _ABOUT_A_SCENE: dict[str, Callable[[SceneService, str], object]] = {
     "get_scene": lambda service, scene: service.get_scene(scene),
     "list_labels": lambda service, scene: service.list_labels(scene),
-    "list_objects": lambda service, scene: service.answers.list_objects(scene),
     "list_versions": lambda service, scene: service.versions.all(scene),
     "current_version": lambda service, scene: service.versions.resolve(scene),
-    "camera_file": lambda service, scene: service.camera_file(scene, "json"),
     "scene_ply": lambda service, scene: service.answers.scene_ply(scene),
-    "mask_ply": lambda service, scene: service.answers.mask_ply(scene, "mug"),
     "export": lambda service, scene: service.exports.file(ExportRequest(scene)),
-    "thing_ids": lambda service, scene: service.answers.thing_ids(scene),
     "query": lambda service, scene: service.answers.query(QueryRequest(scene, ("mug",))).answers,
     "edit_scene": lambda service, scene: service.versions.edit(scene, [Edit("remove", label="mug")]),
     "undo_edit": lambda service, scene: service.versions.undo(scene, ""),
@@ -103,19 +98,6 @@ def test_unfinished_uploads_are_a_projects_own(opened: SceneService) -> None:
         with pytest.raises(NotFoundError):
             call()
     assert uploads.append("a", upload.id, 0, [b"abc"]).offset == 3
-
-
-def test_an_upload_that_the_release_before_began_goes_on_in_the_default_project(
-    opened: SceneService, tmp_path: Path
-) -> None:
-    upload = opened.resumable.create("default", "a.zip", 3)
-    info = tmp_path / "uploads" / upload.id / "resumable.json"
-    before = {"owner": "0123456789ab", "name": "a.zip", "length": 3, "metadata": ""}
-    assert json.loads(info.read_text()).keys() - {"project", "key"} == before.keys() - {"owner"}
-    info.write_text(json.dumps(before))
-    assert opened.resumable.get("default", upload.id).length == 3
-    with pytest.raises(NotFoundError):
-        opened.resumable.get("a", upload.id)
 
 
 def test_projects_have_plain_names_of_their_own(opened: SceneService) -> None:

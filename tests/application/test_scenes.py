@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from sqlalchemy import update
 
-from fastsplat.service.store.database import open_engine, resolve_url
-from fastsplat.service.store.schema import scene_versions, scenes
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.json_codec import from_json, to_json
 from fastsplat_contract.pieces import messages_of_query, query_of
@@ -61,31 +58,6 @@ def test_a_list_says_how_many_things_each_scene_has_as_it_is_edited(service, pos
     service.versions.redo(info.id)
     counts.append(said())
     assert counts == [(2, 2), (1, 1), (2, 2), (1, 1)]
-
-
-def test_what_an_earlier_release_did_not_count_is_counted_once_and_kept(service, settings, post, finish):
-    info = post()
-    finish(info)
-    service.versions.edit(info.id, [Edit("remove", label="mug")])
-    engine = open_engine(resolve_url(settings.data_dir, ""))
-    with engine.begin() as connection:
-        connection.execute(update(scenes).values(things=None))
-        connection.execute(update(scene_versions).values(things=None))
-    engine.dispose()
-    assert service.list_scenes().scenes[0].thing_count is None  # not counted is not none
-    assert service.get_scene(info.id).thing_count == 1
-    assert service.list_scenes().scenes[0].thing_count == 1
-    service.versions.undo(info.id)
-    assert service.list_scenes().scenes[0].thing_count is None
-    assert service.get_scene(info.id).thing_count == 2
-    service.versions.redo(info.id)
-    assert service.list_scenes().scenes[0].thing_count == 1
-    service.versions.undo(info.id)
-    (settings.data_dir / "scenes" / info.id / "v1" / "artefact" / "scene.json").write_bytes(b"damaged")
-    with engine.begin() as connection:
-        connection.execute(update(scenes).values(things=None))
-    engine.dispose()
-    assert service.get_scene(info.id).thing_count is None
 
 
 def test_page_sizes_are_cut_and_checked(service, post):

@@ -12,6 +12,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.settings import QuotaSettings, Settings
 from tests.api.made_scene import ENCODER, write_words
+from tests.looks_model import MODEL, write_looks_model
 from tests.scenes import queued_job
 
 
@@ -53,6 +54,14 @@ def test_quotas_are_those_of_the_project_and_only_workers_that_live_count(tmp_pa
         service.admin.projects.create("elsewhere")
         other = service.in_project("elsewhere").status("operator", "")
         assert other.project == "elsewhere" and all(quota.used == 0 for quota in other.quotas)
+
+
+def test_an_image_text_model_is_ready_and_not_calibrated(tmp_path: Path) -> None:
+    write_looks_model(tmp_path / "models")
+    perception = PerceptionSettings(image_text=MODEL)
+    with open_service(Settings(data_dir=tmp_path, models=tmp_path / "models", perception=perception)) as service:
+        (model,) = [each for each in service.status("operator", "").models if each.role == "image_text"]
+    assert (model.name, model.state, model.calibrated) == (MODEL, "ready", False)
 
 
 def test_an_encoder_that_comes_later_is_known_then(tmp_path: Path) -> None:

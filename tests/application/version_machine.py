@@ -34,9 +34,7 @@ from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.scenes import Color, Edit, SceneVersion
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from tests.api.made_scene import LABELS
 from tests.application.version_model import (
     Acknowledged,
@@ -57,7 +55,7 @@ LIMIT = 5
 _COLORS = 16
 _AT_ONCE = 4
 _REQUESTS = 6
-_KINDS = ("edit", "edit", "edit again", "undo", "undo", "redo", "restore", "job", "beside")
+_KINDS = ("edit", "edit", "edit again", "undo", "undo", "redo", "restore", "job")
 _FOLDERS = {"shared": "scenes/{}/*", "apart": "scenes/{}/*/manifest.json"}
 
 
@@ -171,9 +169,7 @@ class VersionMachine(RuleBasedStateMachine):
         if kind == "restore":
             return RestoreCall(target, expected)
         if kind == "job":
-            return JobCall(expected or history.current, beside=False)
-        if kind == "beside":
-            return JobCall(target, beside=True)
+            return JobCall(expected or history.current)
         return StepCall("undo" if kind == "undo" else "redo", expected)
 
     def _at_once(self, calls: Sequence[Call]) -> list[Answer]:
@@ -206,9 +202,9 @@ class VersionMachine(RuleBasedStateMachine):
         else:
             assert job is not None
             try:
-                KINDS["train_more"].publish(job, "merging")
-            except (ConflictError, NotFoundError):
-                job.drop_result("merging")
+                KINDS["look_again"].publish(job, "naming")
+            except ConflictError:
+                job.drop_result("naming")
                 raise
             return Acknowledged(job.run_id, call.parent)
         assert made.current or isinstance(call, EditCall)  # one that was made before may have been edited since
@@ -219,12 +215,12 @@ class VersionMachine(RuleBasedStateMachine):
         if not isinstance(call, JobCall):
             return None
         store, name = self.place.stores[number], uuid.uuid4().hex
-        options = {"labels": [], "train_more": to_plain(TrainMoreIn(steps=10))}
+        options = {"labels": [], "look_again": {"texts": ["mug"]}}
         store.scenes.add_job(NewJob(self.scene_id, name, "", "", "d", "", options))
         claim = store.jobs.claim(name)
         assert claim is not None
         job = ClaimedJob(store, claim, CallSettings(max_versions=LIMIT))
-        folder = job.folder / "merging"
+        folder = job.folder / "naming"
         parent = store.blobs.fetch_version(self.scene_id, call.parent)
         if parent is None:  # a call at the same moment has removed it; it is not found below, either
             folder.mkdir(parents=True)
@@ -233,7 +229,7 @@ class VersionMachine(RuleBasedStateMachine):
         record = store.scenes.scene(self.scene_id)
         summary = {
             "result": {}, "parent": call.parent, "gaussians": record.gaussians,
-            "dictionary": list(record.dictionary), "beside": call.beside,
+            "things": record.things, "dictionary": list(record.dictionary),
         }  # fmt: skip
         (folder / "summary.json").write_text(json.dumps(summary))
         return job

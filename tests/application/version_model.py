@@ -39,10 +39,9 @@ class RestoreCall:
 
 @dataclass(frozen=True)
 class JobCall:
-    """End a job that made a version of `parent`; `beside`: to stand beside the current one, whatever that is."""
+    """End a job that made a version of `parent`."""
 
     parent: str
-    beside: bool
 
 
 Call: TypeAlias = EditCall | StepCall | RestoreCall | JobCall
@@ -132,19 +131,17 @@ class History:
         return replace(after, requests={**after.requests, call.request_id: (call, answer.version)})
 
     def _worked(self, call: JobCall, answer: Answer) -> History | None:
-        if call.beside and call.parent not in self.versions:
-            return self if answer == "not found" else None
-        if not call.beside and call.parent != self.current:
+        if call.parent != self.current:
             return self if answer == "conflict" else None
         if not isinstance(answer, Acknowledged):
             return None
-        return self._published(answer.version, call.parent, self.versions[call.parent].content, call.beside)
+        return self._published(answer.version, call.parent, self.versions[call.parent].content)
 
-    def _published(self, name: str, parent: str, content: Content, beside: bool = False) -> History | None:
+    def _published(self, name: str, parent: str, content: Content) -> History | None:
         if name in self.versions:
             return None
         more = replace(self, versions={**self.versions, name: Known(parent, content)})
-        return (more if beside else more._at(name))._bounded(name)
+        return more._at(name)._bounded(name)
 
     def _at(self, name: str) -> History:
         if name == self.current:

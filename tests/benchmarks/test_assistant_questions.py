@@ -20,7 +20,7 @@ QUESTIONS = read_questions(tuple(ROOMS.values()))
 def test_there_are_200_and_none_stands_twice() -> None:
     assert len(QUESTIONS) == 200 and len(set(QUESTIONS)) == 200
     tools = Counter(question.tool for question in QUESTIONS)
-    assert set(tools) == {"find", "count", "relations", "where_is", "measure"} and min(tools.values()) >= 20
+    assert set(tools) == {"find", "relations", "measure"} and min(tools.values()) >= 20
     assert sum(question.kind == "absent" for question in QUESTIONS) == 40
 
 
@@ -77,7 +77,7 @@ def _wrong(question: Question, said: dict[str, Any]) -> dict[str, Any]:
         first = said[key][0] if question.kind == "size" else said[key]
         longer = {"value": 1.07 * first["value"] + 0.03}
         return {**said, key: [longer, *said["sides"][1:]] if question.kind == "size" else longer}
-    if said["places"] and question.tool == "where_is":
+    if said["places"] and question.kind == "where":
         moved = {**said["places"][0], "center": np.asarray(said["places"][0]["center"]) + 0.02}
         return {**said, "places": [moved, *said["places"][1:]]}
     more = [*said["things"], {"id": 77, "name": "cuckoo", "center": (0.0, 0.0, 0.0)}]

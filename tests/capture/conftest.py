@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.capture.settings import CaptureSettings
+from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import FastSplatError
+from tests.capture.upload_files import photo_file
 
 Upload = Callable[[dict[str, bytes]], Path]
 Refused = Callable[..., AbstractContextManager[None]]
@@ -60,15 +59,19 @@ def refused(tmp_path: Path) -> Refused:
 
 
 @pytest.fixture
+def refuses(upload: Upload, refused: Refused, settings: CaptureSettings) -> Callable[..., None]:
+    """Sends files, which the check of uploads must refuse with `kind` and all of `texts`."""
+
+    def check(
+        files: dict[str, bytes], kind: type[FastSplatError], *texts: str, strict: bool = False, **changes: object
+    ) -> None:
+        folder = upload(files)
+        with refused(kind, *texts):
+            validate_upload(folder, settings.model_copy(update=changes), strict=strict)
+
+    return check
+
+
+@pytest.fixture
 def photo() -> Callable[..., bytes]:
-    """An encoded image with texture; the seed makes it unlike others."""
-
-    def encode(seed: int = 0, size: tuple[int, int] = (64, 48), form: str = "JPEG", **options: object) -> bytes:
-        rng = np.random.default_rng(seed)
-        coarse = rng.integers(0, 256, (size[1] // 4, size[0] // 4, 3), dtype=np.uint8)
-        image = Image.fromarray(coarse).resize(size)
-        stream = io.BytesIO()
-        image.save(stream, form, **options)
-        return stream.getvalue()
-
-    return encode
+    return photo_file

@@ -11,7 +11,8 @@ from typing import Any
 import cv2
 import lzfse
 import numpy as np
-from PIL import Image
+
+from tests.capture.upload_files import encoded
 
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 _Y_UP = np.array([[1.0, 0, 0, 0], [0, 0, 1.0, 0], [0, -1.0, 0, 0], [0, 0, 0, 1.0]])
@@ -34,14 +35,8 @@ class Frame:
         return np.asarray(_Y_UP @ self.pose @ _OPENGL)
 
 
-def _png(array: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(array).save(stream, "PNG")
-    return stream.getvalue()
-
-
 def _millimeters(depth: np.ndarray) -> bytes:
-    return _png(np.nan_to_num(depth * 1000).round().astype(np.uint16))
+    return encoded(np.nan_to_num(depth * 1000).round().astype(np.uint16))
 
 
 def polycam(frames: list[Frame], corrected: bool = True) -> dict[str, bytes]:
@@ -56,7 +51,7 @@ def polycam(frames: list[Frame], corrected: bool = True) -> dict[str, bytes]:
         files[f"keyframes/{cameras}/{stem}.json"] = json.dumps(document).encode()
         files[f"keyframes/{images}/{stem}.jpg"] = frame.jpeg
         files[f"keyframes/depth/{stem}.png"] = _millimeters(frame.depth)
-        files[f"keyframes/confidence/{stem}.png"] = _png((frame.confidence * 127).astype(np.uint8))
+        files[f"keyframes/confidence/{stem}.png"] = encoded((frame.confidence * 127).astype(np.uint8))
     return files
 
 
@@ -92,7 +87,7 @@ def scanner_app(frames: list[Frame]) -> dict[str, bytes]:
         for number in (2 * index, 2 * index + 1):
             files[f"scan/frame_{number:05d}.json"] = json.dumps(document | {"frame_index": number}).encode()
             files[f"scan/depth_{number:05d}.png"] = _millimeters(frame.depth)
-            files[f"scan/conf_{number:05d}.png"] = _png(frame.confidence.astype(np.uint8))
+            files[f"scan/conf_{number:05d}.png"] = encoded(frame.confidence.astype(np.uint8))
         files[f"scan/frame_{2 * index:05d}.jpg"] = frame.jpeg
     return files
 

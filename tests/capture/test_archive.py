@@ -6,6 +6,7 @@ import io
 import struct
 import tarfile
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,10 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.archive import unpack
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, UnsafeArchiveError
+from tests.capture.upload_files import photo_file
 
 
-def _zip(entries: list[tuple[str, bytes]], **attributes: int) -> bytes:
+def _zip(entries: Sequence[tuple[str, bytes]], **attributes: int) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in entries:
@@ -32,10 +34,11 @@ def _zip(entries: list[tuple[str, bytes]], **attributes: int) -> bytes:
     return stream.getvalue()
 
 
-def _tar(members: list[tuple[tarfile.TarInfo, bytes]], mode: str = "w") -> bytes:
+def _tar(entries: Sequence[tuple[str | tarfile.TarInfo, bytes]], mode: str = "w") -> bytes:
     stream = io.BytesIO()
     with tarfile.open(fileobj=stream, mode=mode) as archive:
-        for info, content in members:
+        for entry, content in entries:
+            info = _member(entry) if isinstance(entry, str) else entry
             info.size = len(content)
             archive.addfile(info, io.BytesIO(content))
     return stream.getvalue()
@@ -47,15 +50,36 @@ def _member(name: str, kind: bytes = tarfile.REGTYPE, target: str = "") -> tarfi
     return info
 
 
+def _packed(form: str, entries: Sequence[tuple[str, bytes]]) -> bytes:
+    return _zip(entries) if form == "zip" else _tar(entries, "w:gz" if form == "tar.gz" else "w")
+
+
+def _overwritten(packed: bytes, *numbers: tuple[int, int]) -> bytes:
+    """With these 32-bit numbers at these places."""
+    changed = bytearray(packed)
+    for place, number in numbers:
+        struct.pack_into("<I", changed, place, number)
+    return bytes(changed)
+
+
+def _extended_header(size: int) -> bytes:
+    header = _member("././@PaxHeader", tarfile.XHDTYPE)
+    header.size = size
+    return header.tobuf(tarfile.USTAR_FORMAT) + bytes(1024)
+
+
+def _sparse(name: str) -> tarfile.TarInfo:
+    member = _member(name)
+    numbers = {"major": "1", "minor": "0", "name": "x", "realsize": "1000"}
+    member.pax_headers = {f"GNU.sparse.{key}": value for key, value in numbers.items()}
+    return member
+
+
 @pytest.mark.parametrize("form", ["zip", "tar", "tar.gz"])
 def test_archive_and_loose_files_are_the_same_upload(form, upload, photo, settings) -> None:
     files = {"set/a.jpg": photo(1), "set/b.jpg": photo(2)}
-    if form == "zip":
-        packed = _zip([*files.items(), ("__MACOSX/set/._a.jpg", b"x"), ("set/.DS_Store", b"x"), ("Thumbs.db", b"x")])
-    else:
-        members = [(_member(name), content) for name, content in files.items()]
-        packed = _tar(members, "w" if form == "tar" else "w:gz")
-    validated = validate_upload(upload({f"photos.{form}": packed}), settings)
+    others = [("__MACOSX/set/._a.jpg", b"x"), ("set/.DS_Store", b"x"), ("Thumbs.db", b"x")] if form == "zip" else []
+    validated = validate_upload(upload({f"photos.{form}": _packed(form, [*files.items(), *others])}), settings)
     assert (validated.source, validated.images) == ("images", 2)
     root = validated.folder / "files"
     assert {path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()} == set(files)
@@ -67,136 +91,78 @@ def test_backslashes_of_a_zip_made_by_windows_are_folders(upload, photo, setting
     assert {path.relative_to(root).as_posix() for path in root.rglob("*.jpg")} == {"set/a.jpg", "set/b.jpg"}
 
 
-def test_backslashes_in_a_tar_are_refused(upload, photo, settings, refused) -> None:
-    folder = upload({"photos.tar": _tar([(_member("a.jpg"), photo(1)), (_member("set\\b.jpg"), photo(2))])})
-    with refused(UnsafeArchiveError, "photos.tar", "b.jpg", "backslash"):
-        validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize("name", ["../evil.jpg", "a/../../evil.jpg", "/etc/evil.jpg", "C:/evil.jpg", "..\\evil.jpg"])
-@pytest.mark.parametrize("form", ["zip", "tar"])
-def test_paths_that_leave_the_folder(name, form, upload, photo, settings, refused) -> None:
-    entries = [("a.jpg", photo(1)), (name, photo(2))]
-    packed = _zip(entries) if form == "zip" else _tar([(_member(n), c) for n, c in entries])
-    folder = upload({f"photos.{form}": packed})
-    with refused(UnsafeArchiveError, "evil.jpg"):
-        validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize("kind", [tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.BLKTYPE, tarfile.FIFOTYPE])
-def test_links_and_devices_in_a_tar(kind, upload, photo, settings, refused) -> None:
-    packed = _tar([(_member("a.jpg"), photo(1)), (_member("trick", kind, "/etc/passwd"), b"")])
-    folder = upload({"photos.tar": packed})
-    with refused(UnsafeArchiveError, "trick"):
-        validate_upload(folder, settings)
-
-
-def test_link_in_a_zip(upload, settings, refused) -> None:
-    folder = upload({"photos.zip": _zip([("trick.jpg", b"/etc/passwd")], external_attr=0o120777 << 16)})
-    with refused(UnsafeArchiveError, "trick.jpg"):
-        validate_upload(folder, settings)
+_A, _B = ("a.jpg", photo_file(1)), ("b.jpg", photo_file(2))
+_PAIR, _BOMB = _zip([_A, _B]), _zip([("zeros.jpg", bytes(16 << 20))])
+_RECORD, _END = b"PK\x01\x02", b"PK\x05\x06"
+_LEAVING = ("../evil.jpg", "a/../../evil.jpg", "/etc/evil.jpg", "C:/evil.jpg", "..\\evil.jpg")
+_NO_FILES = (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.CHRTYPE, tarfile.BLKTYPE, tarfile.FIFOTYPE)
+_ENTRIES = [(f"{number}.txt", b"") for number in range(201)]
+_DEEP = [(f"{number}/a/b/c/d/e/f/g/h/i/j/a.txt", b"") for number in range(20)]
+_REFUSED = {
+    "backslash in a tar": ("tar", _tar([_A, ("set\\b.jpg", b"x")]), UnsafeArchiveError, "backslash"),
+    **{
+        f"{name} in a {form}": (form, _packed(form, [_A, (name, b"x")]), UnsafeArchiveError, "evil.jpg")
+        for form in ("zip", "tar")
+        for name in _LEAVING
+    },
+    **{
+        f"member of kind {kind!r}": (
+            "tar",
+            _tar([(_member("trick", kind, "/etc/passwd"), b"")]),
+            UnsafeArchiveError,
+            "trick",
+        )
+        for kind in _NO_FILES
+    },
+    "link in a zip": (
+        "zip",
+        _zip([("trick.jpg", b"/etc/passwd")], external_attr=0o120777 << 16),
+        UnsafeArchiveError,
+        "trick.jpg",
+    ),
+    "two entries of one name": ("zip", _zip([_A, ("./a.jpg", b"x")]), UnsafeArchiveError, "a.jpg"),
+    "file that is a folder too": ("zip", _zip([("a", b"x"), ("a/b.jpg", b"x")]), UnsafeArchiveError, "a/b.jpg"),
+    "bomb": ("zip", _BOMB, UnsafeArchiveError, " times"),
+    "bomb in a tar": ("tar.gz", _tar([("zeros.jpg", bytes(16 << 20))], "w:gz"), UnsafeArchiveError, " times"),
+    "bomb whose headers say 10 bytes": (
+        "zip",
+        _overwritten(_BOMB, (22, 10), (_BOMB.rfind(_RECORD) + 24, 10)),
+        InvalidInputError,
+        "photos.zip",
+    ),
+    "entries that overlap": (
+        "zip",
+        _overwritten(_PAIR, (_PAIR.rfind(_RECORD) + 42, 0)),
+        UnsafeArchiveError,
+        "overlaps",
+    ),
+    "many entries": ("zip", _zip(_ENTRIES), LimitExceededError, " entries"),
+    "many entries in a tar": ("tar", _tar(_ENTRIES), LimitExceededError, " entries"),
+    "many folders": ("zip", _zip([*_DEEP, _A, _B]), LimitExceededError, " entries"),
+    "extended header of gigabytes": ("tar", _extended_header(4 << 30), UnsafeArchiveError, "photos.tar"),
+    "cut short": ("zip", _PAIR[: len(_PAIR) // 2], InvalidInputError, "photos.zip"),
+    "tar cut short": ("tar.gz", _tar([_A, _B], "w:gz")[:1_000], InvalidInputError, "photos.tar.gz"),
+    "directory elsewhere": (
+        "zip",
+        _overwritten(_PAIR, (_PAIR.rfind(_END) + 16, len(_PAIR) + 1_000)),
+        InvalidInputError,
+        "photos.zip",
+    ),
+    "sparse photo": ("tar", _tar([(_sparse("a.jpg"), _A[1]), _B]), InvalidInputError, "photos.tar"),
+    "unsupported kind": ("7z", b"7z\xbc\xaf\x27\x1c" + bytes(600), InvalidInputError, "photos.7z"),
+}
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
-def test_two_entries_of_one_name(upload, photo, settings, refused) -> None:
-    folder = upload({"photos.zip": _zip([("a.jpg", photo(1)), ("./a.jpg", photo(2))])})
-    with refused(UnsafeArchiveError, "a.jpg"):
-        validate_upload(folder, settings)
+@pytest.mark.parametrize("case", _REFUSED)
+def test_an_archive_that_is_not_what_it_says_is_refused(case: str, refuses) -> None:
+    form, packed, kind, text = _REFUSED[case]
+    refuses({f"photos.{form}": packed}, kind, text)
 
 
-def test_a_file_that_is_a_folder_too(upload, photo, settings, refused) -> None:
-    folder = upload({"photos.zip": _zip([("a", b"x"), ("a/b.jpg", photo(2))])})
-    with refused(UnsafeArchiveError, "a/b.jpg"):
-        validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize("form", ["zip", "tar.gz"])
-def test_bomb(form, upload, settings, refused) -> None:
-    zeros = bytes(16 << 20)
-    packed = _zip([("zeros.jpg", zeros)]) if form == "zip" else _tar([(_member("zeros.jpg"), zeros)], "w:gz")
-    folder = upload({f"photos.{form}": packed})
-    with refused(UnsafeArchiveError, " times"):
-        validate_upload(folder, settings)
-
-
-def test_bomb_behind_a_lying_header(upload, settings, refused) -> None:
-    """The sizes in zip headers are claims; here they say 10 bytes."""
-    packed = bytearray(_zip([("zeros.jpg", bytes(16 << 20))]))
-    central = packed.rfind(b"PK\x01\x02")
-    struct.pack_into("<I", packed, 22, 10)
-    struct.pack_into("<I", packed, central + 24, 10)
-    folder = upload({"photos.zip": bytes(packed)})
-    with refused(InvalidInputError):
-        validate_upload(folder, settings)
-
-
-def test_overlapping_entries(upload, photo, settings, refused) -> None:
-    """Two directory records that point to one file's bytes."""
-    packed = bytearray(_zip([("a.jpg", photo(1)), ("b.jpg", photo(1))]))
-    second = packed.rfind(b"PK\x01\x02")
-    struct.pack_into("<I", packed, second + 42, 0)
-    folder = upload({"photos.zip": bytes(packed)})
-    with refused(UnsafeArchiveError, "overlaps"):
-        validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize("form", ["zip", "tar"])
-def test_too_many_entries(form, upload, settings, refused) -> None:
-    entries = [(f"{i}.txt", b"") for i in range(settings.max_entries + 1)]
-    packed = _zip(entries) if form == "zip" else _tar([(_member(n), c) for n, c in entries])
-    folder = upload({f"photos.{form}": packed})
-    with refused(LimitExceededError, " entries"):
-        validate_upload(folder, settings)
-
-
-def test_too_many_bytes(upload, settings, refused) -> None:
-    small = settings.model_copy(update={"max_unpacked_bytes": 1000, "max_compression_ratio": 10**9})
-    folder = upload({"photos.zip": _zip([("a.jpg", bytes(2000))])})
-    with refused(LimitExceededError, "MAX_UNPACKED_BYTES"):
-        validate_upload(folder, small)
-
-
-def test_an_extended_header_that_claims_gigabytes(upload, settings, refused) -> None:
-    header = _member("././@PaxHeader", tarfile.XHDTYPE)
-    header.size = 4 << 30
-    folder = upload({"photos.tar": header.tobuf(tarfile.USTAR_FORMAT) + bytes(1024)})
-    with refused(UnsafeArchiveError, "photos.tar"):
-        validate_upload(folder, settings)
-
-
-@pytest.mark.parametrize("form", ["zip", "tar.gz"])
-def test_cut_short(form, upload, photo, settings, refused) -> None:
-    members = [("a.jpg", photo(1, (256, 256))), ("b.jpg", photo(2, (256, 256)))]
-    packed = _zip(members) if form == "zip" else _tar([(_member(n), c) for n, c in members], "w:gz")
-    folder = upload({f"photos.{form}": packed[: len(packed) // 2]})
-    with refused(InvalidInputError, "photos"):
-        validate_upload(folder, settings)
-
-
-def test_a_directory_that_is_not_where_the_archives_end_says(upload, photo, settings, refused) -> None:
-    packed = bytearray(_zip([("a.jpg", photo(1)), ("b.jpg", photo(2))]))
-    end = packed.rfind(b"PK\x05\x06")
-    struct.pack_into("<I", packed, end + 16, struct.unpack_from("<I", packed, end + 16)[0] + 1000)
-    folder = upload({"photos.zip": bytes(packed)})
-    with refused(InvalidInputError, "photos.zip"):
-        validate_upload(folder, settings)
-
-
-def test_a_tar_that_calls_a_photo_sparse(upload, photo, settings, refused) -> None:
-    member = _member("a.jpg")
-    sparse = {"major": "1", "minor": "0", "name": "x", "realsize": "1000"}
-    member.pax_headers = {f"GNU.sparse.{name}": value for name, value in sparse.items()}
-    folder = upload({"photos.tar": _tar([(member, photo(1)), (_member("b.jpg"), photo(2))])})
-    with refused(InvalidInputError, "photos.tar"):
-        validate_upload(folder, settings)
-
-
-def test_folders_count_as_entries(upload, photo, settings, refused) -> None:
-    deep = "/".join("abcdefghij")
-    entries = [(f"{number}/{deep}/a.txt", b"") for number in range(settings.max_entries // 10)]
-    folder = upload({"photos.zip": _zip([*entries, ("a.jpg", photo(1)), ("b.jpg", photo(2))])})
-    with refused(LimitExceededError, " entries"):
-        validate_upload(folder, settings)
+def test_too_many_bytes(refuses) -> None:
+    limits = {"max_unpacked_bytes": 1000, "max_compression_ratio": 10**9}
+    refuses({"photos.zip": _zip([("a.jpg", bytes(2000))])}, LimitExceededError, "MAX_UNPACKED_BYTES", **limits)
 
 
 def test_images_of_far_more_pixels_than_bytes_are_refused_before_they_are_decoded(
@@ -211,16 +177,9 @@ def test_images_of_far_more_pixels_than_bytes_are_refused_before_they_are_decode
         validate_upload(folder, allowed)
 
 
-def test_more_pixels_than_an_upload_may_have(upload, photo, settings, refused) -> None:
-    folder = upload({f"{number}.jpg": photo(number) for number in range(3)})
-    with refused(LimitExceededError, "6144 pixels"):
-        validate_upload(folder, settings.model_copy(update={"max_pixels": 64 * 48 * 2}))
-
-
-def test_unsupported_kind(upload, settings, refused) -> None:
-    folder = upload({"photos.7z": b"7z\xbc\xaf\x27\x1c" + bytes(600)})
-    with refused(InvalidInputError, "photos.7z"):
-        validate_upload(folder, settings)
+def test_more_pixels_than_an_upload_may_have(photo, refuses) -> None:
+    files = {f"{number}.jpg": photo(number) for number in range(3)}
+    refuses(files, LimitExceededError, "6144 pixels", max_pixels=64 * 48 * 2)
 
 
 _NAMES = st.lists(
@@ -236,7 +195,7 @@ _NAMES = st.lists(
 def test_whatever_the_names_nothing_lands_outside(names: list[str], tar: bool, tmp_path_factory) -> None:
     place: Path = tmp_path_factory.mktemp("names")
     entries = [(name, b"content") for name in names]
-    (place / "it").write_bytes(_tar([(_member(n), c) for n, c in entries]) if tar else _zip(entries))
+    (place / "it").write_bytes(_packed("tar" if tar else "zip", entries))
     into = place / "into" / "deep"
     into.mkdir(parents=True)
     try:

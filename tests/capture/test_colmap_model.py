@@ -15,6 +15,7 @@ from fastsplat.service.capture.uploads.left_out import LeftOut
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from tests.capture.upload_files import captured
 
 _SIZE = (64, 48)
 
@@ -91,8 +92,7 @@ def test_text_is_binary(tmp_path: Path, upload, photo, settings) -> None:
 
 def test_built_views_are_undistorted_and_keep_the_world(upload, photo, settings) -> None:
     folder = _upload(upload, photo, text=False)
-    validate_upload(folder, settings)
-    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    capture = captured(folder, settings)
     assert capture.report.source == "colmap"
     assert capture.scale == "ARBITRARY"
     written = pycolmap.Reconstruction(folder / "sparse/0")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import lzfse
 import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.formats.capture_files import load_capture
@@ -19,23 +19,8 @@ from fastsplat.service.capture.formats.depth_maps import load_depth, save_depth
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.camera import Camera
-from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
-
-_POINTS = b"""ply
-format ascii 1.0
-element vertex 1
-property float x
-property float y
-property float z
-end_header
-0 0 -2
-"""
-
-
-def _png(array: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(array).save(stream, "PNG")
-    return stream.getvalue()
+from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, MissingPackageError
+from tests.capture.upload_files import PINHOLE, captured, encoded, frames_of, points_file, turned
 
 
 def _npy(array: Any) -> bytes:
@@ -59,29 +44,23 @@ def send(upload, photo):
         maps: list[bytes],
         suffix: str = "png",
         depth_names: list[str] | None = None,
-        points: bytes = _POINTS,
+        points: bytes = points_file((0, 0, -2)),
         **changes: Any,
     ) -> Path:
         names = depth_names or [f"depth/{index}.{suffix}" for index in range(len(maps))]
-        frames = [{"file_path": f"images/{i}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(3)]
+        frames = frames_of(f"images/{i}.jpg" for i in range(3))
         for frame, name in zip(frames, names, strict=False):
             frame["depth_file_path"] = name
-        document = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames, **changes}
         files = {f"depth/{index}.{suffix}": content for index, content in enumerate(maps)}
         images = {f"images/{i}.jpg": photo(i) for i in range(3)}
-        text = json.dumps(document).encode()
+        text = json.dumps({**PINHOLE, "frames": frames, **changes}).encode()
         return upload({**images, **files, "transforms.json": text, "points3d.ply": points})
 
     return write
 
 
-def _build(folder: Path, settings) -> Any:
-    validated = validate_upload(folder, settings)
-    return build_capture(folder, folder.parent / "out", settings, silent), validated
-
-
 def test_millimeters_become_sensor_depth_and_points(send, settings) -> None:
-    capture, _ = _build(send([_png(_ramp())] * 2), settings)
+    capture = captured(send([encoded(_ramp())] * 2), settings)
     assert [view.depth is not None for view in capture.views] == [True, True, False]
     sensor = capture.views[0].depth
     assert (sensor.camera.width, sensor.camera.height, sensor.camera.fx) == (32, 24, 30.0)
@@ -101,7 +80,7 @@ def test_units_and_arrays(send, settings) -> None:
     strange = meters.copy()
     strange[1, :5] = np.nan, np.inf, -1.0, 1e30, 1e4
     maps = [_npy(strange), _npy(meters.astype(np.float64)[..., None]), _npy(meters.astype(np.float16))]
-    capture, _ = _build(send(maps, "npy", depth_unit_scale_factor=1), settings)
+    capture = captured(send(maps, "npy", depth_unit_scale_factor=1), settings)
     loaded = [load_depth(view.depth) for view in capture.views]
     assert (loaded[0][1, :5] == 0).all() and loaded[0].max() < 2.01
     np.testing.assert_allclose(loaded[1], meters, atol=2e-5)
@@ -114,12 +93,11 @@ def _points_on_the_ramp(share: float) -> bytes:
     column, row = random.integers(2, 30, 150), random.integers(2, 22, 150)
     z = share * _ramp()[row, column] / 1000
     xyz = np.stack([(column + 0.5 - 16) / 30 * z, -(row + 0.5 - 12) / 30 * z, -z], axis=1)
-    head = _POINTS.replace(b"vertex 1", b"vertex 150").partition(b"end_header")[0]
-    return head + b"end_header\n" + b"".join(b"%.6f %.6f %.6f\n" % tuple(point) for point in xyz)
+    return points_file(*xyz)
 
 
 def test_depth_in_meters_tells_the_unit_of_poses_and_points(send, settings) -> None:
-    capture, _ = _build(send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.25)), settings)
+    capture = captured(send([encoded(_ramp())] * 3, points=_points_on_the_ramp(0.25)), settings)
     assert capture.scale == "METRIC"
     scale = capture.report.scale
     assert scale.source == "sensor_depth" and abs(scale.meters_per_unit - 4) < 0.01
@@ -146,35 +124,33 @@ def test_a_far_view_that_is_no_outlier_stays_known(tmp_path: Path) -> None:
 
 
 def test_a_map_that_cannot_be_read_any_more_costs_the_map_alone(send, settings) -> None:
-    folder = send([_png(_ramp())] * 3)
+    folder = send([encoded(_ramp())] * 3)
     files = validate_upload(folder, settings).folder / "files"
     (files / "depth/1.png").unlink()  # a link to what was sent
-    (files / "depth/1.png").write_bytes(_png(_ramp())[:-40])
+    (files / "depth/1.png").write_bytes(encoded(_ramp())[:-40])
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     assert [view.depth is None for view in capture.views] == [False, True, False]
     assert any("depth/1.png" in warning for warning in capture.report.warnings)
 
 
 def test_metric_poses_keep_their_unit(send, settings) -> None:
-    upload = send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.95), scale="metric")
-    capture, _ = _build(upload, settings)
+    upload = send([encoded(_ramp())] * 3, points=_points_on_the_ramp(0.95), scale="metric")
+    capture = captured(upload, settings)
     assert capture.scale == "METRIC" and capture.report.scale is None and not capture.report.warnings
     np.testing.assert_allclose(load_depth(capture.views[0].depth), 0.95 * _ramp() / 1000, rtol=3e-3, atol=1e-4)
 
 
 def test_maps_that_contradict_metric_poses_are_not_used(send, settings) -> None:
-    upload = send([_png(_ramp())] * 3, points=_points_on_the_ramp(0.25), scale="metric")
-    capture, _ = _build(upload, settings)
+    upload = send([encoded(_ramp())] * 3, points=_points_on_the_ramp(0.25), scale="metric")
+    capture = captured(upload, settings)
     assert all(view.depth is None for view in capture.views) and len(capture.points) == 150
     assert any("4 times as far" in warning for warning in capture.report.warnings)
 
 
 def test_the_map_of_a_turned_photo_turns_with_it(send, settings, photo, tmp_path) -> None:
-    exif = Image.Exif()
-    exif[0x0112] = 6  # to be rotated clockwise by 90 degrees
-    folder = send([_png(_ramp())])
-    (folder / "images" / "0.jpg").write_bytes(photo(0, exif=exif))
-    capture, _ = _build(folder, settings)
+    folder = send([encoded(_ramp())])
+    (folder / "images" / "0.jpg").write_bytes(photo(0, exif=turned(6)))
+    capture = captured(folder, settings)
     view = capture.views[0]
     assert (view.posed.camera.width, view.posed.camera.height) == (48, 64)
     np.testing.assert_allclose(load_depth(view.depth), np.rot90(_ramp(), -1) / 1000, atol=2e-5)
@@ -183,14 +159,16 @@ def test_the_map_of_a_turned_photo_turns_with_it(send, settings, photo, tmp_path
 
 def test_large_maps_are_reduced_by_nearest_neighbors(send, settings) -> None:
     steps = np.where(np.arange(1280) < 640, 1000, 3000).astype(np.uint16)[None].repeat(960, 0)
-    capture, _ = _build(send([_png(steps)]), settings)
+    capture = captured(send([encoded(steps)]), settings)
     depth = load_depth(capture.views[0].depth)
     assert depth.shape == (480, 640)
     assert np.allclose(np.unique(depth), [1, 3], atol=1e-4)
 
 
 def test_an_empty_map_is_left_out_with_a_warning(send, settings) -> None:
-    capture, validated = _build(send([_png(np.zeros((24, 32), np.uint16)), _png(_ramp())]), settings)
+    folder = send([encoded(np.zeros((24, 32), np.uint16)), encoded(_ramp())])
+    validated = validate_upload(folder, settings)
+    capture = build_capture(folder, folder.parent / "out", settings, silent)
     assert capture.views[0].depth is None and capture.views[1].depth is not None
     assert "1 depth maps" in validated.warnings[0] and "images/0.jpg" in validated.warnings[0]
     assert validated.warnings[0] in capture.report.warnings
@@ -201,7 +179,7 @@ def test_confidence_and_compressed_floats(tmp_path, settings) -> None:
     levels = np.array([[0, 1, 2, 2]] * 3, np.uint8)
     (tmp_path / "0.depth").write_bytes(lzfse.compress(depth.tobytes()))
     (tmp_path / "0.conf").write_bytes(lzfse.compress(levels.tobytes()))
-    (tmp_path / "0.png").write_bytes(_png(levels * 127))
+    (tmp_path / "0.png").write_bytes(encoded(levels * 127))
     for confidence in ("0.conf", "0.png"):
         read = read_depth(tmp_path, DepthFile("0.depth", 1.0, (4, 3), confidence), settings)
         np.testing.assert_array_equal(read, np.where(levels > 0, depth, 0))
@@ -220,6 +198,14 @@ def test_confidence_and_compressed_floats(tmp_path, settings) -> None:
         read_depth(tmp_path, DepthFile("2.depth", 1.0, (4, 3)), settings)
 
 
+def test_without_the_package_that_unpacks_it_the_refusal_names_the_extra(tmp_path, settings, monkeypatch) -> None:
+    (tmp_path / "0.depth").write_bytes(lzfse.compress(np.ones((3, 4), np.float32).tobytes()))
+    monkeypatch.setitem(sys.modules, "lzfse", None)
+    with pytest.raises(MissingPackageError) as caught:
+        read_depth(tmp_path, DepthFile("0.depth", 1.0, (4, 3)), settings)
+    assert caught.value.field == "0.depth" and "fastsplat[phones]" in caught.value.hint
+
+
 class _Evil:
     def __reduce__(self) -> Any:
         return (print, ("run",))
@@ -228,9 +214,9 @@ class _Evil:
 @pytest.mark.parametrize(
     ("content", "suffix", "kind", "text"),
     [
-        (_png(_ramp(32, 32)), "png", InvalidInputError, "another aspect ratio"),
-        (_png(np.zeros((24, 32, 3), np.uint8)), "png", InvalidInputError, "has colors"),
-        (_png(_ramp())[:-40], "png", CorruptImageError, "depth/0.png"),
+        (encoded(_ramp(32, 32)), "png", InvalidInputError, "another aspect ratio"),
+        (encoded(np.zeros((24, 32, 3), np.uint8)), "png", InvalidInputError, "has colors"),
+        (encoded(_ramp())[:-40], "png", CorruptImageError, "depth/0.png"),
         (b"no image", "png", CorruptImageError, "depth/0.png"),
         (_npy(np.ones((24, 32, 3), np.float32)), "npy", CorruptImageError, "shape"),
         (_npy(np.ones((24, 32), np.float32))[:-8], "npy", CorruptImageError, "not a readable array"),
@@ -238,7 +224,7 @@ class _Evil:
         (_npy(np.ones((24, 32), np.complex64)), "npy", CorruptImageError, "not an array of depths"),
         (_npy(np.zeros((0, 32), np.float32)), "npy", CorruptImageError, "not"),
         (b"\x93NUMPY\x01\x00" + b"\xff\xff" + b"(" * 65535, "npy", CorruptImageError, "not a readable array"),
-        (_png(np.zeros((2400, 3200), np.uint16)), "png", LimitExceededError, "3200×2400"),
+        (encoded(np.zeros((2400, 3200), np.uint16)), "png", LimitExceededError, "3200×2400"),
         (_npy(np.zeros((1200, 1600), np.uint8)), "npy", LimitExceededError, "1600×1200"),
     ],
 )
@@ -249,7 +235,7 @@ def test_bad_maps_are_refused(send, settings, refused, content: bytes, suffix: s
 
 
 def test_bad_documents_are_refused(send, settings, refused, tmp_path) -> None:
-    (tmp_path / "secret.png").write_bytes(_png(_ramp()))
+    (tmp_path / "secret.png").write_bytes(encoded(_ramp()))
     for names, text in (
         (["../../secret.png"], "not in the upload"),
         (["/etc/passwd.png"], "not in the upload"),
@@ -257,10 +243,10 @@ def test_bad_documents_are_refused(send, settings, refused, tmp_path) -> None:
         (["depth/0.exr"], "'.exr'"),
         ([7], "not text"),
     ):
-        folder = send([_png(_ramp())], depth_names=names)
+        folder = send([encoded(_ramp())], depth_names=names)
         with refused(InvalidInputError, text):
             validate_upload(folder, settings, strict=True)
     for unit in (0, -0.001, "m", True, None, [1], 1e9, float("nan"), float("inf")):
-        folder = send([_png(_ramp())], depth_unit_scale_factor=unit)
+        folder = send([encoded(_ramp())], depth_unit_scale_factor=unit)
         with refused(InvalidInputError, "depth unit", "depth_unit_scale_factor"):
             validate_upload(folder, settings, strict=True)

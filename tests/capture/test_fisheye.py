@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
@@ -11,15 +10,15 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.capture.build import build_capture, load_image
+from fastsplat.service.capture.build import load_image
 from fastsplat.service.capture.photos.camera_model import CameraModel
 from fastsplat.service.capture.photos.lens_faces import face_rays, fisheye_faces, is_fisheye
 from fastsplat.service.capture.settings import CaptureSettings
-from fastsplat.service.capture.types import Capture, View
+from fastsplat.service.capture.types import View
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError
 from tests.capture import made_room
+from tests.capture.upload_files import captured, encoded, points_file
 
 _W, _H = 320, 240
 _EXTRA = {
@@ -45,12 +44,6 @@ def _rays(lens: CameraModel) -> np.ndarray:
     x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     rays = camera.cam_ray_from_img(np.column_stack([x.ravel(), y.ravel()]))
     return np.asarray(rays).reshape(lens.height, lens.width, 3)
-
-
-def _encoded(pixels: np.ndarray, form: str = "PNG") -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, form, quality=95)
-    return stream.getvalue()
 
 
 def _valid(view: View) -> np.ndarray:
@@ -131,20 +124,14 @@ def _posed(upload, lens: CameraModel, **values: object) -> tuple[Path, dict[str,
         "ply_file_path": "points.ply", "convention": "opencv", "scale": "metric",
         "frames": [{"file_path": name, "transform_matrix": pose.tolist()} for name, pose in poses.items()],
     }  # fmt: skip
-    ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-    files = {name: _encoded(made_room.photo(pose, rays)) for name, pose in poses.items()}
-    files |= {"transforms.json": json.dumps(document).encode(), "points.ply": (ply + "0 0 1\n").encode()}
+    files = {name: encoded(made_room.photo(pose, rays)) for name, pose in poses.items()}
+    files |= {"transforms.json": json.dumps(document).encode(), "points.ply": points_file((0, 0, 1))}
     return upload(files), poses
-
-
-def _build(folder: Path, settings: CaptureSettings) -> Capture:
-    validate_upload(folder, settings)
-    return build_capture(folder, folder.parent / "out", settings, silent)
 
 
 def test_posed_wide_photos_become_faces(upload, settings) -> None:
     folder, poses = _posed(upload, _lens("OPENCV_FISHEYE", 160), test_filenames=["b.png"])
-    capture = _build(folder, settings)
+    capture = captured(folder, settings)
     names = [view.posed.name for view in capture.views]
     faces = ("front", "right", "left", "up", "down")
     assert names == [f"{photo}.{face}.png" for photo in "ab" for face in faces]
@@ -158,7 +145,7 @@ def test_posed_wide_photos_become_faces(upload, settings) -> None:
 
 def test_posed_photos_up_to_120_degrees_stay_one_view(upload, settings) -> None:
     folder, poses = _posed(upload, _lens("OPENCV_FISHEYE", 112), fisheye_crop_radius=110)
-    capture = _build(folder, settings)
+    capture = captured(folder, settings)
     assert [view.posed.name for view in capture.views] == ["a.png", "b.png"]
     for view in capture.views:
         _check_shows_the_room(view, poses[view.posed.name])
@@ -182,9 +169,9 @@ def test_wide_photos_without_poses_find_their_places(tmp_path: Path) -> None:
         turn = 1.2 * index / count
         pose = made_room.pose((1.2 * np.cos(turn), 0.9 * np.sin(turn), 1.3), np.degrees(turn) + 180, 6 - 3 * index)
         truth[f"{index}.front.jpg"] = pose
-        (tmp_path / f"upload/{index}.jpg").write_bytes(_encoded(made_room.photo(pose, rays), "JPEG"))
+        (tmp_path / f"upload/{index}.jpg").write_bytes(encoded(made_room.photo(pose, rays), "JPEG", quality=95))
     settings = CaptureSettings(sfm_threads=2, sfm_features=700, lens="fisheye")
-    capture = _build(tmp_path / "upload", settings)
+    capture = captured(tmp_path / "upload", settings)
     front = [view for view in capture.views if view.posed.name in truth]
     assert len(front) == count and len(capture.views) == 5 * count
     estimated = np.array([view.posed.world_from_camera for view in front])

@@ -19,6 +19,7 @@ from fastsplat.service.capture.formats.image_io import check_image, load_upright
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, LimitExceededError
+from tests.capture.upload_files import PINHOLE, frames_of, points_file
 
 _SIZE = (64, 48)
 
@@ -56,11 +57,9 @@ def test_it_is_upright_once(orientation: int, tmp_path: Path, settings) -> None:
 
 
 def test_a_capture_of_heic_photos(upload, settings, tmp_path: Path) -> None:
-    frames = [{"file_path": f"images/{i}.HEIC", "transform_matrix": np.eye(4).tolist()} for i in range(2)]
-    document = {"w": 48, "h": 64, "fl_x": 60.0, "fl_y": 60.0, "cx": 24.0, "cy": 32.0, "frames": frames}
-    points = b"ply\nformat ascii 1.0\nelement vertex 1\n"
-    points += b"property float x\nproperty float y\nproperty float z\nend_header\n0 0 -2\n"
     photos = {f"images/{i}.HEIC": _heic(6) for i in range(2)}
+    document = {**PINHOLE, "w": 48, "h": 64, "cx": 24.0, "cy": 32.0, "frames": frames_of(photos)}
+    points = points_file((0, 0, -2))
     folder = upload({**photos, "transforms.json": json.dumps(document).encode(), "points3d.ply": points})
     (tmp_path / "check").mkdir()
     request = {"upload": str(folder), "settings": settings.model_dump()}

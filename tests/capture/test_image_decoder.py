@@ -22,6 +22,7 @@ from fastsplat.service.capture.untrusted.image_decoding import load_upright_map,
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ResourceError
+from tests.capture.upload_files import turned
 
 SIZE = (33, 24)
 
@@ -31,9 +32,7 @@ def root(tmp_path: Path) -> Path:
     folder = tmp_path / "files"
     folder.mkdir()
     pixels = np.random.default_rng(5).integers(0, 255, (48, 66, 4), dtype=np.uint8)
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    Image.fromarray(pixels[..., :3]).save(folder / "turned.jpg", exif=exif)
+    Image.fromarray(pixels[..., :3]).save(folder / "turned.jpg", exif=turned(6))
     Image.fromarray(pixels).save(folder / "clear.png")
     Image.fromarray(pixels[..., 0].astype(np.uint16) * 250).save(folder / "ids.png")
     return folder
@@ -146,7 +145,7 @@ def test_what_a_taken_over_validation_left_does_not_lead_elsewhere(
     with pytest.raises(InvalidInputError, match=r"link\.json"):
         read_manifest(folder)
     (folder / "files" / "link.json").unlink()
-    stored = json.loads((folder / "admitted.json").read_text())
-    (folder / "admitted.json").write_text(json.dumps({**stored, "video": name}))
+    stored = json.loads((folder / "validated.json").read_text())
+    (folder / "validated.json").write_text(json.dumps({**stored, "video": name}))
     with pytest.raises(InvalidInputError, match="leads to other files"):
         read_manifest(folder)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +12,12 @@ from PIL.TiffImagePlugin import IFDRational
 from fastsplat.service.capture.formats.image_io import check_image, load_upright, open_map
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError
+from tests.capture.upload_files import encoded, turned
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_orientation_is_applied(orientation: int, tmp_path: Path, settings, photo) -> None:
-    exif = Image.Exif()
-    exif[0x0112] = orientation
-    (tmp_path / "a.png").write_bytes(photo(3, (40, 24), "PNG", exif=exif))
+    (tmp_path / "a.png").write_bytes(photo(3, (40, 24), "PNG", exif=turned(orientation)))
     with Image.open(tmp_path / "a.png") as image:
         expected = np.asarray(ImageOps.exif_transpose(image))
     info = check_image(tmp_path, "a.png", settings)
@@ -95,26 +93,15 @@ def test_transparent_is_black(tmp_path: Path, settings) -> None:
 
 
 @pytest.mark.parametrize("form", ["JPEG", "PNG", "WEBP", "TIFF"])
-def test_a_cut_is_detected_wherever_it_is(form: str, upload, settings, refused, photo) -> None:
+def test_a_cut_is_detected_wherever_it_is(form: str, photo, refuses) -> None:
     whole = photo(1, (256, 192), form)
     for share in (0.3, 0.6, 0.9):
-        folder = upload({"good.jpg": photo(2), "cut.jpg": whole[: int(len(whole) * share)]})
-        with refused(CorruptImageError, "cut.jpg"):
-            validate_upload(folder, settings)
+        refuses({"good.jpg": photo(2), "cut.jpg": whole[: int(len(whole) * share)]}, CorruptImageError, "cut.jpg")
 
 
-def test_text_called_jpg(upload, settings, refused, photo) -> None:
-    folder = upload({"good.jpg": photo(2), "notes.jpg": b"these are my holiday notes"})
-    with refused(CorruptImageError, "notes.jpg"):
-        validate_upload(folder, settings)
-
-
-def test_huge_image_is_refused_by_its_header(upload, settings, refused, photo) -> None:
-    stream = io.BytesIO()
-    Image.new("1", (30_000, 30_000)).save(stream, "PNG")
-    folder = upload({"good.jpg": photo(2), "huge.png": stream.getvalue()})
-    with refused(LimitExceededError, "huge.png", "MAX_IMAGE_PIXELS"):
-        validate_upload(folder, settings)
+def test_huge_image_is_refused_by_its_header(photo, refuses) -> None:
+    huge = encoded(Image.new("1", (30_000, 30_000)))
+    refuses({"good.jpg": photo(2), "huge.png": huge}, LimitExceededError, "huge.png", "MAX_IMAGE_PIXELS")
 
 
 def test_pixel_limit_is_the_setting(upload, settings, refused, photo) -> None:

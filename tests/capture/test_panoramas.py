@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 
@@ -34,6 +33,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.capture import made_room
+from tests.capture.upload_files import captured, encoded, video_file
 
 _WIDTH = 640
 _PLACES = {
@@ -44,12 +44,6 @@ _PLACES = {
 _XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:Description GPano:ProjectionType="equirectangular"/></x:xmpmeta>"""
 
 
-def _encoded(pixels: np.ndarray, **options: object) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "JPEG", quality=95, **options)
-    return stream.getvalue()
-
-
 @pytest.fixture(scope="module")
 def room(tmp_path_factory) -> Capture:
     """The made room from three panoramas that say what they are, 25° around the photographer left out."""
@@ -57,10 +51,10 @@ def room(tmp_path_factory) -> Capture:
     folder.mkdir()
     rays = made_room.panorama_rays(_WIDTH)
     for name, pose in _PLACES.items():
-        (folder / name).write_bytes(_encoded(made_room.photo(pose, rays), xmp=_XMP, exif=_somewhere()))
-    settings = CaptureSettings(sfm_threads=2, sfm_features=700, nadir_deg=25)
-    validate_upload(folder, settings)
-    return build_capture(folder, folder.parent / "out", settings, silent)
+        (folder / name).write_bytes(
+            encoded(made_room.photo(pose, rays), "JPEG", quality=95, xmp=_XMP, exif=_somewhere())
+        )
+    return captured(folder, CaptureSettings(sfm_threads=2, sfm_features=700, nadir_deg=25))
 
 
 def _somewhere() -> Image.Exif:
@@ -236,12 +230,8 @@ def _octants(rays: np.ndarray) -> np.ndarray:
 def test_labels_are_cut_as_the_picture_is(upload, settings, tmp_path: Path) -> None:
     rays, files = made_room.panorama_rays(256), {"labels.json": json.dumps([f"part {i}" for i in range(8)]).encode()}
     for name, pose in _PLACES.items():
-        stream = io.BytesIO()
-        Image.fromarray(_octants(rays)).save(stream, "PNG")
-        files |= {
-            name: _encoded(made_room.photo(pose, rays), xmp=_XMP),
-            f"labels/{Path(name).stem}.png": stream.getvalue(),
-        }
+        files[name] = encoded(made_room.photo(pose, rays), "JPEG", quality=95, xmp=_XMP)
+        files[f"labels/{Path(name).stem}.png"] = encoded(_octants(rays))
     folder = upload(files)
     validate_upload(folder, settings)
     images, decoding = tmp_path / "images", tmp_path / "decoding"
@@ -270,40 +260,18 @@ def test_frames_of_a_video_become_faces(tmp_path: Path, settings) -> None:
     for folder in (images, tmp_path / "frames", tmp_path / "decoding"):
         folder.mkdir()
     path = tmp_path / "walk.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (512, 256))
-    for index in range(6):
-        pose = made_room.pose((0.1 * index, 0, 1.4), 0)
-        writer.write(made_room.photo(pose, made_room.panorama_rays(512))[..., ::-1].copy())
-    writer.release()
+    poses = [made_room.pose((0.1 * index, 0, 1.4), 0) for index in range(6)]
+    video_file(path, [made_room.photo(pose, made_room.panorama_rays(512)) for pose in poses])
     request = {"video": str(path), "name": "walk.avi", "folder": str(images), **settings.model_dump()}
     request |= {"video_frames": settings.panorama_frames, "max_side": frame_width(settings), "by_place": False}
     result = run_sandboxed("frames", request, tmp_path / "frames", settings, lambda fraction, message: None)
     with ImageDecoder(tmp_path / "decoding", (images,), settings) as decoder:
-        faces = list(
-            video_frames(
-                result["files"],
-                tuple(result["size"]),
-                "walk.avi",
-                images,
-                settings,
-                decoder,
-                WithheldPixels(None, tmp_path / "masks"),
-            )
-        )
+        rest = ("walk.avi", images, settings, decoder, WithheldPixels(None, tmp_path / "masks"))
+        faces = list(video_frames(result["files"], tuple(result["size"]), *rest))
         assert len(faces) == 18 and faces[0].name == f"{Path(result['files'][0]).stem}.front.png"
         assert {image.width for image in faces} == {96 if frame_width(settings) < 512 else faces[0].width}
         with pytest.raises(InvalidInputError, match="twice as wide"):
-            list(
-                video_frames(
-                    result["files"],
-                    (320, 240),
-                    "walk.avi",
-                    images,
-                    settings,
-                    decoder,
-                    WithheldPixels(None, tmp_path / "masks"),
-                )
-            )
+            list(video_frames(result["files"], (320, 240), *rest))
 
 
 def test_straight_down_is_masked_in_the_down_face_alone() -> None:

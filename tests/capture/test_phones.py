@@ -17,16 +17,15 @@ from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.depth_maps import load_depth
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
 from fastsplat.service.capture.sfm.pose_refinement import refusal
-from fastsplat.service.capture.types import ScaleEstimate
 from fastsplat.service.capture.untrusted.image_decoder import ImageDecoder
 from fastsplat.service.capture.untrusted.sandbox import run_sandboxed
 from fastsplat.service.capture.uploads.posed_validation import ImageSizes, read_posed_dataset
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
-from fastsplat.service.capture.world.scale_estimates import combined_estimate
 from fastsplat.service.common.progress import silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CorruptImageError, InvalidInputError, LimitExceededError, ReconstructionError
 from tests.capture.phone_recordings import Frame, polycam, record3d_files, scanner_app, zipped
+from tests.capture.upload_files import captured
 
 _SIZE = (64, 48)
 _INTRINSICS = (60.0, 61.0, 31.0, 25.0)
@@ -146,14 +145,12 @@ _POLYCAM, _SCANNER = "keyframes/corrected_cameras/1001.json", "scan/frame_00002.
         ("record3d", "metadata", {"w": 10**400}, "w is not a finite number"),
     ],
 )
-def test_bad_documents(source, name, changes, text, frames, upload, settings, refused) -> None:
+def test_bad_documents(source, name, changes, text, frames, refuses) -> None:
     files = record3d_files(frames) if source == "record3d" else _FORMATS[source](frames)
-    folder = upload(_changed(files, name, **changes))
-    with refused(InvalidInputError, text):
-        validate_upload(folder, settings, strict=True)
+    refuses(_changed(files, name, **changes), InvalidInputError, text, strict=True)
 
 
-def test_bad_files(frames, upload, settings, refused, tmp_path: Path) -> None:
+def test_bad_files(frames, tmp_path: Path, refuses) -> None:
     files = record3d_files(frames)
     deep = b'{"poses": ' + b"[" * 40 + b"]" * 40 + b"}"
     for name, content, kind, text in (
@@ -165,23 +162,8 @@ def test_bad_files(frames, upload, settings, refused, tmp_path: Path) -> None:
         ("rgbd/1.conf", b"", CorruptImageError, "rgbd/1.conf"),
         ("rgbd/1.jpg", b"no photo", CorruptImageError, "rgbd/1.jpg"),
     ):
-        folder = upload({**files, name: content})
-        with refused(kind, text):
-            validate_upload(folder, settings, strict=True)
-    folder = upload(files)
-    with refused(LimitExceededError, "metadata has", " bytes"):
-        validate_upload(folder, settings.model_copy(update={"max_json_bytes": 100}), strict=True)
-
-
-def test_estimates_of_a_scale_are_combined() -> None:
-    tags = ScaleEstimate("tags", 1.01, 0.005)
-    both = combined_estimate(ScaleEstimate("arkit", 1.0, 0.05), tags)
-    assert both.source == "tags+arkit" and 1.0098 < both.meters_per_unit < 1.01
-    assert both.relative_error_95 < 0.005
-    coarse = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.0, 0.04))
-    assert coarse.source == "sensor_depth+tags"
-    against = combined_estimate(ScaleEstimate("sensor_depth", 1.0, 0.02), ScaleEstimate("tags", 1.2, 0.02))
-    assert against.relative_error_95 > 0.08 and 1.09 < against.meters_per_unit < 1.1
+        refuses({**files, name: content}, kind, text, strict=True)
+    refuses(files, LimitExceededError, "metadata has", " bytes", max_json_bytes=100, strict=True)
 
 
 @pytest.fixture(scope="module")
@@ -224,8 +206,7 @@ def _shape_error(poses: list[np.ndarray], truth: list[np.ndarray]) -> float:
 def test_photos_refine_tracked_poses_and_keep_meters_and_gravity(tabletop, upload, settings) -> None:
     frames, truth = tabletop
     folder = upload(polycam(frames))
-    validate_upload(folder, settings)
-    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    capture = captured(folder, settings)
     assert capture.scale == "METRIC" and not capture.report.warnings
     scale = capture.report.scale
     assert scale is not None and scale.source == "sensor_depth" and 0.02 <= scale.relative_error_95 < 0.03

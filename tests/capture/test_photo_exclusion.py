@@ -6,23 +6,20 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from fastsplat.service.capture.build import build_capture
 from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
+from tests.capture.upload_files import PINHOLE, frames_of, points_file
 
 
 def test_frames_that_are_excluded_are_left_out_and_named(
     upload: Callable[[dict[str, bytes]], Path], photo: Callable[..., bytes], settings: CaptureSettings
 ) -> None:
-    frames = [{"file_path": f"images/{i}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(3)]
-    lens = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 61.0, "cx": 31.0, "cy": 25.0}
-    point = b"ply\nformat ascii 1.0\nelement vertex 1\n" + b"".join(b"property float %c\n" % name for name in b"xyz")
-    files = {f"images/{i}.jpg": photo(i) for i in range(3)} | {"points3d.ply": point + b"end_header\n0 0 1\n"}
-    folder = upload({**files, "transforms.json": json.dumps({**lens, "frames": frames}).encode()})
+    files = {f"images/{i}.jpg": photo(i) for i in range(3)}
+    document = json.dumps({**PINHOLE, "frames": frames_of(files)}).encode()
+    folder = upload({**files, "points3d.ply": points_file((0, 0, 1)), "transforms.json": document})
     validate_upload(folder, settings)
 
     whole = build_capture(folder, folder.parent / "whole", settings, silent)

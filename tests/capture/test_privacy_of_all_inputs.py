@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,6 +31,7 @@ from fastsplat.service.common.progress import silent
 from tests.capture import made_room
 from tests.capture.phone_recordings import Frame, polycam
 from tests.capture.test_withholding import _figure, _files, _noise, _red, _splat, _upload
+from tests.capture.upload_files import encoded, video_file
 
 Mask = NDArray[np.bool_]
 Paint = Callable[[NDArray[np.uint8], int], NDArray[np.uint8]]
@@ -79,12 +79,11 @@ def _video(folder: Path, paint: Paint) -> None:
     width, height = _FRAME
     x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
     rays = np.stack([x / 180, y / 180, np.ones_like(x)], axis=-1)
-    writer = cv2.VideoWriter(str(folder / "upload/walk.avi"), cv2.VideoWriter.fourcc(*"FFV1"), 10, _FRAME)
+    frames = []
     for number in range(_FRAMES):
         place = made_room.pose((-1.5, -0.9 + 0.08 * number, 1.3 + 0.1 * np.sin(number)), 12 - number)
-        pixels = _painted(made_room.photo(place, rays), _somebody(number), paint, number)
-        writer.write(np.ascontiguousarray(pixels[..., ::-1]))
-    writer.release()
+        frames.append(_painted(made_room.photo(place, rays), _somebody(number), paint, number))
+    video_file(folder / "upload/walk.avi", frames, "FFV1")
 
 
 def test_frames_of_a_video_withhold(tmp_path: Path) -> None:
@@ -140,12 +139,9 @@ def test_what_one_face_of_a_panorama_withholds_no_other_shows(tmp_path: Path) ->
     red, noise = (_faces(tmp_path / name, paint, settings) for name, paint in (("red", _reds), ("noise", _noises)))
     assert _files(tmp_path / "red/images") == _files(tmp_path / "noise/images")
     for one, other in zip(red, noise, strict=True):
-        assert (one.name, one.quality.detail, one.quality.contrast) == (
-            other.name,
-            other.quality.detail,
-            other.quality.contrast,
-        )
-        np.testing.assert_array_equal(one.quality.thumbnail, other.quality.thumbnail)
+        assert one.name == other.name
+        for field in ("detail", "contrast", "thumbnail"):
+            np.testing.assert_array_equal(getattr(one.quality, field), getattr(other.quality, field))
     blank = {face: (load_rgb(tmp_path / f"red/images/{face}/00000.png") == BLANK).all(axis=2).sum() for face in FACES}
     assert blank["front"] > 100 and blank["right"] > 100 and not blank["back"] and not blank["up"]
 
@@ -209,12 +205,11 @@ def _recording(root: Path, paint: Paint) -> dict[str, bytes]:
             depth = np.asarray(image)[2::4, 2::4].astype(np.float32) * 1e-4
         figure = _standing(number).reshape(90, 2, 120, 2).any(axis=(1, 3))
         drawn = np.random.default_rng(paint(pixels, number).sum()).uniform(0.3, 4.0, depth.shape)
-        stream = io.BytesIO()
-        Image.fromarray(_painted(pixels, _standing(number), paint, number)).save(stream, "PNG")
+        painted = encoded(_painted(pixels, _standing(number), paint, number))
         pose = np.array(entry["transform_matrix"]) @ np.diag([1.0, -1.0, -1.0, 1.0])
         depth = np.where(figure, drawn, depth).astype(np.float32)
         intrinsics = (240.0, 240.0, 120.0, 90.0)
-        frames.append(Frame(stream.getvalue(), (240, 180), intrinsics, pose, depth, np.full(depth.shape, 2)))
+        frames.append(Frame(painted, (240, 180), intrinsics, pose, depth, np.full(depth.shape, 2)))
     return {name.replace(".jpg", ".png"): content for name, content in polycam(frames).items()}
 
 

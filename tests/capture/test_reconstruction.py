@@ -16,6 +16,8 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.build import build_capture, load_image
+from fastsplat.service.capture.formats.image_io import load_rgb
+from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_of
 from fastsplat.service.capture.types import Capture
@@ -23,6 +25,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent, silent
 from fastsplat.service.common.similarity import fit_similarity
 from fastsplat_contract.errors import CancelledError, ReconstructionError, ResourceError
+from tests.capture.upload_files import captured, encoded, video_file
 
 _FRAMES = range(0, 40, 4)
 _PLACED: list[PlacedViews] = []
@@ -45,8 +48,6 @@ def _truth(test_data: Path, names: Sequence[str]) -> np.ndarray:
 @pytest.fixture(scope="module")
 def tabletop(test_data: Path, tmp_path_factory) -> tuple[Capture, list[ProgressEvent]]:
     """Ten views of the table top, without their poses."""
-    from fastsplat.service.capture.settings import CaptureSettings
-
     settings = CaptureSettings(sfm_threads=2)
     folder = _photos(test_data, tmp_path_factory.mktemp("sfm") / "upload")
     validate_upload(folder, settings)
@@ -164,8 +165,7 @@ print(threads, ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), symbol)
 def test_the_same_photos_give_the_same_capture(tabletop, test_data: Path, tmp_path: Path, settings) -> None:
     capture, _ = tabletop
     folder = _photos(test_data, tmp_path / "upload")
-    validate_upload(folder, settings)
-    again = build_capture(folder, tmp_path / "out", settings, silent)
+    again = captured(folder, settings)
     np.testing.assert_array_equal(again.points, capture.points)
     for one, other in zip(again.views, capture.views, strict=True):
         np.testing.assert_array_equal(one.posed.world_from_camera, other.posed.world_from_camera)
@@ -180,9 +180,8 @@ def test_two_images_of_different_scenes(test_data: Path, tmp_path: Path, setting
 
 
 def test_blank_images(upload, settings, refused) -> None:
-    stream = io.BytesIO()
-    Image.new("RGB", (320, 240), (200, 200, 200)).save(stream, "PNG")
-    folder = upload({"a.png": stream.getvalue(), "b.png": stream.getvalue()})
+    blank = encoded(Image.new("RGB", (320, 240), (200, 200, 200)))
+    folder = upload({"a.png": blank, "b.png": blank})
     validate_upload(folder, settings)
     with refused(ReconstructionError, "texture"):
         build_capture(folder, folder.parent / "out", settings, silent)
@@ -226,8 +225,7 @@ def test_poses_without_points_get_points(test_data: Path, tmp_path: Path, settin
         del frame["mask_path"]
     folder = _photos(test_data, tmp_path / "upload")
     (folder / "transforms.json").write_text(json.dumps(document))
-    validate_upload(folder, settings)
-    capture = build_capture(folder, tmp_path / "out", settings, silent)
+    capture = captured(folder, settings)
     assert len(capture.points) > 250
     assert 0 < capture.report.mean_reprojection_error_px < 1
     errors = []
@@ -262,13 +260,11 @@ def test_video(suffix: str, code: str, test_data: Path, tmp_path: Path, settings
     """Every frame three times, twice blurred: the sharp ones are chosen, and the scene is found."""
     order = list(range(0, 40, 5))
     (tmp_path / "upload").mkdir()
-    path = tmp_path / "upload" / f"walk{suffix}"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*code), 10, (480, 360))
+    frames = []
     for index in order:
-        frame = cv2.imread(str(test_data / f"tabletop/images/{index:03d}.jpg"))
-        for blur in (9, 0, 9):
-            writer.write(cv2.blur(frame, (blur, blur)) if blur else frame)
-    writer.release()
+        frame = load_rgb(test_data / f"tabletop/images/{index:03d}.jpg")
+        frames += [cv2.blur(frame, (9, 9)), frame, cv2.blur(frame, (9, 9))]
+    video_file(tmp_path / "upload" / f"walk{suffix}", frames, code)
     fewer = settings.model_copy(update={"video_frames": len(order)})
     assert validate_upload(tmp_path / "upload", fewer).source == "video"
     capture = build_capture(tmp_path / "upload", tmp_path / "out", fewer, silent)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import subprocess
@@ -12,10 +11,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted import sandbox
@@ -23,34 +20,28 @@ from fastsplat.service.capture.untrusted.sandbox import validate_in_sandbox
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import CancelledError, FastSplatError, InvalidInputError, ResourceError
-
-
-def _photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG")
-    return buffer.getvalue()
+from tests.capture.upload_files import photo_file, video_file
 
 
 def _photos(folder: Path) -> None:
     for number in range(3):
-        (folder / f"{number} ü.jpg").write_bytes(_photo(number))
+        (folder / f"{number} ü.jpg").write_bytes(photo_file(number))
 
 
 def _archive(folder: Path) -> None:
     with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
         for number in range(2):
-            archive.writestr(f"images/{number}.jpg", _photo(number))
+            archive.writestr(f"images/{number}.jpg", photo_file(number))
 
 
 def _damaged(folder: Path) -> None:
     _photos(folder)
-    (folder / "2 ü.jpg").write_bytes(_photo(2)[:800])
+    (folder / "2 ü.jpg").write_bytes(photo_file(2)[:800])
 
 
 def _climbing(folder: Path) -> None:
     with zipfile.ZipFile(folder / "capture.zip", "w") as archive:
-        archive.writestr("../../out.jpg", _photo(1))
+        archive.writestr("../../out.jpg", photo_file(1))
 
 
 def _empty(folder: Path) -> None:
@@ -63,10 +54,8 @@ def _unreadable_poses(folder: Path) -> None:
 
 
 def _video(folder: Path) -> None:
-    writer = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10, (64, 48))
-    for seed in range(8):
-        writer.write(np.random.default_rng(seed).integers(0, 255, (48, 64, 3), dtype=np.uint8))
-    writer.release()
+    rng = np.random.default_rng(0)
+    video_file(folder / "walk.mp4", rng.integers(0, 255, (8, 48, 64, 3), dtype=np.uint8), "mp4v")
 
 
 _UPLOADS = (_photos, _archive, _video, _damaged, _climbing, _empty, _unreadable_poses)
@@ -90,7 +79,7 @@ def test_the_child_says_what_the_process_itself_would_say(tmp_path: Path, fill: 
 
 def test_an_upload_that_takes_too_much_memory_is_refused(tmp_path: Path) -> None:
     for number in range(2):
-        (tmp_path / f"{number}.jpg").write_bytes(_photo(number, (3_000, 3_000)))
+        (tmp_path / f"{number}.jpg").write_bytes(photo_file(number, (3_000, 3_000)))
     with pytest.raises(ResourceError) as caught:
         validate_in_sandbox(tmp_path, CaptureSettings(validation_memory_bytes=300 * 2**20))
     assert caught.value.limit == f"{300 * 2**20} bytes" and "upload" in caught.value.message
@@ -147,10 +136,7 @@ def _probe(video: Path, work: Path, settings: CaptureSettings) -> dict[str, int]
 
 def test_a_playlist_called_video_gets_nothing_of_the_video_that_it_names(tmp_path: Path) -> None:
     clip, playlist = tmp_path / "clip.avi", tmp_path / "playlist.avi"
-    writer = cv2.VideoWriter(str(clip), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
-    for number in range(4):
-        writer.write(np.full((48, 64, 3), 60 * number, np.uint8))
-    writer.release()
+    video_file(clip, [np.full((48, 64, 3), 60 * number, np.uint8) for number in range(4)])
     playlist.write_text("ffconcat version 1.0\nfile clip.avi\n")
     assert _probe(clip, tmp_path / "one", CaptureSettings()) == {"width": 64, "height": 48}
     with pytest.raises(InvalidInputError):
@@ -163,8 +149,8 @@ def test_a_full_disk_is_a_typed_error(tmp_path: Path) -> None:
     upload.mkdir()
     work.mkdir()
     with zipfile.ZipFile(upload / "capture.zip", "w") as archive:
-        archive.writestr("a.jpg", _photo(1, (640, 480)))
-        archive.writestr("b.jpg", _photo(2))
+        archive.writestr("a.jpg", photo_file(1, (640, 480)))
+        archive.writestr("b.jpg", photo_file(2))
     request = {"upload": str(upload), "settings": CaptureSettings().model_dump(mode="json")}
     small = CaptureSettings(max_unpacked_bytes=20_000)
     with pytest.raises(ResourceError) as caught:

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from fastsplat.service.capture.photos.scene_photos import (
+    kept_lenses,
     observed_photo_path,
     photo_path,
     share_photos,
@@ -18,7 +19,9 @@ from fastsplat.service.capture.photos.scene_photos import (
 )
 from fastsplat.service.capture.settings import PhotoSettings
 from fastsplat.service.capture.types import Capture, CaptureReport, Source, View
+from fastsplat.service.common.radial_lens import RadialLens
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import SceneFileError
 
 
 def _capture(folder: Path, *sizes: tuple[int, int], source: Source = "images") -> Capture:
@@ -54,7 +57,7 @@ def test_copies_are_small_pictures_of_their_cameras_and_hold_nothing_else(tmp_pa
         assert pixels[..., 1].mean() == pytest.approx(40 * number, abs=3)
         assert view.image_path.is_file()
     stored = sorted(path.name for path in folder.rglob("*.*"))
-    assert stored == ["00000.jpg", "00001.jpg", "00002.jpg", "points.npz"]
+    assert stored == ["00000.jpg", "00001.jpg", "00002.jpg", "lenses.json"]
 
 
 def test_a_lower_quality_is_smaller(tmp_path: Path) -> None:
@@ -98,9 +101,28 @@ def test_versions_share_their_photos_or_have_none(tmp_path: Path) -> None:
     first, second, third = (tmp_path / name for name in ("first", "second", "third"))
     for folder in (first, second, third):
         folder.mkdir()
-    share_photos(first, third)  # a version of an earlier release
+    share_photos(first, third)
     assert list(third.iterdir()) == []
     write_photos(_capture(tmp_path, (64, 48), (48, 64)), first, PhotoSettings())
     share_photos(first, second)
     for number in range(2):
         assert photo_path(second, number).samefile(photo_path(first, number))
+
+
+def test_lenses_are_kept_with_the_photos(tmp_path: Path) -> None:
+    capture, lens = _capture(tmp_path, (64, 48), (64, 48)), RadialLens(0.8, -0.02)
+    capture = replace(capture, views=(capture.views[0], replace(capture.views[1], lens=lens)))
+    assert kept_lenses(tmp_path) == ()
+    write_photos(capture, tmp_path, PhotoSettings())
+    assert kept_lenses(tmp_path) == (lens,)
+
+
+@pytest.mark.parametrize(
+    "damaged", [b"", b"\xff\xfe[", b'[{"focal": 0.8', b'{"focal": 1}', b'[{"focal": null, "k1": 0}]']
+)
+def test_a_damaged_file_of_lenses_is_said_to_be(tmp_path: Path, damaged: bytes) -> None:
+    write_photos(_capture(tmp_path, (64, 48)), tmp_path, PhotoSettings())
+    (tmp_path / "photos" / "lenses.json").write_bytes(damaged)
+    with pytest.raises(SceneFileError) as caught:
+        kept_lenses(tmp_path)
+    assert caught.value.field == "lenses.json"

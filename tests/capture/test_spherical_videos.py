@@ -6,7 +6,6 @@ import struct
 from contextlib import suppress
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -16,6 +15,7 @@ from fastsplat.service.capture.photos.spherical_video import is_spherical
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from tests.capture.upload_files import video_file
 
 _TRACK = (b"moov", b"trak")
 _ENTRY = (*_TRACK, b"mdia", b"minf", b"stbl", b"stsd", b"mp4v")
@@ -57,12 +57,8 @@ def _with(movie: bytes, path: tuple[bytes, ...], box: bytes) -> bytes:
 @pytest.fixture(scope="module")
 def movie(tmp_path_factory) -> bytes:
     """Four frames of 256×128, its index behind its pictures."""
-    path = tmp_path_factory.mktemp("movie") / "walk.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (256, 128))
-    for seed in range(4):
-        writer.write(np.random.default_rng(seed).integers(0, 256, (128, 256, 3), dtype=np.uint8))
-    writer.release()
-    content = path.read_bytes()
+    frames = np.random.default_rng(0).integers(0, 256, (4, 128, 256, 3), dtype=np.uint8)
+    content = video_file(tmp_path_factory.mktemp("movie") / "walk.mp4", frames, "mp4v")
     assert content.index(b"mdat") < content.index(b"moov")
     return content
 
@@ -102,23 +98,13 @@ def test_other_videos_are_none(movie, upload, settings) -> None:
         (_ENTRY, _sv3d(bounds=(0, 0, 1 << 30, 1 << 30)), "a part"),
     ],
 )
-def test_other_spheres_are_refused(
-    movie, upload, settings, refused, path: tuple[bytes, ...], box: bytes, words: str
-) -> None:
-    folder = upload({"walk.mp4": _with(movie, path, box)})
-    with refused(InvalidInputError, "walk.mp4", words):
-        validate_upload(folder, settings)
+def test_other_spheres_are_refused(movie, path: tuple[bytes, ...], box: bytes, words: str, refuses) -> None:
+    refuses({"walk.mp4": _with(movie, path, box)}, InvalidInputError, "walk.mp4", words)
 
 
-def test_a_sphere_is_twice_as_wide_as_high(upload, settings, refused, tmp_path: Path) -> None:
-    path = tmp_path / "tall.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (128, 128))
-    for _ in range(3):
-        writer.write(np.zeros((128, 128, 3), np.uint8))
-    writer.release()
-    folder = upload({"tall.mp4": _with(path.read_bytes(), _TRACK, _xml())})
-    with refused(InvalidInputError, "tall.mp4", "twice as wide"):
-        validate_upload(folder, settings)
+def test_a_sphere_is_twice_as_wide_as_high(tmp_path: Path, refuses) -> None:
+    tall = video_file(tmp_path / "tall.mp4", np.zeros((3, 128, 128, 3), np.uint8), "mp4v")
+    refuses({"tall.mp4": _with(tall, _TRACK, _xml())}, InvalidInputError, "tall.mp4", "twice as wide")
 
 
 _DEEP = b"".join(struct.pack(">I4s", 0, kind) for kind in (*_TRACK, b"mdia", b"minf", b"stbl", b"stsd") * 50)

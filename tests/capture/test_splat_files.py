@@ -35,19 +35,13 @@ def read(path: Path) -> SplatFile:
     return read_splat_file(path, path.name, _LIMITS)
 
 
-@pytest.fixture
-def make_gaussians() -> Callable[..., Gaussians]:
-    def make(count: int, sh: int, code: int) -> Gaussians:
-        rng = np.random.default_rng(count)
+def make_gaussians(count: int, sh: int, code: int) -> Gaussians:
+    rng = np.random.default_rng(count)
 
-        def draw(*shape: int) -> np.ndarray:
-            return rng.standard_normal(shape).astype(np.float32)
+    def draw(*shape: int) -> np.ndarray:
+        return rng.standard_normal(shape).astype(np.float32)
 
-        return Gaussians(
-            draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code)
-        )
-
-    return make
+    return Gaussians(draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code))
 
 
 def assert_same(gaussians: Gaussians, rows: SplatRows) -> None:
@@ -64,9 +58,7 @@ def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) ->
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("count", [1, 66_000])
-def test_our_own_export_comes_back_to_the_bit(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, count: int, sh: int
-) -> None:
+def test_our_own_export_comes_back_to_the_bit(tmp_path: Path, count: int, sh: int) -> None:
     gaussians = make_gaussians(count, sh, 0)
     write_ply(gaussians, tmp_path / "a.ply")
     file = read(tmp_path / "a.ply")
@@ -75,9 +67,7 @@ def test_our_own_export_comes_back_to_the_bit(
 
 
 @pytest.mark.parametrize(("kind", "text"), [("float", False), ("double", False), ("float", True)])
-def test_order_type_and_encoding_of_properties_do_not_matter(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, kind: str, text: bool
-) -> None:
+def test_order_type_and_encoding_of_properties_do_not_matter(tmp_path: Path, kind: str, text: bool) -> None:
     gaussians = make_gaussians(20_000 if text else 300, 4, 0)
     columns = columns_of(gaussians)
     shuffled = {name: columns[name] for name in np.random.default_rng(0).permutation(list(columns))}
@@ -87,9 +77,7 @@ def test_order_type_and_encoding_of_properties_do_not_matter(
     assert_same(gaussians, read(tmp_path / "a.ply").rows)
 
 
-def test_elements_before_and_behind_the_gaussians_are_skipped(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path
-) -> None:
+def test_elements_before_and_behind_the_gaussians_are_skipped(tmp_path: Path) -> None:
     gaussians = make_gaussians(30, 1, 0)
     write_table(tmp_path / "a.ply", columns_of(gaussians))
     data = (tmp_path / "a.ply").read_bytes()
@@ -99,7 +87,7 @@ def test_elements_before_and_behind_the_gaussians_are_skipped(
     assert_same(gaussians, read(tmp_path / "b.ply").rows)
 
 
-def test_colors_as_bytes_are_the_constant_coefficient(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_colors_as_bytes_are_the_constant_coefficient(tmp_path: Path) -> None:
     columns = columns_of(make_gaussians(50, 1, 0))
     rgb = np.random.default_rng(0).integers(0, 256, (50, 3)).astype(np.uint8)
     for index, name in enumerate(("red", "green", "blue")):
@@ -112,9 +100,7 @@ def test_colors_as_bytes_are_the_constant_coefficient(make_gaussians: Callable[.
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("chunk_colors", [True, False])
-def test_a_compressed_ply_comes_back_within_its_steps(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, sh: int, chunk_colors: bool
-) -> None:
+def test_a_compressed_ply_comes_back_within_its_steps(tmp_path: Path, sh: int, chunk_colors: bool) -> None:
     made = make_gaussians(700, sh, 0)
     gaussians = replace(made, sh=np.clip(made.sh, -1.7, 1.7))
     write_compressed(tmp_path / "a.compressed.ply", gaussians, chunk_colors=chunk_colors)
@@ -134,9 +120,7 @@ def test_a_compressed_ply_comes_back_within_its_steps(
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize(("version", "rotation"), [(2, 0.12), (3, 3e-3)])
-def test_spz_comes_back_within_its_steps(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, sh: int, version: int, rotation: float
-) -> None:
+def test_spz_comes_back_within_its_steps(tmp_path: Path, sh: int, version: int, rotation: float) -> None:
     made = make_gaussians(500, sh, 0)
     gaussians = replace(made, sh=np.clip(made.sh, -0.9, 0.9))
     write_spz(tmp_path / "a.spz", gaussians, version)
@@ -152,7 +136,7 @@ def test_spz_comes_back_within_its_steps(
     np.testing.assert_allclose(own.sh[:, 1:], gaussians.sh[:, 1:], atol=0.5 / 128 + 1e-5)
 
 
-def test_axes_of_spz_turn_with_their_harmonics(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_axes_of_spz_turn_with_their_harmonics(tmp_path: Path) -> None:
     """Seen from the turned place, what was turned has the same color."""
     gaussians = replace(made := make_gaussians(200, 16, 0), sh=np.clip(made.sh, -0.9, 0.9))
     content = spz_content(gaussians)  # its axes are turned against those of `gaussians`
@@ -175,9 +159,7 @@ def _colors(means: np.ndarray, sh: np.ndarray, eye: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("name", "value"), [("x", np.nan), ("opacity", np.nan), ("scale_1", np.inf), ("f_dc_2", -np.inf), ("rot_3", np.nan)]
 )
-def test_a_row_that_cannot_be_shown_keeps_its_number(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, name: str, value: float
-) -> None:
+def test_a_row_that_cannot_be_shown_keeps_its_number(tmp_path: Path, name: str, value: float) -> None:
     gaussians = make_gaussians(40, 4, 0)
     columns = {own: column.copy() for own, column in columns_of(gaussians).items()}
     columns[name][[7, 30]] = value
@@ -193,7 +175,7 @@ def test_a_row_that_cannot_be_shown_keeps_its_number(
     assert (1 / (1 + np.exp(-file.rows.logit_opacities[[7, 30]])) < 1 / 255).all()
 
 
-def test_infinite_logits_and_thin_gaussians_are_shown(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_infinite_logits_and_thin_gaussians_are_shown(tmp_path: Path) -> None:
     columns = {name: column.copy() for name, column in columns_of(make_gaussians(3, 1, 0)).items()}
     columns["opacity"][:2] = (np.inf, -np.inf)
     columns["scale_0"][2] = -np.inf
@@ -204,7 +186,7 @@ def test_infinite_logits_and_thin_gaussians_are_shown(make_gaussians: Callable[.
     assert np.isfinite(file.rows.log_scales).all() and np.exp(file.rows.log_scales[2, 0]) < 1e-12
 
 
-def test_a_file_without_one_row_that_can_be_shown(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_a_file_without_one_row_that_can_be_shown(tmp_path: Path) -> None:
     columns = {name: np.full(5, np.nan) for name in columns_of(make_gaussians(5, 1, 0))}
     write_table(tmp_path / "a.ply", columns)
     with pytest.raises(InvalidInputError, match="no row that can be shown"):
@@ -242,9 +224,7 @@ def _without(name: str) -> Callable[[bytes], bytes]:
         (lambda data: b"\x89PNG" + data, "not a PLY"),
     ],
 )
-def test_what_is_wrong_is_said(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, change: Callable[[bytes], bytes], message: str
-) -> None:
+def test_what_is_wrong_is_said(tmp_path: Path, change: Callable[[bytes], bytes], message: str) -> None:
     write_table(tmp_path / "a.ply", columns_of(make_gaussians(9, 4, 0)))
     (tmp_path / "a.ply").write_bytes(change((tmp_path / "a.ply").read_bytes()))
     with pytest.raises(InvalidInputError, match=message) as caught:
@@ -252,9 +232,7 @@ def test_what_is_wrong_is_said(
     assert caught.value.field == "a.ply" and caught.value.hint
 
 
-def test_ascii_rows_of_another_length_or_without_numbers(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path
-) -> None:
+def test_ascii_rows_of_another_length_or_without_numbers(tmp_path: Path) -> None:
     write_table(tmp_path / "a.ply", columns_of(make_gaussians(9, 1, 0)), text=True)
     lines = (tmp_path / "a.ply").read_text().splitlines()
     for row, message in ((" ".join(lines[-1].split()[1:]), "row 8"), (f"?{lines[-1]}", "no number"), ("", "row 8")):
@@ -263,9 +241,7 @@ def test_ascii_rows_of_another_length_or_without_numbers(
             read(tmp_path / "a.ply")
 
 
-def test_versions_and_extensions_of_spz_that_are_not_read(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path
-) -> None:
+def test_versions_and_extensions_of_spz_that_are_not_read(tmp_path: Path) -> None:
     content = spz_content(make_gaussians(5, 4, 0))
     path = tmp_path / "a.spz"
     for data, message in (
@@ -283,9 +259,7 @@ def test_versions_and_extensions_of_spz_that_are_not_read(
 
 
 @pytest.mark.parametrize("kind", ["plain", "text", "compressed", "spz"])
-def test_damaged_bytes_give_typed_errors_or_gaussians(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, kind: str
-) -> None:
+def test_damaged_bytes_give_typed_errors_or_gaussians(tmp_path: Path, kind: str) -> None:
     gaussians = make_gaussians(260, 4, 0)
     path = tmp_path / ("a.spz" if kind == "spz" else "a.ply")
     if kind == "spz":

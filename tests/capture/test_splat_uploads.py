@@ -121,30 +121,29 @@ def test_poses_move_into_the_world_that_nerfstudio_trained_in(upload, photo, set
     + [json.dumps({"transform": np.eye(4).tolist()[:3], "scale": scale}).encode() for scale in (0, -1, "no", None)]
     + [json.dumps({"transform": (2 * np.eye(4)).tolist()[:3], "scale": 1}).encode()],
 )
-def test_a_frame_that_is_none(frame: bytes, upload, photo, settings, refused, tmp_path: Path) -> None:
+def test_a_frame_that_is_none(frame: bytes, photo, tmp_path: Path, refuses) -> None:
     files = {"desk.ply": splat_bytes(tmp_path), "a.jpg": photo(1), "transforms.json": _transforms(["a.jpg"])}
-    folder = upload({**files, "dataparser_transforms.json": frame})
-    with refused(InvalidInputError, "dataparser_transforms.json"):
-        validate_upload(folder, settings)
+    refuses({**files, "dataparser_transforms.json": frame}, InvalidInputError, "dataparser_transforms.json")
 
 
-def test_points_alone_are_no_splat(upload, settings, refused, tmp_path: Path) -> None:
+def test_points_alone_are_no_splat(tmp_path: Path, refuses) -> None:
     write_table(tmp_path / "own.ply", {name: np.zeros(3) for name in "xyz"})
-    folder = upload({"points.ply": (tmp_path / "own.ply").read_bytes()})
-    with refused(InvalidInputError, "points.ply", "no splat"):
-        validate_upload(folder, settings)
+    refuses({"points.ply": (tmp_path / "own.ply").read_bytes()}, InvalidInputError, "points.ply", "no splat")
 
 
-def test_two_splats(upload, settings, refused, tmp_path: Path) -> None:
-    folder = upload({name: splat_bytes(tmp_path) for name in ("a.ply", "b/c.ply")})
-    with refused(InvalidInputError, "2 splats", "b/c.ply"):
-        validate_upload(folder, settings)
+def test_two_splats(tmp_path: Path, refuses) -> None:
+    refuses({name: splat_bytes(tmp_path) for name in ("a.ply", "b/c.ply")}, InvalidInputError, "2 splats", "b/c.ply")
 
 
-def test_more_gaussians_than_the_limit(upload, settings, refused, tmp_path: Path) -> None:
-    folder = upload({"desk.ply": splat_bytes(tmp_path)})
-    with refused(LimitExceededError, "desk.ply", "40 Gaussians", "MAX_SPLAT_GAUSSIANS"):
-        validate_upload(folder, settings.model_copy(update={"max_splat_gaussians": 39}))
+def test_more_gaussians_than_the_limit(tmp_path: Path, refuses) -> None:
+    refuses(
+        {"desk.ply": splat_bytes(tmp_path)},
+        LimitExceededError,
+        "desk.ply",
+        "40 Gaussians",
+        "MAX_SPLAT_GAUSSIANS",
+        max_splat_gaussians=39,
+    )
 
 
 def test_a_splat_that_is_cut_off_is_refused_by_the_confined_process(upload, settings, refused, tmp_path: Path) -> None:

@@ -18,17 +18,9 @@ from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
+from tests.capture.upload_files import PINHOLE, captured, frames_of, points_file
 
 _GOOD = range(0, 40, 3)
-_POINTS = b"""ply
-format ascii 1.0
-element vertex 1
-property float x
-property float y
-property float z
-end_header
-0 0 -2
-"""
 
 
 def _capture(folder: Path, names: list[str], test_data: Path, settings):
@@ -108,15 +100,12 @@ def test_photos_that_are_all_damaged_end_the_capture_with_a_reason(upload, photo
 
 
 def test_a_camera_of_the_upload_that_folds_the_picture_costs_its_photo(upload, photo, settings) -> None:
-    poses = [np.eye(4).tolist()] * 3
-    frames = [{"file_path": f"{number}.jpg", "transform_matrix": pose} for number, pose in enumerate(poses)]
+    frames = frames_of(f"{number}.jpg" for number in range(3))
     frames[1] |= {"fl_x": 40.0, "fl_y": 40.0, "k1": -0.9}
-    camera = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0}
-    document = json.dumps({**camera, "frames": frames}).encode()
+    document = json.dumps({**PINHOLE, "frames": frames}).encode()
     files = {f"{number}.jpg": photo(number) for number in range(3)}
-    folder = upload({**files, "transforms.json": document, "points3d.ply": _POINTS})
-    validate_upload(folder, settings)
-    capture = build_capture(folder, folder.parent / "out", settings, silent)
+    folder = upload({**files, "transforms.json": document, "points3d.ply": points_file((0, 0, -2))})
+    capture = captured(folder, settings)
     assert [view.posed.name for view in capture.views] == ["0.jpg", "2.jpg"]
     assert capture.report.unregistered == ("1.jpg",) and capture.report.images == 3
     assert [verdict.not_placed for verdict in capture.report.photos] == [None, "lens", None]

@@ -19,20 +19,14 @@ from fastsplat.service.capture.formats.capture_files import load_capture
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, ReconstructionError
+from tests.capture.upload_files import captured, encoded, frames_of, points_file, turned
 
 _SIZE = (64, 48)
-_POINTS = (
-    b"""ply
-format ascii 1.0
-element vertex 2
-"""
-    + b"".join(b"property float %c\n" % axis for axis in b"xyz")
-    + b"end_header\n0 0 1\n1 2 3\n"
-)
+_POINTS = points_file((0, 0, 1), (1, 2, 3))
 
 
 def _document(**changes: Any) -> dict[str, Any]:
-    frames = [{"file_path": f"images/{i}.jpg", "transform_matrix": np.eye(4).tolist()} for i in range(3)]
+    frames = frames_of(f"images/{i}.jpg" for i in range(3))
     return {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 61.0, "cx": 31.0, "cy": 25.0, "frames": frames, **changes}
 
 
@@ -46,17 +40,6 @@ def send(upload, photo) -> Callable[..., Path]:
     return write
 
 
-def _build(folder: Path, settings) -> Any:
-    validate_upload(folder, settings)
-    return build_capture(folder, folder.parent / "out", settings, silent)
-
-
-def _png(array: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(array).save(stream, "PNG")
-    return stream.getvalue()
-
-
 def test_axes(send, settings) -> None:
     """A camera at (1, 2, 3) that looks along world -z with y up: OpenGL's identity."""
     pose = np.eye(4)
@@ -67,7 +50,7 @@ def test_axes(send, settings) -> None:
     for frame in opencv["frames"]:
         frame["transform_matrix"] = (pose @ np.diag([1, -1, -1, 1])).tolist()
     for document in (opengl, opencv):
-        for view in _build(send(document), settings).views:
+        for view in captured(send(document), settings).views:
             x, y, z = view.posed.camera_from_world() @ [1.5, 2.5, 1.0, 1.0] @ np.eye(4)[:, :3]
             np.testing.assert_allclose([x, y, z], [0.5, -0.5, 2.0], atol=1e-12)
 
@@ -83,7 +66,7 @@ def test_tabletop_points_land_on_their_pixels(test_data: Path, settings, tmp_pat
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_bytes((test_data / "tabletop" / file).read_bytes())
     (folder / "transforms.json").write_text(json.dumps(document))
-    capture = _build(folder, settings)
+    capture = captured(folder, settings)
     assert capture.scale == "METRIC"
     assert capture.test_names == ("images/016.jpg",)
     assert len(capture.points) == 4955
@@ -114,15 +97,15 @@ def test_intrinsics_forms(send, settings) -> None:
         "doubled": (_document(w=128, h=96, fl_x=120.0, fl_y=122.0, cx=62.0, cy=50.0), (60.0, 61.0)),
     }
     for document, focal in forms.values():
-        camera = _build(send(document), settings).views[0].posed.camera
+        camera = captured(send(document), settings).views[0].posed.camera
         np.testing.assert_allclose((camera.fx, camera.fy), focal)
         assert (camera.width, camera.height) == _SIZE
     own = _document()
     own["frames"][1] |= {"fl_x": 80.0}
-    cameras = [view.posed.camera for view in _build(send(own), settings).views]
+    cameras = [view.posed.camera for view in captured(send(own), settings).views]
     assert [camera.fx for camera in cameras] == [60.0, 80.0, 60.0]
     for bent in (_document(k1=0.05, p1=0.001), _document(camera_model="OPENCV_FISHEYE", k1=0.02), _document(k3=0.01)):
-        camera = _build(send(bent), settings).views[0].posed.camera
+        camera = captured(send(bent), settings).views[0].posed.camera
         np.testing.assert_allclose((camera.fx, camera.fy), (60.0, 61.0))
         assert (camera.cx, camera.cy) != (31.0, 25.0)
 
@@ -130,12 +113,12 @@ def test_intrinsics_forms(send, settings) -> None:
 def test_file_path_without_extension(send, settings) -> None:
     document = _document()
     document["frames"][0]["file_path"] = "./images/0"
-    assert _build(send(document), settings).views[0].posed.name == "images/0.jpg"
+    assert captured(send(document), settings).views[0].posed.name == "images/0.jpg"
 
 
 def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
     folder = send(_document())
-    capture = _build(folder, settings)
+    capture = captured(folder, settings)
     for view, name in zip(capture.views, ("0", "1", "2"), strict=True):
         with Image.open(folder / f"images/{name}.jpg") as image:
             np.testing.assert_array_equal(load_image(view), np.asarray(image.convert("RGB")))
@@ -143,12 +126,17 @@ def test_untouched_pixels_are_kept_exactly(send, settings) -> None:
 
 def test_a_rotated_phone_photo_with_poses(upload, photo, settings) -> None:
     """Poses are for stored pixels: the view is upright, and a ray still ends on the same colour."""
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    pixels = photo(4, _SIZE, "PNG", exif=exif)
-    document = _document(frames=[{"file_path": "a.png", "transform_matrix": np.eye(4).tolist()}])
-    view = _build(
-        upload({"a.png": pixels, "transforms.json": json.dumps(document).encode(), "points3d.ply": _POINTS}), settings
+    pixels = photo(4, _SIZE, "PNG", exif=turned(6))
+    document = _document(frames=frames_of(["a.png"]))
+    view = captured(
+        upload(
+            {
+                "a.png": pixels,
+                "transforms.json": json.dumps(document).encode(),
+                "points3d.ply": _POINTS,
+            }
+        ),
+        settings,
     ).views[0]
     assert (view.posed.camera.width, view.posed.camera.height) == _SIZE[::-1]
     with Image.open(io.BytesIO(pixels)) as image:
@@ -170,18 +158,18 @@ def test_each_view_has_the_exposure_that_its_photo_tells(send, photo, settings) 
         exif.get_ifd(0x8769).update({0x829A: IFDRational(1, seconds), 0x829D: IFDRational(2, 1), 0x8827: 400})
         named[name] = photo(1, _SIZE, "JPEG", exif=exif)
     folder = send(_document(), **named)
-    _build(folder, settings)
+    captured(folder, settings)
     first, second, third = (view.exposure_ev for view in load_capture(folder.parent / "out").views)
     assert second - first == pytest.approx(2) and third is None
 
 
 def test_capture_survives_the_disk(send, settings) -> None:
-    masks = {f"masks/{i}.png": _png(np.eye(48, 64, dtype=np.uint8) * 3) for i in range(3)}
+    masks = {f"masks/{i}.png": encoded(np.eye(48, 64, dtype=np.uint8) * 3) for i in range(3)}
     document = _document(labels={"cup": 3}, k1=0.05, fl_y=60.0)
     for i, frame in enumerate(document["frames"]):
         frame["mask_path"] = f"masks/{i}.png"
     folder = send(document, **masks)
-    built, loaded = _build(folder, settings), load_capture(folder.parent / "out")
+    built, loaded = captured(folder, settings), load_capture(folder.parent / "out")
     assert built.report == loaded.report and built.given_labels == loaded.given_labels
     np.testing.assert_array_equal(built.points, loaded.points)
     for one, other in zip(built.views, loaded.views, strict=True):
@@ -198,7 +186,7 @@ def test_masks_without_labels_are_ignored_pixels(send, settings) -> None:
     mask[:, 32:] = 255
     document = _document()
     document["frames"][1]["mask_path"] = "m.png"
-    capture = _build(send(document, **{"m.png": _png(mask)}), settings)
+    capture = captured(send(document, **{"m.png": encoded(mask)}), settings)
     assert capture.given_labels is None and capture.views[0].valid_path is None
     with Image.open(capture.views[1].valid_path) as image:
         np.testing.assert_array_equal(np.asarray(image), mask)
@@ -209,7 +197,7 @@ def test_frames_without_their_image_are_skipped(send, settings) -> None:
     """As public data sets have them; a split and label maps may speak of them too."""
     document = _document(split={"test": ["1", "lost/8.jpg"]})
     document["frames"] += [{"file_path": f"lost/{name}", "transform_matrix": "none"} for name in ("8.jpg", "9")]
-    ids = _png(np.ones((48, 64), np.uint8))
+    ids = encoded(np.ones((48, 64), np.uint8))
     labels = {"labels.json": b'["mug"]', "labels/images/0.png": ids, "labels/lost/8.png": ids}
     folder = send(document, **labels)
     warning = "2 of 5 frames of transforms.json are skipped, as their images are missing: lost/8.jpg, lost/9."
@@ -226,7 +214,7 @@ def test_frames_without_their_image_are_skipped(send, settings) -> None:
 
 def test_a_long_list_of_missing_images_is_cut(send, settings) -> None:
     document = _document()
-    document["frames"] += [{"file_path": f"{i:03d}{'x' * 300}.jpg", "transform_matrix": _pose()} for i in range(100)]
+    document["frames"] += frames_of(f"{i:03d}{'x' * 300}.jpg" for i in range(100))
     folder = send(document)
     (warning,) = validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.02})).warnings
     assert "100 of 103" in warning and "004" in warning and "005" not in warning and "and 95 more" in warning
@@ -238,7 +226,7 @@ def test_a_long_list_of_missing_images_is_cut(send, settings) -> None:
 )
 def test_too_few_images_present(missing: int, share: float, usable: bool, send, settings, refused) -> None:
     document = _document()
-    document["frames"] += [{"file_path": f"{i}.jpg", "transform_matrix": _pose()} for i in range(missing)]
+    document["frames"] += frames_of(f"{i}.jpg" for i in range(missing))
     folder, limited = send(document), settings.model_copy(update={"min_frames_present": share})
     if usable:
         assert validate_upload(folder, limited).images == 3
@@ -248,7 +236,7 @@ def test_too_few_images_present(missing: int, share: float, usable: bool, send, 
 
 
 def test_no_image_present(send, settings, refused) -> None:
-    folder = send(_document(frames=[{"file_path": "lost.jpg", "transform_matrix": _pose()}]))
+    folder = send(_document(frames=frames_of(["lost.jpg"])))
     with refused(InvalidInputError, "1 of 1", "lost.jpg"):
         validate_upload(folder, settings.model_copy(update={"min_frames_present": 0.0}))
 
@@ -258,17 +246,23 @@ def test_a_document_beside_the_images_folder(upload, photo, settings) -> None:
     for frame in document["frames"]:
         frame["file_path"] = f"../{frame['file_path']}"
     files = {f"images/{i}.jpg": photo(i, _SIZE) for i in range(3)}
-    folder = upload({**files, "poses/transforms.json": json.dumps(document).encode(), "poses/points3d.ply": _POINTS})
-    assert [view.posed.name for view in _build(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
+    folder = upload(
+        {
+            **files,
+            "poses/transforms.json": json.dumps(document).encode(),
+            "poses/points3d.ply": _POINTS,
+        }
+    )
+    assert [view.posed.name for view in captured(folder, settings).views] == [f"../images/{i}.jpg" for i in range(3)]
 
 
 def test_images_that_are_masked_entirely_are_left_out(send, settings) -> None:
     """They teach nothing, and nothing can be measured on them."""
-    masks = {f"m{i}.png": _png(np.full((48, 64), 255 * (i != 1), np.uint8)) for i in range(3)}
+    masks = {f"m{i}.png": encoded(np.full((48, 64), 255 * (i != 1), np.uint8)) for i in range(3)}
     document = _document(split={"test": ["1", "2"]})
     for i, frame in enumerate(document["frames"]):
         frame["mask_path"] = f"m{i}.png"
-    capture = _build(send(document, **masks), settings)
+    capture = captured(send(document, **masks), settings)
     assert [view.posed.name for view in capture.views] == ["images/0.jpg", "images/2.jpg"]
     assert capture.test_names == ("images/2.jpg",)
     assert any("1 of 3 images" in warning and "images/1.jpg" in warning for warning in capture.report.warnings)
@@ -279,7 +273,7 @@ def test_masks_that_leave_nothing_are_refused(send, settings, refused) -> None:
     document = _document()
     for frame in document["frames"]:
         frame["mask_path"] = "m.png"
-    folder = send(document, **{"m.png": _png(np.zeros((48, 64), np.uint8))})
+    folder = send(document, **{"m.png": encoded(np.zeros((48, 64), np.uint8))})
     with refused(InvalidInputError, "masks", "0 everywhere"):
         validate_upload(folder, settings)
 
@@ -290,7 +284,7 @@ def test_masks_of_which_nothing_is_left_in_smaller_images(send, settings, refuse
     document = _document()
     for frame in document["frames"]:
         frame["mask_path"] = "m.png"
-    folder, small = send(document, **{"m.png": _png(mask)}), settings.model_copy(update={"max_side": 16})
+    folder, small = send(document, **{"m.png": encoded(mask)}), settings.model_copy(update={"max_side": 16})
     validate_upload(folder, small)
     with refused(ReconstructionError, "mask"):
         build_capture(folder, folder.parent / "out", small, silent)
@@ -338,11 +332,11 @@ def test_invalid_poses_are_refused(pose: Any, send, settings, refused) -> None:
         (_document(camera_model="PINHOLE", k1=0.1), "PINHOLE"),
         (_document(convention="directx"), "directx"),
         (_document(convention="opencv, world-to-camera"), "world-to-camera"),
-        (_document(frames=[{"file_path": "images/9.jpg", "transform_matrix": _pose()}]), "images/9.jpg"),
-        (_document(frames=[{"file_path": "../../../../etc/passwd", "transform_matrix": _pose()}]), "passwd"),
-        (_document(frames=[{"file_path": "images/0.jpg", "transform_matrix": _pose()}] * 2), "same file"),
-        (_document(frames=[{"file_path": "x" * 5_000, "transform_matrix": _pose()}]), "5000 characters"),
-        (_document(frames=[{"file_path": "transforms.json", "transform_matrix": _pose()}]), "not an image"),
+        (_document(frames=frames_of(["images/9.jpg"])), "images/9.jpg"),
+        (_document(frames=frames_of(["../../../../etc/passwd"])), "passwd"),
+        (_document(frames=frames_of(["images/0.jpg"] * 2)), "same file"),
+        (_document(frames=frames_of(["x" * 5_000])), "5000 characters"),
+        (_document(frames=frames_of(["transforms.json"])), "not an image"),
         (_document(split={"test": ["7"]}), "'7'"),
         (_document(ply_file_path="lost.ply"), "lost.ply"),
         (_document(labels={"mug": 0.5}), "mug"),

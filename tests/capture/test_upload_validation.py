@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from PIL import Image
@@ -19,47 +17,42 @@ from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import CorruptImageError, FastSplatError, InvalidInputError, LimitExceededError
+from tests.capture.upload_files import PINHOLE, encoded, frames_of, points_file, turned, video_file
 
 
 def _ids(size: tuple[int, int] = (64, 48), *values: int, dtype: type = np.uint8) -> bytes:
     ids = np.zeros(size[::-1], dtype)
     for row, value in enumerate(values):
         ids[row] = value
-    stream = io.BytesIO()
-    Image.fromarray(ids).save(stream, "PNG")
-    return stream.getvalue()
+    return encoded(ids)
 
 
 @pytest.mark.parametrize("files", [{}, {"readme.txt": b"hello"}, {"labels/a.png": _ids()}])
-def test_no_images(files: dict[str, bytes], upload, settings, refused) -> None:
-    folder = upload(files)
-    with refused(InvalidInputError, "no images"):
-        validate_upload(folder, settings)
+def test_no_images(files: dict[str, bytes], refuses) -> None:
+    refuses(files, InvalidInputError, "no images")
 
 
-def test_one_image(upload, photo, settings, refused) -> None:
-    folder = upload({"alone.jpg": photo()})
-    with refused(InvalidInputError, "alone.jpg", "at least 2"):
-        validate_upload(folder, settings)
+def test_one_image(photo, refuses) -> None:
+    refuses({"alone.jpg": photo()}, InvalidInputError, "alone.jpg", "at least 2")
 
 
 @pytest.mark.parametrize("files", [{}, {"labels.json": b'["mug"]', "labels/alone.png": b""}])
-def test_the_only_image_is_not_an_image(files: dict[str, bytes], upload, settings, refused) -> None:
-    folder = upload({"alone.jpg": b"these are my holiday notes", **files})
-    with refused(CorruptImageError, "alone.jpg", "is not an image"):
-        validate_upload(folder, settings)
+def test_the_only_image_is_not_an_image(files: dict[str, bytes], refuses) -> None:
+    refuses({"alone.jpg": b"these are my holiday notes", **files}, CorruptImageError, "alone.jpg", "is not an image")
 
 
-def test_too_many_images(upload, photo, settings, refused) -> None:
-    folder = upload({f"{i}.jpg": photo(i) for i in range(5)})
-    with refused(LimitExceededError, "MAX_IMAGES"):
-        validate_upload(folder, settings.model_copy(update={"max_images": 4}))
+def test_too_many_images(photo, refuses) -> None:
+    refuses({f"{i}.jpg": photo(i) for i in range(5)}, LimitExceededError, "MAX_IMAGES", max_images=4)
 
 
-def test_phone_format(upload, settings, refused) -> None:
-    folder = upload({"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"})
-    with refused(InvalidInputError, "IMG_1.AVIF", "AVIF", "1 other of the upload"):
-        validate_upload(folder, settings)
+def test_phone_format(refuses) -> None:
+    refuses(
+        {"IMG_1.AVIF": b"\0\0\0\x18ftypavif", "IMG_2.GIF": b"GIF89a"},
+        InvalidInputError,
+        "IMG_1.AVIF",
+        "AVIF",
+        "1 other of the upload",
+    )
 
 
 def _spoiled(photo) -> dict[str, bytes]:
@@ -71,33 +64,28 @@ def _spoiled(photo) -> dict[str, bytes]:
     absurd.get_ifd(0x8769).update({0x829A: float("nan"), 0xA405: 65_000, 0x9003: "99:99:99"})
     places.get_ifd(0x8825).update({1: "Q", 2: (999.0, 1e9, 999.0), 6: 4e9})
 
-    def saved(image: Image.Image, form: str, **options: Any) -> bytes:
-        stream = io.BytesIO()
-        image.save(stream, form, **options)
-        return stream.getvalue()
-
-    flipped = bytearray(saved(noise, "PNG"))
+    flipped = bytearray(encoded(noise))
     flipped[len(flipped) // 2] ^= 0xFF
     return {
         "Zz_bad.jpg": rng.bytes(3_000),
         "cut.JPG": photo(1, (256, 192))[:2_000],
-        "cut.png": saved(noise, "PNG")[:4_000],
+        "cut.png": encoded(noise)[:4_000],
         "flipped.png": bytes(flipped),
         "empty.jpg": b"",
         "notes.jpg": b"these are my holiday notes",
         "a paper.jpeg": b"%PDF-1.7 " + rng.bytes(500),
-        "waving.webp": saved(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
-        "waving.gif": saved(noise, "GIF"),
+        "waving.webp": encoded(noise, "GIF", save_all=True, append_images=[noise.rotate(90)]),
+        "waving.gif": encoded(noise, "GIF"),
         "raw.DNG": b"II*\0" + rng.bytes(500),
-        "IMG\u202f5.tif": saved(Image.fromarray(np.full((48, 64), -7, np.int32)), "TIFF"),
-        "huge.png": saved(Image.new("1", (30_000, 30_000)), "PNG"),
-        "lab.tif": saved(noise.convert("LAB"), "TIFF"),
+        "IMG\u202f5.tif": encoded(Image.fromarray(np.full((48, 64), -7, np.int32)), "TIFF"),
+        "huge.png": encoded(Image.new("1", (30_000, 30_000)), "PNG"),
+        "lab.tif": encoded(noise.convert("LAB"), "TIFF"),
         "absurd.jpg": photo(30, exif=absurd),
         "nowhere.jpg": photo(31, exif=places),
     }
 
 
-def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settings, refused) -> None:
+def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settings) -> None:
     """And is named under its own spelling, once."""
     good = {f"IMG_{number}.jpg": photo(number) for number in range(9)}
     spoiled = _spoiled(photo)
@@ -121,10 +109,13 @@ def test_each_photo_that_cannot_be_used_costs_itself_alone(upload, photo, settin
         assert name in caught.value.message and caught.value.field == name
 
 
-def test_nothing_usable_is_left(upload, photo, settings, refused) -> None:
-    folder = upload({"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"})
-    with refused(CorruptImageError, "a.jpg", "2 others of the upload"):
-        validate_upload(folder, settings)
+def test_nothing_usable_is_left(photo, refuses) -> None:
+    refuses(
+        {"good.jpg": photo(), "a.jpg": b"x", "b.jpg": b"y", "c.jpg": b"z"},
+        CorruptImageError,
+        "a.jpg",
+        "2 others of the upload",
+    )
 
 
 def test_a_label_map_that_does_not_fit_costs_its_photo(upload, photo, settings) -> None:
@@ -143,10 +134,9 @@ def test_what_is_admitted_can_be_decoded(tmp_path: Path, settings) -> None:
     image = Image.fromarray(rng.integers(0, 256, (24, 32), np.uint8)).convert("P")
     admitted = 0
     for form in ("PNG", "TIFF", "BMP", "JPEG"):
-        stream = io.BytesIO()
-        image.convert("L").save(stream, form)
+        whole = encoded(image.convert("L"), form)
         for _ in range(150):
-            content = np.frombuffer(stream.getvalue(), np.uint8).copy()
+            content = np.frombuffer(whole, np.uint8).copy()
             content[rng.integers(0, len(content), 3)] = rng.integers(0, 256, 3)
             (tmp_path / "a.png").write_bytes(content.tobytes())
             try:
@@ -168,20 +158,12 @@ def test_link_in_the_upload(upload, photo, settings, refused) -> None:
 @pytest.mark.parametrize(
     "content", [b"", b"no video", b"#EXTM3U\nhttp://example.org/a.ts\n", b"\0\0\0\x18ftypmp42" + bytes(400)]
 )
-def test_no_video(content: bytes, upload, settings, refused) -> None:
-    folder = upload({"walk.mp4": content})
-    with refused(InvalidInputError, "walk.mp4"):
-        validate_upload(folder, settings)
+def test_no_video(content: bytes, refuses) -> None:
+    refuses({"walk.mp4": content}, InvalidInputError, "walk.mp4")
 
 
 def _video(path: Path, frames: int) -> bytes:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (64, 48))
-    for index in range(frames):
-        writer.write(np.full((48, 64, 3), 5 * index, np.uint8))
-    writer.release()
-    content = path.read_bytes()
-    path.unlink()
-    return content
+    return video_file(path, [np.full((48, 64, 3), 5 * index, np.uint8) for index in range(frames)])
 
 
 def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, settings, refused, tmp_path) -> None:
@@ -198,16 +180,12 @@ def test_a_video_that_is_too_long_is_refused_before_it_is_acknowledged(upload, s
     assert validate_upload(folder, settings.model_copy(update={"max_video_frames_read": 31})).source == "video"
 
 
-def test_a_video_of_one_frame_is_refused(upload, settings, refused, tmp_path) -> None:
-    folder = upload({"walk.avi": _video(tmp_path / "video.avi", 1)})
-    with refused(InvalidInputError, "walk.avi"):
-        validate_upload(folder, settings)
+def test_a_video_of_one_frame_is_refused(tmp_path, refuses) -> None:
+    refuses({"walk.avi": _video(tmp_path / "video.avi", 1)}, InvalidInputError, "walk.avi")
 
 
-def test_two_videos(upload, settings, refused) -> None:
-    folder = upload({"a.mp4": b"x", "b.mp4": b"x"})
-    with refused(InvalidInputError, "2 videos"):
-        validate_upload(folder, settings)
+def test_two_videos(refuses) -> None:
+    refuses({"a.mp4": b"x", "b.mp4": b"x"}, InvalidInputError, "2 videos")
 
 
 def test_reduced_copies_and_masks_are_no_photos(upload, photo, settings) -> None:
@@ -216,7 +194,7 @@ def test_reduced_copies_and_masks_are_no_photos(upload, photo, settings) -> None
 
 
 def test_validating_twice_gives_the_same(upload, photo, settings) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), ".admitted/admitted.json": b"forged"})
+    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), ".validated/validated.json": b"forged"})
     first = validate_upload(folder, settings)
     listing = sorted(folder.rglob("*"))
     assert validate_upload(folder, settings) == first
@@ -224,7 +202,7 @@ def test_validating_twice_gives_the_same(upload, photo, settings) -> None:
 
 
 def test_building_what_was_never_validated(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "admitted.json": b'{"source": "images"}'})
+    folder = upload({"a.jpg": photo(1), "validated.json": b'{"source": "images"}'})
     with refused(InvalidInputError, "no validated upload"):
         build_capture(folder, folder.parent / "out", settings, silent)
 
@@ -269,11 +247,9 @@ def test_label_list() -> None:
         (["x" * 300], "name"),
     ],
 )
-def test_malformed_labels(document: Any, said: str, upload, photo, settings, refused) -> None:
+def test_malformed_labels(document: Any, said: str, photo, refuses) -> None:
     files = {"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}
-    folder = upload({**files, "labels.json": json.dumps(document).encode()})
-    with refused(InvalidInputError, "labels.json", said):
-        validate_upload(folder, settings)
+    refuses({**files, "labels.json": json.dumps(document).encode()}, InvalidInputError, "labels.json", said)
 
 
 @pytest.mark.parametrize(
@@ -285,41 +261,32 @@ def test_malformed_labels(document: Any, said: str, upload, photo, settings, ref
         ({"labels/c.png": _ids()}, ("labels/c.png",)),
     ],
 )
-def test_label_maps_that_do_not_fit(
-    files: dict[str, bytes], said: tuple[str, ...], upload, photo, settings, refused
-) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug", "table"]', **files})
-    with refused(InvalidInputError, *said):
-        validate_upload(folder, settings)
+def test_label_maps_that_do_not_fit(files: dict[str, bytes], said: tuple[str, ...], photo, refuses) -> None:
+    refuses(
+        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug", "table"]', **files}, InvalidInputError, *said
+    )
 
 
-def test_label_map_that_is_no_image(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug"]', "labels/a.png": b"text"})
-    with refused(CorruptImageError, "labels/a.png"):
-        validate_upload(folder, settings)
+def test_label_map_that_is_no_image(photo, refuses) -> None:
+    refuses(
+        {"a.jpg": photo(1), "b.jpg": photo(2), "labels.json": b'["mug"]', "labels/a.png": b"text"},
+        CorruptImageError,
+        "labels/a.png",
+    )
 
 
-def test_label_maps_without_names(upload, photo, settings, refused) -> None:
-    folder = upload({"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()})
-    with refused(InvalidInputError, "labels.json"):
-        validate_upload(folder, settings)
+def test_label_maps_without_names(photo, refuses) -> None:
+    refuses({"a.jpg": photo(1), "b.jpg": photo(2), "labels/a.png": _ids()}, InvalidInputError, "labels.json")
 
 
 def test_labels_follow_their_image(upload, photo, settings) -> None:
     """Drawn upright for a photo stored on its side; undistorted with it; ids renumbered without gaps."""
-    exif = Image.Exif()
-    exif[0x0112] = 6
-    frames = [{"file_path": f"{name}.jpg", "transform_matrix": np.eye(4).tolist()} for name in "ab"]
-    document = {"w": 64, "h": 48, "fl_x": 60, "cx": 32, "cy": 24, "k1": 0.1, "frames": frames}
-    head = "ply\nformat ascii 1.0\nelement vertex 1\n"
-    points = f"{head}property float x\nproperty float y\nproperty float z\nend_header\n0 0 1\n".encode()
+    document = {**PINHOLE, "k1": 0.1, "frames": frames_of(["a.jpg", "b.jpg"])}
     top_left = np.zeros((64, 48), np.uint8)
     top_left[:32, :24] = 40
-    stream = io.BytesIO()
-    Image.fromarray(top_left).save(stream, "PNG")
-    files = {"a.jpg": photo(1, exif=exif), "b.jpg": photo(2), "points3d.ply": points}
+    files = {"a.jpg": photo(1, exif=turned(6)), "b.jpg": photo(2), "points3d.ply": points_file((0, 0, 1))}
     files |= {"transforms.json": json.dumps(document).encode(), "labels.json": b'{"sky": 30, "roof": 40}'}
-    folder: Path = upload({**files, "labels/a.png": stream.getvalue()})
+    folder: Path = upload({**files, "labels/a.png": encoded(top_left)})
     assert validate_upload(folder, settings).has_labels
     capture = build_capture(folder, folder.parent / "out", settings, silent)
     labels = capture.given_labels

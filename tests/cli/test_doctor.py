@@ -43,7 +43,7 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     assert failing is not None and working is not None
     store.jobs.fail(failing, to_plain(OperationError("INTERNAL", "INTERNAL", "it failed", "capture", {})))
     _write_version(store.blobs.version("ready", "v1"))
-    store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}))
+    store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}, 0))
     store.close()
     for path in folder.glob("*.sqlite"):
         path.chmod(0o600)

@@ -17,7 +17,6 @@ from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.json_codec import to_plain
 from tests.api.made_scene import add_scene
 from tests.api.upright_scene import add_upright_scene
-from tests.interop.rrd import components_of
 
 Run = Callable[..., Result]
 
@@ -37,15 +36,6 @@ def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneSer
         result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)
         assert result.exit_code == 0, result.output
         assert (tmp_path / name).read_bytes() == service.exports.file(request)
-
-
-def test_a_recording_for_rerun_is_written(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:
-    scene_id = add_scene(service, load_settings())
-    result = fastsplat("scenes", "export", scene_id, str(tmp_path / "f.rrd"))
-    assert result.exit_code == 0, result.output
-    truth = tmp_path / "truth.rrd"
-    truth.write_bytes(service.exports.file(ExportRequest(scene_id, "rerun")))
-    assert components_of(tmp_path / "f.rrd") == components_of(truth)
 
 
 def test_a_map_is_written_and_a_goal_printed(fastsplat: Run, service: SceneService, tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ def waiting(service: SceneService) -> str:
 @pytest.fixture
 def failed(service: SceneService) -> str:
     """Id of a job that failed."""
-    job = replace(queued_job(), options={"admitted": ""})
+    job = replace(queued_job(), options={"validated": ""})
     service._store.scenes.create(job)
     claim = service._store.jobs.claim(job.operation_id)
     assert claim is not None

@@ -25,10 +25,7 @@ def test_a_key_is_made_listed_and_revoked(fastsplat: Run, service: SceneService)
     assert record.expires_at is not None and record.expires_at - record.created_at == 2 * 86_400
     listed = fastsplat("keys", "list").stdout
     assert record.id in listed and "the robot" in listed and key.split("_", 2)[2] not in listed
-    assert fastsplat("keys", "expire", record.id[:6], "--days", "1").exit_code == 0
-    renewed = service.admin.keys.valid().find(key)
-    assert renewed is not None and renewed.expires_at is not None and renewed.expires_at < record.expires_at
-    assert fastsplat("keys", "revoke", record.id).exit_code == 0
+    assert fastsplat("keys", "revoke", record.id[:6]).exit_code == 0
     assert service.admin.keys.valid().find(key) is None and "REVOKED" in fastsplat("keys", "list").stdout
     assert isinstance(fastsplat("keys", "revoke", "nobody").exception, NotFoundError)
 

@@ -60,7 +60,7 @@ def _said(result: CallToolResult) -> Any:
 
 @pytest.fixture(scope="module")
 def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
-    """What each of the twelve tools says, in one session."""
+    """What each tool says, in one session."""
     temporary = tmp_path_factory.mktemp("temporary")
 
     async def talk(client: McpClient) -> dict[str, Any]:
@@ -71,11 +71,11 @@ def answers(models_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
         for tool in ("list_scenes", "describe_scene", "list_things", "photograph_next", "scene_status"):
             said[tool] = await call(tool)
         for name in (*_MIDDLES, "submarine"):
-            said[f"where_is {name}"] = await call("where_is", text=name)
-        said["count apples"] = await call("count", text="apples")
+            said[f"find {name}"] = await call("find", text=name)
+        said["find apples"] = await call("find", text="apples")
         said["on the table"] = await call("relations", text="what is on the table?")
-        found = said["find"] = await call("find", text="banana")
-        ids = [said[f"where_is {name}"]["places"][0]["id"] for name in ("cup", "bottle")]
+        found = said["find banana"]
+        ids = [said[f"find {name}"]["places"][0]["id"] for name in ("cup", "bottle")]
         said["measure"] = await call("measure", first=ids[0], second=ids[1])
         said["look_from"] = await client.call_tool("look_from", {"thing": found["things"][0]["id"]})
         said["name_thing"] = await call("name_thing", thing=found["things"][0]["id"], name="breakfast")
@@ -98,7 +98,7 @@ def test_there_is_one_scene_in_meters(answers: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("name", _MIDDLES)
 def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> None:
-    where = answers[f"where_is {name}"]
+    where = answers[f"find {name}"]
     assert where["outcome"] == "here" and where["unit"] == "m"
     assert np.allclose(
         where["places"][0]["center"][:2], _MIDDLES[name], atol=0.06
@@ -106,11 +106,11 @@ def test_things_are_where_they_were_put(answers: dict[str, Any], name: str) -> N
 
 
 def test_what_is_not_there_is_absent(answers: dict[str, Any]) -> None:
-    assert answers["where_is submarine"]["outcome"] == "not_here" and answers["where_is submarine"]["places"] == []
+    assert answers["find submarine"]["outcome"] == "not_here" and answers["find submarine"]["places"] == []
 
 
 def test_things_are_counted_and_related(answers: dict[str, Any]) -> None:
-    assert answers["count apples"]["count"] == 2
+    assert answers["find apples"]["count"] == 2
     assert {"banana", "bowl", "cup", "plate"} <= {each["name"] for each in answers["on the table"]["things"]}
 
 

@@ -25,7 +25,10 @@ def test_a_scene_is_measured_and_scaled(things: Callable[..., Result], scene_id:
     assert scaled.exit_code == 0 and scaled.stdout.startswith("a unit of the trained scene is 0.5 m (")
     again = json.loads(things("measure", scene_id, "1", "--json").stdout)
     assert again["sides"][0]["value"] == pytest.approx(size["sides"][0]["value"] / 2, rel=1e-3)
-    for words in (("measure", scene_id, "front.png:1"), ("scale", scene_id, "0,0,0", "1,0,0", "0")):
+    by_size = things("scale", scene_id, "1", "0.3", "--height")
+    assert by_size.exit_code == 0 and "by 2 known lengths" in by_size.stdout
+    lengths = (("0,0,0", "1,0,0", "0"), ("0,0,0", "1"), ("0,0,0", "1,0,0", "1", "--height"), ("1", "2", "1,0,0", "1"))
+    for words in (("measure", scene_id, "front.png:1"), *(("scale", scene_id, *each) for each in lengths)):
         assert isinstance(things(*words).exception, InvalidInputError)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
-from tests.api.made_scene import ENCODER, add_known_name, add_scene, detector_file, made_scene
+from tests.api.made_scene import ENCODER, add_known_name, add_scene, made_scene
 from tests.scenes import store_scene
 
 _PICK = ("--view", "front.png", "--pixel", "15.5", "18.5")
@@ -113,30 +112,7 @@ def test_what_people_named_is_shown_and_forgotten(
     assert name_id not in things("known", "--forget", name_id).stdout
     add_known_name(service, scene_id)
     assert name_id in things("known").stdout
-    assert name_id not in things("known", "--forget-all").stdout
-
-
-def test_names_are_written_to_a_file_checked_and_added(
-    things: Callable[..., Result], service: SceneService, scene_id: str, tmp_path: Path
-) -> None:
-    file = tmp_path / "names.json"
-    with detector_file(load_settings().models) as looks:
-        name_id = add_known_name(service, scene_id, "violin", looks)
-        written = things("export-names", str(file), "--license", "CC0-1.0")
-        assert written.exit_code == 0 and "1 names with features of picodet_416" in written.stdout
-        (total,) = (line for line in things("check-names").stdout.splitlines() if line.startswith("all"))
-        assert total.split() == ["all", "1", *"0 of 0 0 of 0".split()]
-        (total,) = (
-            line for line in things("check-names", "--pack", str(file)).stdout.splitlines() if line.startswith("all")
-        )
-        assert total.split() == ["all", "2", *"1 of 1 1 of 1".split()]
-        added = json.loads(things("add-names", str(file), "--json").stdout)
-        assert "a pack of 1 names" in things("known").stdout and added["license"] == "CC0-1.0"
-        file.write_bytes(file.read_bytes()[:-9])
-        assert isinstance(things("add-names", str(file)).exception, InvalidInputError)
-        shown = things("known", "--forget", added["id"][:8]).stdout
-        assert "a pack" not in shown and name_id in shown
-        things("known", "--forget-all")
+    assert name_id not in things("known", "--forget", "all").stdout
 
 
 def test_what_is_not_there_says_so(things: Callable[..., Result], scene_id: str) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import inflect
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.calibration.lists import read_pairs, read_scenes
+from benchmarks.calibration.lists import read_scenes
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dictionary_of, label_key
 from fastsplat.service.perception.class_names import COCO_80, TAGS
 from fastsplat_contract.errors import InvalidInputError
@@ -104,24 +102,7 @@ def test_the_key_of_a_made_up_word_is_its_own_key(word: str) -> None:
     assert label_key(label_key(word)) == label_key(word)
 
 
-def names_of_the_repository() -> list[str]:
-    """Every list of labels that comes with this software, by dictionary."""
-    listed = {*COCO_80, *TAGS, *(pair.label for pair in read_pairs())}
-    listed |= {label for scene in read_scenes() for label in scene.labels}
-    return sorted(listed)
-
-
-@pytest.mark.parametrize("name", names_of_the_repository())
-def test_a_scene_of_the_first_release_answers_by_the_same_names(name: str) -> None:
-    """Names that had one key under the first release's own rules for plurals still lead to one entry."""
-    dictionary = Dictionary((DictionaryEntry("something else"), DictionaryEntry(name)))
-    plural = inflect.engine().plural_noun(name)
-    for other in (name, name.upper(), f"{name}s", f"{name}es", plural, name.replace(" ", "_")):
-        if first_release_key(other) == first_release_key(name):
-            assert dictionary.id_of(other) == 2, other
-
-
-def test_lists_that_had_no_name_twice_have_none_twice_now() -> None:
+def test_no_list_has_a_name_twice() -> None:
     for labels in (COCO_80, TAGS, *(scene.labels for scene in read_scenes())):
         assert len(dictionary_of(labels)) == len(labels)
 
@@ -142,30 +123,3 @@ def test_two_entries_cannot_share_a_name() -> None:
 def test_a_confidence_is_a_share(confidence: float) -> None:
     with pytest.raises(InvalidInputError, match="confidence"):
         Dictionary((DictionaryEntry("mug", confidence=confidence),))
-
-
-def first_release_key(name: str) -> str:
-    """`label_key` as the first release had it."""
-    *words, last = re.sub(r"[\s_\-/]+", " ", name.casefold()).strip().split(" ")
-    irregular = dict(pair.split(":") for pair in FIRST_RELEASE_IRREGULAR.split())
-    if last in irregular:
-        last = irregular[last]
-    elif len(last) >= 4 and last not in FIRST_RELEASE_SINGULARS.split() and not last.endswith(("ss", "us", "is")):
-        if last.endswith("ies"):
-            last = f"{last[:-3]}y"
-        elif last.endswith(("sses", "shes", "ches", "xes", "zes")):
-            last = last[:-2]
-        else:
-            last = last.removesuffix("s")
-    return " ".join([*words, last])
-
-
-FIRST_RELEASE_IRREGULAR = """people:person men:man women:woman children:child feet:foot teeth:tooth mice:mouse
-geese:goose knives:knife leaves:leaf shelves:shelf loaves:loaf scarves:scarf wolves:wolf halves:half lives:life
-wives:wife buses:bus gases:gas lenses:lens canvases:canvas cacti:cactus cactuses:cactus cookies:cookie
-brownies:brownie hoodies:hoodie smoothies:smoothie movies:movie pies:pie ties:tie neckties:necktie selfies:selfie
-calories:calorie potatoes:potato tomatoes:tomato mangoes:mango heroes:hero dominoes:domino volcanoes:volcano
-mosquitoes:mosquito buffaloes:buffalo torpedoes:torpedo"""
-FIRST_RELEASE_SINGULARS = """scissors glasses sunglasses jeans pants trousers shorts headphones binoculars pliers tongs
-tweezers stairs bus gas glass lens canvas cactus compass chess iris news series species chassis atlas asparagus
-hummus"""

@@ -29,7 +29,7 @@ from fastsplat_contract.queries import Answer
 box = Box(Pose(Vector3(0, 0, 0), Quaternion(0, 0, 0, 1)), Vector3(1, 1, 1), 0.75)
 assert from_json(Box, to_json(box)) == box == from_proto(Box, to_proto(box))
 assert b'"fill":0.75' in to_json(box) and to_proto(box).fill == 0.75
-answer = Answer("s", "mug", "exact", "", None, (), None, "name", None, "1", 0.5, 9, 0, (), ())
+answer = Answer("s", "mug", None, (), None, "1", 0.5, 9, 0, (), ())
 assert answer.seconds == 0.5
 assert from_json(Answer, to_json(answer)) == answer
 assert list(answers_of(messages_of(answer), frozenset())) == [answer]

@@ -11,28 +11,23 @@ from fastsplat_contract.masks import Segmentation, ViewMask
 from fastsplat_contract.pieces import CHUNK_BYTES, answers_of, messages_of
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.queries import Answer, Match
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.thing_messages import SceneThing
 from tests.contract.values import EXAMPLES
 
 _GRPC_BYTES = 4 * 2**20
 _ALL = frozenset({"mask2d", "mask3d", "objects"})
 _POINT = Vector3(1.0, 2.0, 3.0)
-_THING = SceneObject(
-    "1-1", 1, "mug", 0.5, _POINT, Box(Pose(_POINT, Quaternion(0.0, 0.0, 0.0, 1.0)), _POINT), 60, True, ()
-)
+_BOX = Box(Pose(_POINT, Quaternion(0.0, 0.0, 0.0, 1.0)), _POINT)
+_THING = SceneThing(1, "mug", "detected", 0.5, (), "thing", "", 0.75, 60, _BOX, True)
 
 
 def _answer(**more: Any) -> Answer:
     return Answer(
         scene_id="scene",
         text="mug",
-        verdict="exact",
-        explanation="Here.",
         probability=0.25,
         **{"label_set": (), "matches": (), "masks": (), **more},
         coverage=0.9,
-        decided_by="score",
-        threshold=0.5,
         version="1",
         gaussians=9,
         match_count=7,

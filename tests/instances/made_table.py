@@ -64,6 +64,6 @@ def made_table(folder: Path, frames: Sequence[int], encoder: TextEncoder) -> tup
         encoder=encoder,
         cameras=cameras,
         things=Things(tuple(Thing(number) for number in sorted(things)), membership),
-        quality={"searched_names": 80},
+        quality={"searched_names": 80, "searched_for": [f"name {number}" for number in range(80)]},
     )
     return scene, things

@@ -18,14 +18,9 @@ from fastsplat.service.scene.thing_codes import classes_of_codes, codes_of_thing
 from fastsplat.service.scene.things import discard_thing, merge_things, thing_rows
 from fastsplat.service.scene.types import Scene, SemanticHead
 from fastsplat.service.splatting.blending import thing_map
-from tests.instances.made_room import ColorSegmenter, NoDetector, Room, make_room
+from tests.instances.made_room import ColorSegmenter, NoDetector, Room
 
 _PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from fastsplat.service.scene.label_evidence import no_evidence
 from fastsplat.service.scene.things import thing_rows
 from fastsplat.service.scene.types import STATED_FROM, Thing, Things
 from fastsplat_contract.errors import CancelledError
-from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room, make_room
+from tests.instances.made_room import NAMES, BallDetector, ColorSegmenter, NoDetector, Room
 from tests.looks_model import MODEL, write_looks_model
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
@@ -36,11 +36,6 @@ UP = np.array([0.0, 0.0, 1.0])
 PERCEPTION = PerceptionSettings(min_pixels=8, closer_look=False)
 
 Masks = tuple[ViewMasks | None, ...]
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture(scope="module")

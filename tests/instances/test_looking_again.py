@@ -91,7 +91,7 @@ def test_things_are_named_by_what_was_asked_for(
     for thing in scene.things.table:
         assert bool(thing.name) == (thing.id in named) and thing.source in ("detected", None)
     (answer,) = index.after(scene).ask([right[0].name])
-    assert answer.verdict == "exact" and right[0].thing_id in answer.things
+    assert answer.outcome == "here" and right[0].thing_id in answer.things
 
 
 def test_a_look_says_from_where_and_how_far_it_is(
@@ -116,7 +116,7 @@ def test_the_names_that_were_searched_for_grow(
     again, _ = name_sightings(index.after(scene), replace(looked[0], texts=("Mugs", "trophy"), found={}), settings)
     assert searched_names(again) == 80 + 15
     (answer,) = index.after(again).ask(["volcano"])
-    assert answer.verdict == "absent" and answer.searched.names == 95
+    assert answer.is_absent and answer.searched.names == 95
 
 
 def test_a_persons_names_stay(

@@ -18,14 +18,9 @@ from fastsplat.service.scene.types import SemanticHead
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.things_of_photos import find_things
-from tests.instances.made_room import ColorSegmenter, NoDetector, Room, make_room
+from tests.instances.made_room import ColorSegmenter, NoDetector, Room
 from tests.instances.test_discovery import PERCEPTION, SETTINGS
 from tests.looks_model import MODEL, write_looks_model
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 @pytest.fixture

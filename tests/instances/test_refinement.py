@@ -7,7 +7,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -17,15 +16,10 @@ from fastsplat.service.instances.settings import DiscoverySettings
 from fastsplat.service.perception.types import ViewMasks
 from fastsplat.service.scene.label_evidence import posterior
 from tests.instances.made import gaussians_at, grid
-from tests.instances.made_room import Room, make_room
+from tests.instances.made_room import Room
 
 SETTINGS = DiscoverySettings(min_weight_px=5)
 SIDE = 40
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> Room:
-    return make_room(tmp_path_factory.mktemp("room"))
 
 
 def _square(top: int, left: int, side: int) -> np.ndarray:

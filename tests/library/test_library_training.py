@@ -47,7 +47,7 @@ def test_photos_become_a_scene_that_answers_and_can_be_opened_again(
     with fastsplat.open_scene(out) as scene:
         assert scene.info.name == "table top" and 0 < scene.info.gaussians <= 6000
         mug = scene.ask("mug")
-        assert mug.verdict == "exact" and scene.mask("mug", scene.views[0]).any()
+        assert mug.outcome == "here" and scene.mask("mug", scene.views[0]).any()
     with fastsplat.open_scene(out) as again:
         assert again.id == scene.id and again.ask("mug") == mug
     with pytest.raises(ConflictError, match="has a trained scene"):

@@ -17,7 +17,6 @@ from fastsplat.cli.main import app
 from fastsplat.service.application.service import open_service
 from fastsplat.service.library.local_scene import LocalScene, folder_settings
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, NotReadyError
-from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.queries import QueryRequest
 from tests.api.made_scene import LABELS, add_scene, write_words
 from tests.api.training_job import add_training_job
@@ -56,7 +55,7 @@ def test_a_folder_answers_as_the_service_does(scene: LocalScene, folder: Path) -
             request = QueryRequest(scene.id, (text,), views=("front.png",), outputs=frozenset({"objects", "mask2d"}))
             (answer,) = service.answers.query(request).answers
             assert scene.ask(text, viewpoints=("front.png",)) == answer
-    assert scene.ask("elephant").verdict == "absent"
+    assert scene.ask("elephant").is_absent
 
 
 def test_masks_show_what_answers(scene: LocalScene) -> None:
@@ -82,21 +81,6 @@ def test_every_thing_is_listed_and_measured(scene: LocalScene) -> None:
     measured = scene.measure(first.id, second.id)
     assert measured.meters and measured.distance is not None and measured.distance.value > 0
     assert len(scene.measure(first.id).sides) == 3
-
-
-def test_a_click_picks_the_thing_that_is_asked_for_by_its_name(scene: LocalScene) -> None:
-    mask = scene.mask("mug", "front.png")
-    rows, columns = np.nonzero(mask)
-    middle = np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2)
-    place = (columns[middle] + 0.5, rows[middle] + 0.5)
-    for viewpoint in ("front.png", next(posed for posed in scene.info.cameras if posed.name == "front.png")):
-        picked = scene.pick(viewpoint, place)
-        assert picked.thing.name == "mug" and picked.picked.id == picked.thing.id and picked.mask is not None
-        assert np.array_equal(picked.mask.array(), mask)
-        rows_of_it = decode_mask3d(picked.mask3d or b"", "bits", scene.info.gaussians)
-        assert np.array_equal(rows_of_it, scene.mask3d("mug"))
-    with pytest.raises(NotFoundError, match="no group"):
-        scene.pick("front.png", place, level="group")
 
 
 def test_a_name_is_there_for_whoever_opens_the_folder_next(scene: LocalScene, folder: Path) -> None:

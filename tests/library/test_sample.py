@@ -55,7 +55,7 @@ def test_it_says_nothing_of_where_it_was_made(temporary: Path) -> None:
 def test_it_is_asked_and_gone_when_it_is_closed(models_dir: Path, temporary: Path) -> None:
     with fastsplat.open_sample() as scene:
         answer = scene.ask("cup")
-        assert answer.verdict == "exact" and len(answer.things) == 1
+        assert answer.outcome == "here" and len(answer.things) == 1
         assert scene.info.scale == "METRIC"
         kinds = {thing.name: thing.surface for thing in scene.things()}
         assert kinds["dining table"] == "horizontal surface" and "floor" not in kinds.values()
@@ -78,7 +78,7 @@ def test_it_is_asked_from_any_folder_with_the_models_of_the_user(
     load_settings.cache_clear()
     try:
         with fastsplat.open_sample() as scene:
-            assert scene.ask("cup").verdict == "exact"
+            assert scene.ask("cup").outcome == "here"
     finally:
         load_settings.cache_clear()
     assert list((tmp_path / "empty").iterdir()) == []

@@ -43,7 +43,7 @@ def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
     names = {thing.name for thing in things if thing.name}
     suggested = {each.name for thing in things if not thing.name for each in thing.suggestions}
     for answer in _ask(scene, *sorted(names | suggested)):
-        assert answer.verdict in ("exact", "possible") and answer.things, answer.text
+        assert answer.outcome in ("here", "probably_here") and answer.things, answer.text
 
 
 @pytest.mark.parametrize(
@@ -51,13 +51,13 @@ def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:
 )
 def test_what_is_not_decided_is_not_denied(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.verdict != "absent" and (answer.verdict != "undecided" or answer.probability is None)
+    assert not answer.is_absent and (answer.outcome != "cannot_say" or answer.probability is None)
 
 
 def test_a_surface_without_a_name_is_spoken_of(scene: LocalScene) -> None:
     clock, wall, pictures = _ask(scene, "the clock on the wall", "wall", "what is on the wall?")
     assert clock.phrase is not None and clock.phrase.refusal is None and clock.things == ()
-    assert wall.verdict == "exact" and wall.things and not wall.relevant_ids
+    assert wall.outcome == "here" and wall.things and not wall.relevant_ids
     assert pictures.phrase is not None and not set(pictures.things) & set(wall.things)
 
 
@@ -77,7 +77,7 @@ def test_a_color_in_a_name_is_part_of_it(scene: LocalScene) -> None:
 
 def test_a_color_that_a_quarter_of_a_thing_has_is_not_denied(scene: LocalScene) -> None:
     (bottle,) = _ask(scene, "the green bottle")
-    assert bottle.verdict == "undecided" and bottle.things == _ask(scene, "bottle")[0].things
+    assert bottle.outcome == "cannot_say" and bottle.things == _ask(scene, "bottle")[0].things
 
 
 def test_the_first_match_is_what_is_shown(scene: LocalScene) -> None:
@@ -95,7 +95,7 @@ def test_what_stands_in_for_something_is_not_counted(scene: LocalScene) -> None:
 @pytest.mark.parametrize("text", ["!!!", "the", "what is this?", "the with a", "in the"])
 def test_words_that_name_nothing_find_nothing(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.verdict == "undecided" and answer.things == () and answer.probability is None
+    assert answer.outcome == "cannot_say" and answer.things == () and answer.probability is None
 
 
 @pytest.mark.parametrize("text", ["mice", "something for children", "something shiny"])
@@ -107,4 +107,4 @@ def test_irregular_plurals_and_words_that_are_no_names_are_english(scene: LocalS
 @pytest.mark.parametrize("text", ["wo ist die Banane?", "le livre", "la silla", "茶壶"])
 def test_other_languages_are_said_not_to_be_understood(scene: LocalScene, text: str) -> None:
     (answer,) = _ask(scene, text)
-    assert answer.verdict == "undecided" and "only English" in answer.sentence and answer.probability is None
+    assert answer.outcome == "cannot_say" and "only English" in answer.sentence and answer.probability is None

@@ -161,15 +161,3 @@ def make_capture(images: list[Path], labels: GivenLabels | None = None) -> Captu
 def read_rgb(path: Path) -> np.ndarray:
     """uint8 [H, W, 3]."""
     return cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
-
-
-@pytest.fixture(scope="session")
-def helpers() -> type:
-    """What tests share: `make_capture`, `read_rgb`, `write_network`."""
-
-    class Helpers:
-        make_capture = staticmethod(make_capture)
-        read_rgb = staticmethod(read_rgb)
-        write_network = staticmethod(write_network)
-
-    return Helpers

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,6 +23,7 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import TEXT_TOWERS
 from fastsplat.service.perception.types import Detections
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError
+from tests.perception.conftest import read_rgb
 
 _IMAGE = np.zeros((100, 200, 3), np.uint8)
 
@@ -47,31 +47,31 @@ def test_coco_has_eighty_different_classes() -> None:
     assert all(name == name.strip() and "\n" not in name for name in COCO_80)
 
 
-def test_picodet_finds_the_doll_and_the_bed(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_picodet_finds_the_doll_and_the_bed(test_data: Path, models_dir: Path) -> None:
     detector = open_closed_set_detector(PerceptionSettings(threads=2), models_dir)
-    image = helpers.read_rgb(test_data / "plush" / "images" / "20240212_004001.jpg")
+    image = read_rgb(test_data / "plush" / "images" / "20240212_004001.jpg")
     found = detector.detect(image, 0.5)
     assert {"teddy bear", "bed"} <= set(found.labels)
     assert (found.scores >= 0.5).all()
     assert (found.boxes >= 0).all() and (found.boxes <= [1000, 750, 1000, 750]).all()
 
 
-def test_picodet_boxes_are_in_pixels_of_the_image(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_picodet_boxes_are_in_pixels_of_the_image(test_data: Path, models_dir: Path) -> None:
     """480×360 is not the network's square: boxes must undo the stretch."""
     detector = open_closed_set_detector(PerceptionSettings(threads=2), models_dir)
-    found = detector.detect(helpers.read_rgb(test_data / "tabletop" / "images" / "000.jpg"), 0.3)
+    found = detector.detect(read_rgb(test_data / "tabletop" / "images" / "000.jpg"), 0.3)
     overlap = box_iou(_best(found, "cup")[None], _true_box(test_data, "utensil holder", "000")[None])
     assert overlap[0, 0] > 0.8
 
 
-def test_yolo_world_finds_named_things(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_yolo_world_finds_named_things(test_data: Path, models_dir: Path) -> None:
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
     settings = PerceptionSettings(
         open_set_detector="yolo_world:yolo_world_s", prompt_encoder="label_table:clip_text_vocab", threads=2
     )
     detector = open_open_set_detector(settings, models_dir)
-    image = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    image = read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     found = detector.detect(image, ["Bananas", "headset", "orange"], 0.1)
     assert set(found.labels) <= {"Bananas", "headset", "orange"}
     for prompt, truth in (("Bananas", "banana"), ("orange", "orange")):

@@ -261,11 +261,3 @@ def test_a_damaged_labelling_is_refused(tmp_path: Path) -> None:
             (folder / "dictionary.json").write_text('{"schema_version": 1, "maps"')
         with pytest.raises(InvalidInputError, match="labelling"):
             load_labelling(folder)
-
-
-def test_a_labelling_of_the_first_release_is_sure_of_its_names(tmp_path: Path) -> None:
-    save_labelling(Labelling(Dictionary((DictionaryEntry("cup", confidence=0.5),)), ()), tmp_path / "labels")
-    index = json.loads((tmp_path / "labels" / "dictionary.json").read_text())
-    del index["entries"][0]["confidence"]
-    (tmp_path / "labels" / "dictionary.json").write_text(json.dumps(index))
-    assert load_labelling(tmp_path / "labels").dictionary.entries[0].confidence == 1.0

@@ -25,6 +25,7 @@ from fastsplat.service.perception.segmenters.open_segmenter import open_segmente
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections, Labelling
 from fastsplat_contract.errors import CancelledError, InvalidInputError, ModelUnavailableError
+from tests.perception.conftest import make_capture, read_rgb
 
 _SETTINGS = PerceptionSettings(threads=2)
 
@@ -33,8 +34,8 @@ def _table_views(test_data: Path, names: list[str]) -> list[Path]:
     return [test_data / "tabletop" / "images" / f"{name}.jpg" for name in names]
 
 
-def test_named_things_are_found_and_cut_out(test_data: Path, models_dir: Path, helpers: Any) -> None:
-    capture = helpers.make_capture(_table_views(test_data, ["018", "024"]))
+def test_named_things_are_found_and_cut_out(test_data: Path, models_dir: Path) -> None:
+    capture = make_capture(_table_views(test_data, ["018", "024"]))
     events: list[ProgressEvent] = []
     labelling = label_capture(capture, _SETTINGS, models_dir, ["Bananas", "orange"], events.append)
     assert {entry.label for entry in labelling.dictionary.entries} == {"Bananas", "orange"}
@@ -51,16 +52,16 @@ def test_named_things_are_found_and_cut_out(test_data: Path, models_dir: Path, h
     assert len(events) == 4  # two views, found and cut out
 
 
-def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Path, helpers: Any) -> None:
-    capture = helpers.make_capture(_table_views(test_data, ["018", "020", "024"]))
+def test_views_beyond_the_limit_stay_undetected(test_data: Path, models_dir: Path) -> None:
+    capture = make_capture(_table_views(test_data, ["018", "020", "024"]))
     settings = _SETTINGS.model_copy(update={"max_views": 1, "closer_look": False})
     labelling = label_capture(capture, settings, models_dir, [], silent)
     assert [bool(label_map.any()) for label_map in labelling.label_maps] == [True, False, False]
 
 
-def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, models_dir: Path) -> None:
     """Every region of a label is one of its view's masks, and things without a name are among the masks as well."""
-    capture = helpers.make_capture(_table_views(test_data, ["018", "024"]))
+    capture = make_capture(_table_views(test_data, ["018", "024"]))
     settings = _SETTINGS.model_copy(update={"proposal_views": 1, "proposal_points": 8})
     plain = label_capture(capture, settings, models_dir, ["banana", "orange"], silent)
     labelling = label_capture(capture, settings, models_dir, ["banana", "orange"], silent, masks=True)
@@ -80,11 +81,11 @@ def test_masks_without_names_come_with_labels_and_change_none(test_data: Path, m
 
 
 def test_the_first_views_are_shown_before_the_others_are_looked_at(
-    test_data: Path, models_dir: Path, helpers: Any, monkeypatch: pytest.MonkeyPatch
+    test_data: Path, models_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Objects and masks of those that show most; no view is looked at twice, and the result is the same as unseen."""
     names = ["018", "020", "022", "024"]
-    capture = helpers.make_capture(_table_views(test_data, names))
+    capture = make_capture(_table_views(test_data, names))
     settings = _SETTINGS.model_copy(update={"closer_look": False, "proposal_points": 2, "proposal_views": 3})
     monkeypatch.setattr(labelling_module, "EARLY_VIEWS", 2)
     looks: list[str] = []
@@ -143,46 +144,46 @@ def test_a_class_that_no_view_with_masks_shows_is_cut_out_of_the_view_that_shows
     assert views_to_segment(views, set(range(5))) == set(range(5))
 
 
-def test_nothing_found_is_an_empty_dictionary(models_dir: Path, tmp_path: Path, helpers: Any) -> None:
+def test_nothing_found_is_an_empty_dictionary(models_dir: Path, tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "grey.png"), np.full((60, 80, 3), 127, np.uint8))
-    labelling = label_capture(helpers.make_capture([tmp_path / "grey.png"]), _SETTINGS, models_dir, [], silent)
+    labelling = label_capture(make_capture([tmp_path / "grey.png"]), _SETTINGS, models_dir, [], silent)
     assert len(labelling.dictionary) == 0
     assert not labelling.label_maps[0].any()
 
 
-def test_labels_beyond_the_closed_set_are_refused_by_name(test_data: Path, models_dir: Path, helpers: Any) -> None:
-    capture = helpers.make_capture(_table_views(test_data, ["018"]))
+def test_labels_beyond_the_closed_set_are_refused_by_name(test_data: Path, models_dir: Path) -> None:
+    capture = make_capture(_table_views(test_data, ["018"]))
     with pytest.raises(InvalidInputError) as caught:
         label_capture(capture, _SETTINGS, models_dir, ["banana", "headset", "can opener"], silent)
     assert "headset, can opener" in caught.value.message and "banana" not in caught.value.message
     assert "open-set" in caught.value.hint
 
 
-def test_the_caller_can_stop_it(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_the_caller_can_stop_it(test_data: Path, models_dir: Path) -> None:
     def stop(event: ProgressEvent) -> None:
         raise CancelledError("enough")
 
     with pytest.raises(CancelledError):
-        label_capture(helpers.make_capture(_table_views(test_data, ["018"])), _SETTINGS, models_dir, [], stop)
+        label_capture(make_capture(_table_views(test_data, ["018"])), _SETTINGS, models_dir, [], stop)
 
 
-def test_a_missing_model_stops_it_at_once(test_data: Path, models_dir: Path, tmp_path: Path, helpers: Any) -> None:
+def test_a_missing_model_stops_it_at_once(test_data: Path, models_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(models_dir / "picodet_416", tmp_path / "picodet_416")
 
     def unreached(event: ProgressEvent) -> None:
         raise AssertionError("nothing should have run")
 
     with pytest.raises(ModelUnavailableError, match="mobile_sam"):
-        label_capture(helpers.make_capture(_table_views(test_data, ["018"])), _SETTINGS, tmp_path, [], unreached)
+        label_capture(make_capture(_table_views(test_data, ["018"])), _SETTINGS, tmp_path, [], unreached)
 
 
 @pytest.fixture
-def given_capture(tmp_path: Path, helpers: Any) -> Any:
+def given_capture(tmp_path: Path) -> Any:
     for name in ("a.png", "b.png"):
         cv2.imwrite(str(tmp_path / name), np.zeros((4, 6, 3), np.uint8))
     cv2.imwrite(str(tmp_path / "map.png"), np.array([[0, 1, 2, 2, 2, 2]] * 4, np.uint16))
     given = GivenLabels(dictionary_of(["wall", "lamp"]), (tmp_path / "map.png", None))
-    return helpers.make_capture([tmp_path / "a.png", tmp_path / "b.png"], given)
+    return make_capture([tmp_path / "a.png", tmp_path / "b.png"], given)
 
 
 def test_given_labels_need_no_model(given_capture: Any, tmp_path: Path) -> None:
@@ -208,9 +209,7 @@ def test_given_labels_that_do_not_fit_are_refused(given_capture: Any, tmp_path: 
         label_capture(given_capture, _SETTINGS, tmp_path, [], silent)
 
 
-def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
-    test_data: Path, models_dir: Path, helpers: Any
-) -> None:
+def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(test_data: Path, models_dir: Path) -> None:
     """Prompts: the user's words; else the closed-set finds; else, where those are none, the tag list."""
     if not (models_dir / "yolo_world_s").is_dir():
         pytest.skip("evaluation weights are not there")
@@ -220,7 +219,7 @@ def test_an_open_set_detector_asks_for_what_was_found_or_for_tags(
         tags=("headset", "can opener"),
         threads=2,
     )
-    photo = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    photo = read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     grey = np.full((120, 160, 3), 127, np.uint8)
 
     def prompts(image: np.ndarray, labels: list[str], settings: PerceptionSettings) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +21,7 @@ from fastsplat.service.perception.models.model_files import batch_decoder, encod
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.types import Detections, MaskLogits, ViewMasks, box_prompts, point_prompts
+from tests.perception.conftest import read_rgb
 
 SETTINGS = PerceptionSettings(min_pixels=4)
 
@@ -111,10 +111,10 @@ def test_masks_come_back_at_any_size_of_the_image() -> None:
         assert np.abs(box - [0.25, 0.5, 0.125, 0.375]).max() <= 1.01 / size
 
 
-def test_a_real_segmenter_answers_points_and_boxes_alike(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_a_real_segmenter_answers_points_and_boxes_alike(test_data: Path, models_dir: Path) -> None:
     """The logits of a box prompt are where `masks` puts the mask of the same box."""
     segmenter = open_segmenter(PerceptionSettings(threads=1), models_dir)
-    image = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    image = read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     embedding, boxes = segmenter.embed(image), np.array([[100, 100, 260, 220]], np.float32)
     answer = segmenter.mask_logits(embedding, box_prompts(boxes))
     layers = answer.logits[0].astype(np.float16)
@@ -125,9 +125,7 @@ def test_a_real_segmenter_answers_points_and_boxes_alike(test_data: Path, models
     assert points.logits.shape[0] == 2 and points.quality.shape == points.logits.shape[:2]
 
 
-def test_one_by_one_and_in_batches_are_the_same(
-    test_data: Path, models_dir: Path, helpers: Any, tmp_path: Path
-) -> None:
+def test_one_by_one_and_in_batches_are_the_same(test_data: Path, models_dir: Path, tmp_path: Path) -> None:
     models, folder = models_dir, models_dir / "mobile_sam"
     if batch_decoder(folder, name="mobile_sam") is None:  # pulled by an earlier release
         models, folder = tmp_path / "pulled", tmp_path / "pulled" / "mobile_sam"
@@ -135,7 +133,7 @@ def test_one_by_one_and_in_batches_are_the_same(
     for path in encoder_and_decoder(folder, name="mobile_sam"):
         (tmp_path / "alone" / path.name).parent.mkdir(exist_ok=True)
         (tmp_path / "alone" / path.name).symlink_to(path)
-    image = helpers.read_rgb(test_data / "tabletop" / "images" / "018.jpg")
+    image = read_rgb(test_data / "tabletop" / "images" / "018.jpg")
     answers = []
     for settings, own in (
         (PerceptionSettings(threads=1), models),

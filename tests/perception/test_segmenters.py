@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -14,9 +13,10 @@ from fastsplat.service.perception.segmenters.mask_selection import select_mask
 from fastsplat.service.perception.segmenters.open_segmenter import open_segmenter
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat_contract.errors import ModelUnavailableError
+from tests.perception.conftest import read_rgb
 
 
-def test_mobile_sam_cuts_out_true_boxes(test_data: Path, models_dir: Path, helpers: Any) -> None:
+def test_mobile_sam_cuts_out_true_boxes(test_data: Path, models_dir: Path) -> None:
     segmenter = open_segmenter(PerceptionSettings(threads=2), models_dir)
     folder = test_data / "tabletop"
     truth = cv2.imread(str(folder / "masks" / "018.png"), cv2.IMREAD_UNCHANGED)
@@ -24,7 +24,7 @@ def test_mobile_sam_cuts_out_true_boxes(test_data: Path, models_dir: Path, helpe
     wanted = [truth == ids[name] for name in ("banana", "orange", "ramekin", "table")]
     spans = [(np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))) for mask in wanted]
     boxes = np.array([[x[0], y[0], x[-1] + 1, y[-1] + 1] for x, y in spans], np.float32)
-    masks = segmenter.masks(segmenter.embed(helpers.read_rgb(folder / "images" / "018.jpg")), boxes)
+    masks = segmenter.masks(segmenter.embed(read_rgb(folder / "images" / "018.jpg")), boxes)
     assert masks.dtype == np.bool_
     for mask, true_mask in zip(masks, wanted, strict=True):
         assert (mask & true_mask).sum() / (mask | true_mask).sum() > 0.9

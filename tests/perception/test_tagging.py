@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -134,7 +133,7 @@ def test_no_view_shows_no_tag() -> None:
     assert none == []
 
 
-def test_the_tags_of_all_views_become_the_texts(tagger_folder: Path, models_dir: Path, helpers: Any) -> None:
+def test_the_tags_of_all_views_become_the_texts(tagger_folder: Path, models_dir: Path) -> None:
     """Two of three views are red, one is red and blue: red is asked for first, and only what enough views show."""
     for name in ("mobile_sam", "yolo_world_s", "clip_text_vocab", "picodet_416"):
         if not (models_dir / name).is_dir():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.common.process import lower_priority
-from fastsplat.service.perception.text.runs import embed_side_by_side
+from fastsplat.service.perception.text.text_tower import embed_side_by_side
 
 
 @pytest.mark.parametrize("threads", [0, 1, 2, 7])

@@ -61,7 +61,7 @@ def test_an_ambiguous_question_is_answered_with_the_precise_label(
     ask: Ask, labels: Sequence[str], text: str, found: Sequence[str]
 ) -> None:
     answer = ask(labels, text)
-    assert answer.verdict != "absent"
+    assert not answer.is_absent
     relevant = [match.label for match in answer.matches if match.relevant]
     assert relevant[: len(found)] == found
     assert f'"{found[0]}"' in answer.sentence
@@ -72,7 +72,7 @@ def test_an_ambiguous_question_is_answered_with_the_precise_label(
 def test_what_is_not_there_is_said_to_be_absent(ask: Ask, text: str) -> None:
     for labels in (_KITCHEN, _WORKSHOP):
         answer = ask(labels, text)
-        assert answer.verdict == "absent" and not any(match.relevant for match in answer.matches)
+        assert answer.is_absent and not any(match.relevant for match in answer.matches)
 
 
 def test_an_everyday_kind_is_a_kind(ask: Ask) -> None:

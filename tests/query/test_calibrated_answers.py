@@ -10,6 +10,7 @@ import pytest
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
+from tests.query.decisions import decided
 
 
 @pytest.mark.parametrize(
@@ -22,26 +23,27 @@ def test_calibrated_answers_of_any_dictionary_are_whole(
     index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), calibrated_encoder, settings)
     assert index.calibrated
     for text in ("茶壶", "🧸", "object", "thing 0x", "where?"):
-        sets = [index.ask([text], coverage=coverage)[0] for coverage in (1e-9, 0.5, 0.9, 1 - 1e-9)]
+        ranked = [decided(index, text, coverage=coverage)[0] for coverage in (1e-9, 0.5, 0.9, 1 - 1e-9)]
+        sets, verdict = [each.answer for each in ranked], ranked[0].verdict
         for answer in sets:
             named = count > 0 and text == "thing 0x"
-            assert len(answer.matches) == count and (answer.decided_by == "name") == named
+            assert len(answer.matches) == count and ranked[0].named == named
             assert 0 <= answer.presence <= 1
-            assert (answer.probability is None) == (answer.verdict == "undecided")
-            assert answer.probability is None or 0.5 <= answer.probability <= 1 or answer.verdict == "related"
+            assert (answer.probability is None) == (verdict == "undecided")
+            assert answer.probability is None or 0.5 <= answer.probability <= 1 or verdict == "related"
             assert answer.presence >= max((match.probability for match in answer.matches), default=0)
-            if answer.verdict == "absent":
+            if verdict == "absent":
                 assert answer.probability == pytest.approx(1 - answer.presence)
             assert answer.label_set and set(answer.label_set) <= set(range(count + 1))
             assert all(0 <= match.probability <= 1 and 0 <= match.relevancy <= 1 for match in answer.matches)
             if named:
                 assert answer.label_set == (1,) and answer.probability == 1
         sizes = [len(answer.label_set) for answer in sets]
-        assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or sets[0].decided_by == "name")
-        assert {(answer.verdict, answer.matches) for answer in sets} == {(sets[0].verdict, sets[0].matches)}
+        assert sizes == sorted(sizes) and sizes[0] == 1 and (sizes[-1] == count + 1 or ranked[0].named)
+        assert {(each.verdict, each.answer.matches) for each in ranked} == {(verdict, sets[0].matches)}
         if not count:
             assert (
-                sets[0].verdict == ("undecided" if text in ("茶壶", "🧸", "where?") else "absent")
+                verdict == ("undecided" if text in ("茶壶", "🧸", "where?") else "absent")
                 and sets[0].presence == 0
                 and sets[-1].label_set == (0,)
             )

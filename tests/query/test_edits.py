@@ -18,6 +18,7 @@ from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError, NotFoundError
 from fastsplat_contract.poses import Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
 from tests.scenes import evidence_from_dense
 
@@ -68,6 +69,10 @@ def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any)
     assert not opened(after).mask3d(opened(after).ask(["mug"])[0]).any()
 
 
+def _mugs(index: SceneIndex) -> list[SceneThing]:
+    return [thing for thing in index.things.listed if thing.name == "mug"]
+
+
 def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened: Open) -> None:
     strays = np.array([3, 50, 120, 200])
     scene = scene_of([MUG, replace(BOOK, centre=(0.1, 0.01, 0.04))])  # side by side, 1 cm apart or nearer
@@ -79,18 +84,16 @@ def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened:
     rows = edited_rows(index, Edit("remove", label="mug"))
     assert {*strays.tolist(), 7} <= set(rows.tolist()) and (np.diff(rows) > 0).all()
     assert len(np.setdiff1d(rows, np.arange(MUG.count))) <= 0.05 * BOOK.count
-    (mug,) = (thing for thing in index.objects if thing.label == "mug")
-    np.testing.assert_array_equal(edited_rows(index, Edit("remove", object_id=mug.id)), rows)
+    (mug,) = _mugs(index)
+    np.testing.assert_array_equal(edited_rows(index, Edit("remove", things=(mug.id,))), rows)
 
 
 def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
     aside = np.eye(4)
     aside[0, 3] = 0.2
     two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
-    first, second = (thing for thing in two.objects if thing.label == "mug")
-    (left,) = (
-        thing for thing in opened(apply_edit(two, Edit("remove", object_id=first.id))).objects if thing.label == "mug"
-    )
+    first, second = _mugs(two)
+    (left,) = _mugs(opened(apply_edit(two, Edit("remove", things=(first.id,)))))
     np.testing.assert_allclose(left.centroid, second.centroid, atol=1e-6)
 
 
@@ -198,9 +201,9 @@ STRETCHED, NAN = Pose(STILL, Quaternion(0, 0, 1, 1)), Pose(STILL, Quaternion(0, 
     ("edit", "error", "field"),
     [
         (Edit("remove", label="submarine"), NotFoundError, "label"),
-        (Edit("remove", object_id="9-9"), NotFoundError, "object_id"),
+        (Edit("remove", things=(9,)), NotFoundError, "things[0]"),
         (Edit("remove"), InvalidInputError, "label"),
-        (Edit("remove", label="mug", object_id="1-1"), InvalidInputError, "label"),
+        (Edit("remove", label="mug", things=(1,)), InvalidInputError, "label"),
         (Edit("paint", label="mug"), InvalidInputError, "action"),
         (Edit("recolor", label="mug"), InvalidInputError, "color"),
         (Edit("recolor", label="mug", color=(2, 0, 0)), InvalidInputError, "color"),

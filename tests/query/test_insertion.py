@@ -57,7 +57,7 @@ def test_an_inserted_thing_is_the_thing_moved(opened: Open, here: int, there: in
     index = opened(after)
     assert [(thing.id, thing.name) for thing in index.things.listed] == [(1, "book"), (2, "cup")]
     (cup, book) = index.ask(["cup", "book"])
-    assert cup.verdict == book.verdict == "exact" and (cup.things, book.things) == ((2,), (1,))
+    assert cup.outcome == book.outcome == "here" and (cup.things, book.things) == ((2,), (1,))
     np.testing.assert_array_equal(np.flatnonzero(index.mask3d(cup)), np.arange(count, count + MUG.count))
     alone = opened(apply_edit(index, Edit("remove", things=(1,))))
     rest = opened(apply_edit(opened(moved), Edit("remove", label="lid")))

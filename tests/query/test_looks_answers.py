@@ -15,7 +15,7 @@ from fastsplat.service.perception.image_text import open_image_text
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.query.language.probability import Logistic
 from fastsplat.service.query.language.query_text import check_query
-from fastsplat.service.query.phrases.thing_looks import LooksCalibration, LooksModel, ThingLooks, looks_calibration
+from fastsplat.service.query.phrases.thing_looks import LooksModel, ThingLooks
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Looks, Scene, Thing
@@ -24,7 +24,7 @@ from tests.looks_model import COLORS, MODEL, write_looks_model
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
-_CALIBRATION = LooksCalibration(ratio=Logistic(score=8.0, lead=2.0, offset=-4.0), date="2026-11-26", figures={})
+_RATIO = Logistic(score=8.0, lead=2.0, offset=-4.0)
 
 
 def _looks(model: LooksModel, color: str) -> Looks:
@@ -36,7 +36,7 @@ def _looks(model: LooksModel, color: str) -> Looks:
 def model(tmp_path_factory: pytest.TempPathFactory) -> LooksModel:
     models: Path = tmp_path_factory.mktemp("models")
     write_looks_model(models)
-    return LooksModel(open_image_text(PerceptionSettings(image_text=MODEL), models), _CALIBRATION)
+    return LooksModel(open_image_text(PerceptionSettings(image_text=MODEL), models), _RATIO)
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +112,7 @@ def test_looks_and_what_was_known_before_are_one_likelihood(model: LooksModel) -
     assert odds[1] / odds[0] == pytest.approx(0.01 / 0.99, rel=1e-3)
 
 
-def test_looks_of_another_model_and_models_that_nobody_measured_say_nothing(model: LooksModel) -> None:
+def test_looks_of_another_model_say_nothing(model: LooksModel) -> None:
     other = _looks(model, "red")._replace(sha256="0" * 64)
     assert not ThingLooks((Thing(1, looks=other),), model) and not ThingLooks((Thing(1),), model)
     assert not ThingLooks((Thing(1, looks=_looks(model, "red")),), None)
-    assert looks_calibration(model.encoder.name, model.encoder.sha256) is None

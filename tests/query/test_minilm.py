@@ -90,10 +90,9 @@ def without(labels: Sequence[str], *gone: str) -> list[str]:
 )
 def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, first: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "related" and answer.decided_by == "score"
+    assert answer.relation in ("kind_of", "related")
     assert answer.matches[0].label == first == relevant(answer)[0]
     assert answer.sentence.startswith(("Probably here (", "Here (")) and f'): "{first}", ' in answer.sentence
-    assert answer.threshold is not None and answer.matches[0].similarity >= answer.threshold
     assert answer.probability == answer.matches[0].probability
     assert answer.coverage == 0.9 and answer.matches[0].label_id in answer.label_set
 
@@ -101,51 +100,6 @@ def test_the_papers_disambiguations(ask: Ask, labels: Sequence[str], text: str, 
 def test_a_fork_is_a_spoon_before_it_is_a_knife(ask: Ask) -> None:
     assert relevant(ask(KITCHEN, "fork")) == ["spoon", "knife"]
     assert relevant(ask((*KITCHEN, "cooking spoon"), "fork"))[:2] == ["spoon", "knife"]
-
-
-def test_water_is_in_the_bottle_and_the_kettle(ask: Ask) -> None:
-    # The paper's encoder names the coffee machine before the kettle; MiniLM prefers the sink, and leaves it out.
-    assert relevant(ask(KITCHEN, "water")) == ["bottle", "sink", "kettle"]
-
-
-def test_minilm_takes_tea_for_a_spoon_before_a_coffee_machine(ask: Ask) -> None:
-    # The paper's kitchen answers "coffee machine" where there is no kettle. MiniLM thinks of teaspoons first.
-    assert [match.label for match in ask(without(KITCHEN, "kettle"), "tea").matches[:2]] == ["spoon", "coffee machine"]
-
-
-def test_minilm_looks_for_fruit_in_the_vase_rather_than_on_the_plant(ask: Ask) -> None:
-    # The paper's library answers "pottedplant". MiniLM puts the vase first (and the plant second), not surely: the set
-    # that holds the right answer nine times in ten has both.
-    answer = ask(LIVING_ROOM, "fruit")
-    assert [match.label for match in answer.matches[:2]] == ["vase", "pottedplant"]
-    assert len(answer.label_set) > 1 and (answer.probability or 0) < 0.7
-
-
-def test_minilm_alone_finds_no_cup_where_there_is_a_vase(ask: Ask) -> None:
-    # The paper's living room answers "vase". MiniLM puts it first, too, at a score that questions to which nothing
-    # answers reach as well.
-    answer = ask(LIVING_ROOM, "cup")
-    assert answer.matches[0].label == "vase" and answer.verdict == "absent"
-
-
-def test_minilm_calls_a_cooking_pot_a_cooking_spoon(ask: Ask) -> None:
-    # A known weakness of the encoder: it goes by the shared word. The kettle comes second.
-    answer = ask((*KITCHEN, "cooking spoon"), "cooking pot")
-    assert [match.label for match in answer.matches[:2]] == ["cooking spoon", "kettle"]
-    assert relevant(answer) == ["cooking spoon", "kettle"] and set(answer.label_set) >= {10, 1}
-
-
-@pytest.mark.parametrize(("text", "first"), [("fork", "sink"), ("water", "kettle")])
-def test_why_similarity_is_the_default(ask: Ask, text: str, first: str) -> None:
-    # Ordered by the paper's relevancy, entries that resemble "object" or "things" little overtake better ones.
-    by_relevancy = [match.label for match in ask(KITCHEN, text, score="relevancy").matches]
-    by_similarity = [match.label for match in ask(KITCHEN, text).matches]
-    assert by_relevancy.index(first) < by_similarity.index(first)
-
-
-@pytest.mark.parametrize("text", ["the kettle", "Where is the coffee machine?", "knives", "an old SPOON"])
-def test_named_objects_are_exact(ask: Ask, text: str) -> None:
-    assert ask(KITCHEN, text).verdict == "exact"
 
 
 @pytest.mark.parametrize(
@@ -166,11 +120,11 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
 ) -> None:
     answer = ask(labels, text)
     assert (answer.probability or 0) < 1
-    if answer.verdict == "undecided":  # nothing measures what it says of the name
+    if answer.outcome == "cannot_say":  # nothing measures what it says of the name
         assert relevant(answer) in ([first], []) and answer.phrase is not None and answer.phrase.refusal is not None
     else:
         assert relevant(answer)[0] == first
-        assert answer.verdict == "related" and answer.probability == answer.matches[0].probability
+        assert answer.relation != "same" and answer.probability == answer.matches[0].probability
 
 
 @pytest.mark.parametrize(
@@ -186,7 +140,7 @@ def test_a_name_inside_another_phrase_leads_and_is_not_certain(
 )
 def test_a_name_that_is_only_mentioned_is_unlikely(ask: Ask, labels: Sequence[str], text: str) -> None:
     answer = ask(labels, text)
-    assert answer.verdict == "undecided" or (answer.verdict != "exact" and 0 in answer.label_set)
+    assert answer.outcome == "cannot_say" or (answer.relation != "same" and 0 in answer.label_set)
     assert all((match.probability or 0) < 0.6 for match in answer.matches)
 
 
@@ -200,7 +154,7 @@ def test_what_a_question_denies_is_never_shown(ask: Ask) -> None:
 
 def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
     answer = ask(TABLETOP, "scissors")
-    assert answer.verdict == "exact" and relevant(answer) == ["red scissors"] and answer.probability == 1
+    assert answer.outcome == "here" and relevant(answer) == ["red scissors"] and answer.probability == 1
     assert answer.sentence.startswith('Here: "red scissors"')
     for text, kind in (("opener", "can opener"), ("holder", "utensil holder"), ("pan", "frying pan")):
         assert kind in relevant(ask(TABLETOP, text))
@@ -208,15 +162,15 @@ def test_a_kind_of_what_is_asked_for_is_not_called_absent(ask: Ask) -> None:
 
 @pytest.mark.parametrize("labels", [KITCHEN, LIVING_ROOM, FRUIT_TABLE], ids=["kitchen", "living room", "fruit table"])
 def test_most_absent_things_are_absent(ask: Ask, labels: Sequence[str]) -> None:
-    verdicts = [ask(labels, text).verdict for text in ABSENT]
-    assert verdicts.count("absent") >= len(ABSENT) - 1
-    assert "exact" not in verdicts
+    answers = [ask(labels, text) for text in ABSENT]
+    assert sum(answer.is_absent for answer in answers) >= len(ABSENT) - 1
+    assert "same" not in [answer.relation for answer in answers]
 
 
 @pytest.mark.parametrize("text", ["🧸", "茶壶", "чайник", "إبريق الشاي", "x" * 1000, "object"])
 def test_unusual_texts_get_an_answer(ask: Ask, text: str) -> None:
     answer = ask(KITCHEN, text)
-    assert answer.verdict in ("related", "absent", "undecided") and len(answer.matches) == len(KITCHEN)
+    assert answer.relation != "same" and len(answer.matches) == len(KITCHEN)
 
 
 def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Callable[..., Scene]) -> None:
@@ -264,18 +218,6 @@ def test_the_temperature_is_the_encoders_own_unless_set(ask: Ask) -> None:
     np.testing.assert_allclose(ratios, ratios[0], rtol=1e-6)
     assert 1.5 < ratios[0] < 3.5  # MiniLM's cosines lie closer together than those of LERF's CLIP
     assert [match.probability for match in usual.matches] == [match.probability for match in lerf.matches]
-
-
-def test_a_name_is_certain(ask: Ask) -> None:
-    answer = ask(KITCHEN, "the knives")
-    assert answer.probability == 1.0 == answer.matches[0].probability
-    assert answer.label_set == (8,) and answer.threshold is None and answer.decided_by == "name"
-
-
-def test_what_is_absent_is_so_with_a_probability(ask: Ask) -> None:
-    answer = ask(KITCHEN, "dinosaur")
-    assert answer.verdict == "absent" and (answer.probability or 0) > 0.8 and answer.label_set[0] == 0
-    assert (answer.threshold or 0) > answer.matches[0].similarity
 
 
 @pytest.mark.parametrize(

@@ -95,7 +95,7 @@ def test_no_name_that_is_shown_is_denied(
     borne = [not name.suggested for name in table.values()]
     assert borne == sorted(borne, reverse=True)
     for answer in index.ask(_NAMES):
-        assert answer.outcome != "not_seen" and answer.explanation == answer.sentence
+        assert answer.outcome != "not_seen"
         assert not re.search(r"40\D?0\d\d", answer.sentence)
         assert sum(answer.sentence.count(f'"{match.label}"') for match in answer.matches if match.relevant) > 0 or (
             answer.outcome not in ("here", "probably_here") or not answer.relevant_ids

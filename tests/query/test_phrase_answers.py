@@ -96,7 +96,7 @@ def _reason(answer: Answer) -> str | None:
 )
 def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: str, things: set[int]) -> None:
     answer = _answer(index, text)
-    assert answer.phrase is not None and _reason(answer) is None and answer.verdict == "exact"
+    assert answer.phrase is not None and _reason(answer) is None and answer.outcome == "here"
     assert set(answer.phrase.things) == set(answer.things) == things
     names = {thing.id: thing.name for thing in index.things.listed}
     assert answer.outcome == "here" and answer.sentence.startswith("Here: ")
@@ -114,7 +114,7 @@ def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwis
     large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
     room.place("crate", box((0.1, 0.1, 0.1)), (-far, 0, 0), 0.0, _WOOD)
     answer = _answer(make(scene_of(room, 0, _WORLD)), "the crate nearest to the ball")
-    assert (answer.things == (large,) and answer.verdict == "exact") == nearest
+    assert (answer.things == (large,) and answer.outcome == "here") == nearest
     assert _reason(answer) == (None if nearest else "too_close")
 
 
@@ -129,7 +129,7 @@ def test_numbers_are_counted(index: SceneIndex) -> None:
 def test_what_nothing_fulfils_is_absent_and_nobody_says_how_probable_that_is(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
     assert answer.phrase is not None and _reason(answer) is None
-    assert answer.verdict == "absent" and answer.things == () == answer.relevant_ids
+    assert answer.is_absent and answer.things == () == answer.relevant_ids
     assert (
         answer.probability is None and answer.presence is None and answer.sentence.startswith("Not here: nothing is ")
     )
@@ -163,7 +163,7 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
 ) -> None:
     answer = _answer(index, text, asker)
     assert answer.phrase is not None and _reason(answer) == reason
-    assert (answer.verdict, answer.relation, answer.probability) == ("undecided", "undecided", None)
+    assert (answer.outcome, answer.relation, answer.probability) == ("cannot_say", "undecided", None)
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
     assert answer.phrase.count is None and answer.meant_things == answer.things
     names = {thing.id: thing.name for thing in index.things.listed}
@@ -174,7 +174,7 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
 @pytest.mark.parametrize("text", ["the piano on the table", "how many pianos are there?"])
 def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
-    assert answer.phrase is not None and (answer.verdict, _reason(answer), answer.things) == ("absent", None, ())
+    assert answer.phrase is not None and (answer.is_absent, _reason(answer), answer.things) == (True, None, ())
     assert answer.phrase.count == (0 if text.startswith("how") else None)
 
 
@@ -190,7 +190,7 @@ def test_without_a_vertical_nothing_is_on_anything(make: Callable[[Scene], Scene
 def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneIndex, text: str) -> None:
     answer = _answer(index, text)
     (plain,) = index.ranked.ranker.rank(check_query((text,), index.settings))
-    said = {name: getattr(answer, name) for name in ("outcome", "sentence", "explanation")}
+    said = {name: getattr(answer, name) for name in ("outcome", "sentence")}
     assert answer == replace(plain.answer, **said) and answer.phrase is None
 
 
@@ -208,7 +208,7 @@ def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex, make:
 def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> None:
     answer = _answer(index, "the red mug")
     assert (index.mask3d(answer) == (index.things.owner == _RED_MUG)).all()
-    assert [thing.thing_id for thing in index.objects_of(answer)] == [_RED_MUG]
+    assert [thing.id for thing in index.objects_of(answer)] == [_RED_MUG]
     pose = _WORLD @ look_at((0.2, -0.5, 1.0), (0.2, 0.1, 0.8))
     view = PosedCamera(Camera(96, 72, 90.0, 90.0, 48.0, 36.0), pose)
     inside = index.things.map(view) == _RED_MUG

@@ -19,7 +19,8 @@ from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Gaussians, Scene
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.poses import pose_of
-from fastsplat_contract.scenes import Edit, SceneObject
+from fastsplat_contract.scenes import Edit
+from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
 
 MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
@@ -33,17 +34,17 @@ def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
     return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
 
 
-def named(index: SceneIndex, label: str) -> list[SceneObject]:
-    return [thing for thing in index.objects if thing.label == label]
+def named(index: SceneIndex, label: str) -> tuple[SceneThing, ...]:
+    return index.objects_of(index.ask([label])[0])
 
 
 def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
     index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
-    assert [thing.label for thing in index.objects] == ["mug", "book", "table"]
-    for thing, truth in zip(index.objects, (MUG, BOOK, TABLE), strict=True):
+    assert [(thing.name, thing.label_id) for thing in index.things.listed] == [("mug", 1), ("book", 2), ("table", 3)]
+    for thing, truth in zip(index.things.listed, (MUG, BOOK, TABLE), strict=True):
         assert thing.meters and thing.gaussian_count == truth.count
-        assert index.things.rows([thing.thing_id]).sum() == truth.count
-        assert 0.99 < thing.score <= 1
+        assert index.things.rows([thing.id]).sum() == truth.count
+        assert 0.99 < thing.probability <= 1
         np.testing.assert_allclose(thing.centroid, truth.centre, atol=0.1 * max(truth.size))
         np.testing.assert_allclose(thing.box.center.position, truth.centre, atol=0.05 * max(truth.size))
         np.testing.assert_allclose(thing.box.size, truth.size, rtol=0.1, atol=1e-3)
@@ -60,21 +61,22 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
     first, second = named(twice, "mug")
     np.testing.assert_allclose(np.abs(np.subtract(second.centroid, first.centroid)), (0.16, 0, 0), atol=1e-6)
     np.testing.assert_allclose(first.box.size, second.box.size, rtol=1e-4)
-    (answer,) = twice.ask(["where are the mugs?"])
-    assert [thing.id for thing in twice.objects_of(answer)] == [first.id, second.id]
-    one, other = (twice.things.rows([thing.thing_id]) for thing in (first, second))
+    one, other = (twice.things.rows([thing.id]) for thing in (first, second))
     assert not (one & other).any()
 
 
 def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
     stray = BoxShell("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
-    index = opened(scene_of([MUG, stray, BOOK, TABLE]))
-    for answer in index.ask(["mug", "book", "submarine"]):
+    small = replace(MUG, centre=(0.6, 0.1, 0.04), count=100)
+    index = opened(scene_of([small, MUG, stray, BOOK, TABLE]))
+    for answer in index.ask(["where are the mugs?", "book", "submarine"]):
         mask = index.mask3d(answer)
         things = index.objects_of(answer)
-        rows = index.things.rows([thing.thing_id for thing in things])
+        sizes = [thing.gaussian_count for thing in things]
+        assert sizes == sorted(sizes, reverse=True)
+        rows = index.things.rows([thing.id for thing in things])
         assert mask[rows].all() and sum(thing.gaussian_count for thing in things) == rows.sum()
-        assert rows.sum() == mask.sum() - (2 if answer.text == "mug" else 0)
+        assert rows.sum() == mask.sum() - (2 if "mugs" in answer.text else 0)
 
 
 def test_a_speck_is_no_object_and_a_large_rest_is(opened: Open) -> None:
@@ -90,7 +92,7 @@ def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
     gaussians = scene.gaussians
     log_scales = gaussians.log_scales.copy()
     log_scales[-1] = np.log(0.5)
-    assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).objects) == 2
+    assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).things.listed) == 2
 
 
 def test_dense_clumps_hang_together_with_what_they_touch(opened: Open) -> None:
@@ -99,13 +101,13 @@ def test_dense_clumps_hang_together_with_what_they_touch(opened: Open) -> None:
     rng = np.random.default_rng(0)
     means[300:] = np.repeat(means[:30], 30, axis=0) + rng.normal(0, 1e-5, (900, 3))  # each has neighbours of its own
     gaussians = replace(scene.gaussians, means=means, log_scales=scene.gaussians.log_scales + np.float32(np.log(2)))
-    assert len(opened(replace(scene, gaussians=gaussians)).objects) == 1
+    assert len(opened(replace(scene, gaussians=gaussians)).things.listed) == 1
 
 
 def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
     scene = scene_of([replace(MUG, count=20_000)])
     gaussians = replace(scene.gaussians, means=np.ones_like(scene.gaussians.means))
-    (mug,) = opened(replace(scene, gaussians=gaussians)).objects
+    (mug,) = opened(replace(scene, gaussians=gaussians)).things.listed
     assert mug.gaussian_count == 20_000
     np.testing.assert_allclose(mug.box.size, 0, atol=1e-6)
 
@@ -118,11 +120,11 @@ def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_ha
     means[20] = np.nan
     gaussians = replace(scene.gaussians, logit_opacities=logit_opacities, means=means)
     index = opened(replace(scene, gaussians=gaussians))
-    (mug,) = index.objects
-    assert mug.gaussian_count == MUG.count - 1 and not index.things.rows([mug.thing_id])[20]
+    (mug,) = index.things.listed
+    assert mug.gaussian_count == MUG.count - 1 and not index.things.rows([mug.id])[20]
     seen = np.setdiff1d(np.arange(MUG.count), [*range(10), 20])
     rest = {name: array[seen] for name, array in vars(scene.gaussians).items()}
-    (alone,) = opened(replace(scene, gaussians=Gaussians(**rest))).objects
+    (alone,) = opened(replace(scene, gaussians=Gaussians(**rest))).things.listed
     assert mug.box == alone.box and mug.centroid == alone.centroid
 
 
@@ -132,12 +134,12 @@ def test_nothing_has_no_objects(opened: Open) -> None:
     none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
     for gaussians in (unlabelled, replace(scene.gaussians, **none)):
         index = opened(replace(scene, gaussians=gaussians))
-        assert index.objects == () and index.objects_of(index.ask(["mug"])[0]) == ()
+        assert index.things.listed == () and named(index, "mug") == ()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_few_gaussians_still_have_a_box(opened: Open, count: int) -> None:
-    (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).objects
+    (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).things.listed
     assert mug.gaussian_count == count
     assert np.isfinite([*mug.box.center.position, *mug.box.size, *mug.box.center.orientation]).all()
     assert np.linalg.norm(mug.box.center.orientation) == pytest.approx(1)
@@ -147,9 +149,8 @@ def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> No
     scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
     write_scene(scene, tmp_path / "scene")
     before, after = opened(scene), opened(read_scene(tmp_path / "scene"))
-    assert [thing.id for thing in before.objects] == ["1-1", "1-2", "2-1", "3-1"]
     np.testing.assert_array_equal(before.things.owner, after.things.owner)
-    assert before.objects == after.objects
+    assert before.things.listed == after.things.listed
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -162,8 +163,8 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
     moved = with_cameras_moved(moved, pose)
     still, there = opened(scene), opened(moved)
     np.testing.assert_array_equal(still.things.owner, there.things.owner)
-    for a, b in zip(still.objects, there.objects, strict=True):
-        assert a.id == b.id and a.best_views == b.best_views
+    for a, b in zip(still.things.listed, there.things.listed, strict=True):
+        assert a.id == b.id and still.things.best_views([a.id]) == there.things.best_views([b.id])
         np.testing.assert_allclose(pose[:3, :3] @ a.centroid + pose[:3, 3], b.centroid, atol=1e-5)
         np.testing.assert_allclose(pose[:3, :3] @ a.box.center.position + pose[:3, 3], b.box.center.position, atol=1e-4)
         np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
@@ -175,8 +176,10 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
 def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
     flat = BoxShell("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
     pose = rigid(7)
-    (a,) = opened(scene_of([flat])).objects
-    (b,) = opened(apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose_of(pose)))).objects
+    (a,) = opened(scene_of([flat])).things.listed
+    (b,) = opened(
+        apply_edit(opened(scene_of([flat])), Edit("move", label="book", transform=pose_of(pose)))
+    ).things.listed
     np.testing.assert_allclose(a.box.size, flat.size, rtol=0.1, atol=2e-3)
     np.testing.assert_allclose(a.box.size, b.box.size, atol=2e-4)
 
@@ -202,8 +205,8 @@ def test_best_views_look_at_the_thing_and_nothing_stands_between(opened: Open) -
     index = opened(scene_of([mug, wall], cameras))
     assert named(index, "mug")[0].best_views == ("near.jpg", "far.jpg")
     many = opened(scene_of([mug], orbit(100)))
-    assert len(many.objects[0].best_views) == 5
-    assert opened(scene_of([mug])).objects[0].best_views == ()
+    assert len(named(many, "mug")[0].best_views) == 5
+    assert named(opened(scene_of([mug])), "mug")[0].best_views == ()
 
 
 def test_an_answer_of_another_scene_has_no_objects_here(opened: Open) -> None:
@@ -214,4 +217,4 @@ def test_an_answer_of_another_scene_has_no_objects_here(opened: Open) -> None:
 
 def test_objects_need_no_renderer(opened: Open) -> None:
     index = opened(scene_of([MUG, TABLE], orbit()))
-    assert index.objects and index._renderer is None
+    assert named(index, "mug") and index._renderer is None

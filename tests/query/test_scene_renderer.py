@@ -48,7 +48,7 @@ def test_the_label_map_is_the_union_of_the_masks(index: SceneIndex, front: Posed
 
 def test_a_mask_of_more_entries_is_the_union(index: SceneIndex, front: PosedCamera) -> None:
     cup, mug, spoon = index.ask(["cup", "mug", "spoon"])
-    assert cup.verdict == "related" and set(cup.relevant_ids) == {1, 2}
+    assert cup.relation == "related" and set(cup.relevant_ids) == {1, 2}
     both = index.mask2d(mug, front).mask | index.mask2d(spoon, front).mask
     np.testing.assert_array_equal(index.mask2d(cup, front).mask, both)
     np.testing.assert_array_equal(index.mask3d(cup), index.mask3d(mug) | index.mask3d(spoon))

@@ -148,7 +148,7 @@ def test_an_absence_is_said_only_where_enough_is_seen(opened: Open, stored: bool
         if stored:
             index = opened(index.things.scene)
         piano, mug = index.ask(["piano", "mug"])
-        assert (piano.outcome, piano.verdict, mug.outcome) == (outcome, "absent", "here")
+        assert (piano.outcome, mug.outcome) == (outcome, "here")
         assert piano.is_absent and not piano.things and not piano.relevant_ids
         if outcome == "not_seen":
             assert piano.probability is None

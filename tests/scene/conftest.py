@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +21,12 @@ def some_evidence(count: int, labels: int, seed: int = 0) -> Evidence:
     rng = np.random.default_rng(seed)
     rows, names = np.nonzero(rng.random((count, labels + 1)) < 0.5)
     return evidence_of(rows, names, rng.integers(1, 40_960, len(rows)), count)
+
+
+def sealed(body: dict[str, Any]) -> str:
+    """`scene.json` with a digest that fits it."""
+    body.pop("sha256", None)
+    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -31,6 +30,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.thing_reads import ThingRead
+from tests.scene.conftest import sealed
 
 IDS = (2, 5, 9)
 
@@ -89,26 +89,6 @@ def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Sc
     assert not (tmp_path / "v1" / "things.safetensors").exists()
 
 
-def test_a_scene_of_the_third_schema_has_no_things(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
-    write_scene(make_scene(evidence=True), tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = {**json.loads(path.read_text()), "schema": 3}
-    del body["things"]
-    path.write_text(_sealed(body))
-    read = read_scene(tmp_path / "v1")
-    assert read.things is None and read.evidence is not None
-
-
-def test_a_scene_of_the_tenth_schema_has_things_and_no_groups(scene: Scene, tmp_path: Path) -> None:
-    write_scene(scene, tmp_path / "v1")
-    path = tmp_path / "v1" / "scene.json"
-    body = {**json.loads(path.read_text()), "schema": 10}
-    del body["things"]["groups"]
-    path.write_text(_sealed(body))
-    read = read_scene(tmp_path / "v1").things
-    assert scene.things is not None and read is not None and (read.table, read.groups) == (scene.things.table, ())
-
-
 def test_neither_surfaces_nor_things_without_gaussians_count(scene: Scene) -> None:
     things = scene.things
     assert things is not None
@@ -143,7 +123,7 @@ def test_a_table_that_lacks_a_thing_is_refused_on_both_ways(scene: Scene, tmp_pa
     body = json.loads(path.read_text())
     body["things"]["table"].pop()
     body["things"]["groups"].clear()
-    path.write_text(_sealed(body))
+    path.write_text(sealed(body))
     with pytest.raises(SceneFileError, match="thing 9"):
         read_scene(tmp_path / "v1")
 
@@ -168,7 +148,7 @@ def test_a_damaged_row_says_so(scene: Scene, tmp_path: Path, rows: str, change: 
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text())
     body["things"][rows][0] |= change
-    path.write_text(_sealed(body))
+    path.write_text(sealed(body))
     with pytest.raises(SceneFileError, match="malformed"):
         read_scene(tmp_path / "v1")
 
@@ -237,28 +217,3 @@ def test_things_follow_the_rows(scene: Scene) -> None:
     assert taken is not None and taken.table == scene.things.table
     assert (thing_rows(taken) == thing_rows(scene.things)[rows]).all()
     assert things_of_rows(None, rows) is None
-
-
-def _bare(things: Things) -> Scene:
-    """A scene of as many Gaussians, without labels."""
-    from fastsplat.service.common.dictionary import Dictionary
-    from fastsplat.service.scene.types import Gaussians, SemanticHead
-
-    count = len(things.membership)
-    zeros = {name: np.zeros((count, width), np.float32) for name, width in (("means", 3), ("quats", 4))}
-    gaussians = Gaussians(
-        **zeros,
-        log_scales=np.zeros((count, 3), np.float32),
-        logit_opacities=np.zeros(count, np.float32),
-        sh=np.zeros((count, 1, 3), np.float32),
-        codes=np.zeros((count, 0), np.float32),
-    )
-    head = SemanticHead(np.zeros((1, 0), np.float32), np.zeros(1, np.float32))
-    embeddings = np.zeros((0, 8), np.float32)
-    return Scene(gaussians, head, Dictionary(()), embeddings, ("none", ""), (), "ARBITRARY", things=things)
-
-
-def _sealed(body: dict[str, object]) -> str:
-    """`scene.json` with a digest that fits it."""
-    body.pop("sha256", None)
-    return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})

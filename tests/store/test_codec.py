@@ -1,4 +1,4 @@
-"""JSON columns: what is written is read back as it was, also what earlier releases wrote."""
+"""JSON columns: what is written is read back as it was."""
 
 from __future__ import annotations
 
@@ -26,12 +26,6 @@ _OPTIONS = st.builds(
 @given(_OPTIONS)
 def test_options_come_back_as_they_were(options: SceneOptions) -> None:
     assert options_from_json(json.loads(json.dumps(options_to_json(options)))) == options
-
-
-def test_options_of_earlier_releases_can_be_read() -> None:
-    first = {"admitted": "x", "labels": ["mug"], "time_budget_s": None, "max_gaussians": 500}
-    assert options_from_json(first) == SceneOptions(labels=("mug",), max_gaussians=500)
-    assert options_from_json({**first, "preset": "best"}).preset == "best"
 
 
 _COORDINATE = st.floats(-1e6, 1e6)

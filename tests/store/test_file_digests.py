@@ -62,6 +62,6 @@ def test_a_missing_file_is_damage_and_an_unknown_one_is_not_vouched_for(blobs: B
         blobs.check_version(version)
 
 
-def test_a_version_of_a_release_without_digests_passes(blobs: Blobs, version: Path) -> None:
+def test_a_folder_without_digests_passes(blobs: Blobs, version: Path) -> None:
     (version / DIGESTS).unlink()
     blobs.check_version(version, "scene.ply")

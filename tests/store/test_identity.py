@@ -68,7 +68,7 @@ def _make(store: Store, scene_id: str) -> None:
     work.mkdir(parents=True)
     (work / "scene.ply").write_text(scene_id)
     store.blobs.publish(work, scene_id, "v1")
-    store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {}))
+    store.jobs.succeed(claim, SceneSummary("v1", 5, "METRIC", (), (), {}, 0))
 
 
 def _scenes(place: Path) -> list[str]:
@@ -152,7 +152,7 @@ def test_an_older_database_put_back_costs_no_scene_that_was_made_since(
     assert "made-since" in caplog.text
 
 
-def test_a_folder_and_a_database_of_before_get_their_id(place: Path, artefacts: ArtefactSettings) -> None:
+def test_a_folder_or_a_database_without_an_id_gets_that_of_the_other(place: Path, artefacts: ArtefactSettings) -> None:
     def forget(*of: str) -> None:
         for path in (place / "data/.identity", place / "bucket/identity"):
             if "folder" in of:
@@ -163,7 +163,7 @@ def test_a_folder_and_a_database_of_before_get_their_id(place: Path, artefacts: 
                 connection.execute(delete(identity))
             engine.dispose()
 
-    for of in (("folder", "database"), ("database",), ("folder",)):
+    for of in (("database",), ("folder",)):
         forget(*of)
         with closing(open_store(place / "data", "", artefacts)) as store, store.engine.begin() as connection:
             assert connection.execute(text("SELECT id FROM identity")).all() == [(store.blobs.identity(),)]

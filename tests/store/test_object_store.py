@@ -71,8 +71,8 @@ def test_what_one_machine_publishes_every_other_reads_byte_for_byte(here, there,
 
 def test_an_upload_reaches_workers_that_share_no_folder(here, there):
     _made(here.upload("up"), "what the user sent")
-    (here.upload("up") / ".admitted").mkdir()
-    (here.upload("up") / ".admitted" / "manifest.json").write_text("[]")
+    (here.upload("up") / ".validated").mkdir()
+    (here.upload("up") / ".validated" / "manifest.json").write_text("[]")
     here.keep_upload("up")
     assert 0 <= there.upload_age("up") < 3600 and there.ids("uploads") == ("up",)
     assert _content(there.fetch_upload("up")) == _content(here.upload("up"))

@@ -31,7 +31,7 @@ def _write(job: ClaimedJob, photos: object) -> None:
 
 def test_a_worker_writes_them_once_its_capture_stage_has(store: Store) -> None:
     job = _claimed(store)
-    job.note_photos()  # of a worker of an earlier release there is no file
+    job.note_photos()
     assert store.photos.of_scene(job.scene_id) == []
     _write(job, _PHOTOS)
     job.note_photos()

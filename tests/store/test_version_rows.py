@@ -11,15 +11,13 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from sqlalchemy import update
 
 from fastsplat.service.store.records import NewJob, SceneSummary
-from fastsplat.service.store.schema import scene_versions
 from fastsplat.service.store.store import Store, open_store
 from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.errors import ConflictError, NotFoundError
 
-_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0})
+_SUMMARY = SceneSummary("trained", 7, "METRIC", ({"label_id": 1, "label": "mug"},), (), {"psnr": 30.0}, 0)
 _TRIALS = 6
 """So many times writers race; without a lock, two of them are acknowledged nearly each time."""
 
@@ -43,11 +41,9 @@ def _scene(store: Store, number: int = 1) -> str:
     return scene_id
 
 
-def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None, beside: bool = False) -> NewVersion:
+def _new(scene_id: str, name: str, parent: str, max_versions: int | None = None) -> NewVersion:
     """A version whose request id says nothing of its age, as those of clients do."""
-    return NewVersion(
-        scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), max_versions=max_versions, beside=beside
-    )  # fmt: skip
+    return NewVersion(scene_id, name, parent, uuid.uuid4().hex, "d", 5, (), (), 0, max_versions=max_versions)
 
 
 def _lineage(store: Store, scene_id: str) -> list[str]:
@@ -109,7 +105,7 @@ _LINEAGES = {
 def _end_job(store: Store, scene_id: str, name: str) -> None:
     claim = store.jobs.claim(f"job of {scene_id}")
     assert claim is not None
-    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), ()), {})
+    store.jobs.succeed_with_version(claim, NewVersion(scene_id, name, "first", "", "", 5, (), (), 0), {})
 
 
 @pytest.mark.parametrize(("one", "other"), [*(("publish", other) for other in _WRITES), ("end of a job", "step_back")])
@@ -136,7 +132,7 @@ def test_a_version_that_is_restored_is_not_removed_at_the_same_moment(stores: tu
         scene_id = _scene(stores[0], number)
         stores[0].versions.publish(_new(scene_id, "old", "trained"))
         stores[0].versions.publish(_new(scene_id, "new", "old"))
-        newest = _new(scene_id, "newest", "trained", max_versions=2, beside=True)
+        newest = _new(scene_id, "newest", "new", max_versions=2)
         _at_once(
             partial(stores[0].versions.publish, newest),
             partial(stores[1].versions.restore, scene_id, "old"),
@@ -160,14 +156,6 @@ def test_a_redo_goes_to_the_version_that_was_left_whatever_the_clocks_say(
     assert store.versions.step_forward(scene_id, "trained").version == "first"
 
 
-def test_a_redo_takes_back_an_undo_though_a_version_was_put_beside(stores: tuple[Store, Store]) -> None:
-    store, scene_id = stores[0], _scene(stores[0])
-    store.versions.publish(_new(scene_id, "edited", "trained"))
-    store.versions.publish(_new(scene_id, "beside", "trained", beside=True))
-    store.versions.step_back(scene_id, "edited")
-    assert store.versions.step_forward(scene_id, "trained").version == "edited"
-
-
 def test_without_an_expected_version_an_undo_is_of_whatever_is_current(stores: tuple[Store, Store]) -> None:
     scene_id = _scene(stores[0])
     names = [f"e{number}" for number in range(6)]
@@ -185,13 +173,3 @@ def test_versions_go_in_the_transaction_that_deletes_their_scene(stores: tuple[S
     stores[0].versions.publish(_new(scene_id, "first", "trained"))
     stores[0].scenes.delete_scene(scene_id)
     assert not stores[1].versions.known(scene_id, "first") and not stores[1].versions.known(scene_id, "trained")
-
-
-def test_rows_without_a_number_of_their_own_are_kept_apart(stores: tuple[Store, Store]) -> None:
-    store, scene_id = stores[0], _scene(stores[0])
-    for parent, name in (("trained", "a"), ("a", "b"), ("b", "c")):
-        store.versions.publish(_new(scene_id, name, parent))
-    with store.engine.begin() as connection:
-        connection.execute(update(scene_versions).where(scene_versions.c.number > 1).values(number=3))
-    store.versions.publish(_new(scene_id, "d", "c"))
-    assert store.versions.of(store.scenes.scene(scene_id))[-1].version == "d"

@@ -101,3 +101,11 @@ def scene_up(cameras: Sequence[PosedCamera]) -> tuple[float, float, float]:
         level = np.linalg.solve(matrix, level)
         level /= np.linalg.norm(level)
     return float(level[0]), float(level[1]), float(level[2])
+
+
+def projected(posed: PosedCamera, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Where a camera shows points [N, 3]: x and y, pixels, and z, each [N]."""
+    matrix = posed.camera_from_world()
+    x, y, z = (points @ matrix[:3, :3].T + matrix[:3, 3]).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return posed.camera.fx * x / z + posed.camera.cx, posed.camera.fy * y / z + posed.camera.cy, z

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from playwright.sync_api import Browser, expect
 
-from fastsplat_contract.queries import QueryRequest
 from tests.api.proxy import proxied
 from tests.web.browser import Visit, visiting
 from tests.web.glow import page_view
@@ -64,15 +63,6 @@ def test_left_is_as_the_page_shows_it(place: Place, browser: Browser) -> None:
             _wait_for(visit, "answer$")
             visit.check_accessible()
     assert len(said) == len(set(said)) == 2
-
-
-def test_an_address_with_a_question_can_be_sent(place: Place, browser: Browser) -> None:
-    with visiting(browser, place.url, f"#/scenes/{place.scene_id}?q=ball&view={_VIEW}") as visit:
-        expect(visit.page.get_by_role("searchbox")).to_have_value("ball")
-        (answer,) = place.service.answers.query(QueryRequest(place.scene_id, ("ball",))).answers
-        expect(visit.page.locator(".verdict.here")).to_have_text(answer.sentence)
-        visit.at_rest()
-        assert f"view={_VIEW}" in visit.page.url  # nothing flies away from the view that was sent
 
 
 def test_the_camera_moves_by_keyboard_and_comes_home(place: Place, browser: Browser) -> None:

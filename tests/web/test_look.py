@@ -14,12 +14,10 @@ from playwright.sync_api import Browser, Locator, expect
 
 from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.store.blobs import remove
-from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.pictures import PictureRequest
 from tests.web.browser import Visit, drawn, visiting
-from tests.web.glow import pixels_of
+from tests.web.glow import pixels_of, projected, view_camera
 from tests.web.places import Place
-from tests.web.table import looking
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 _PLACES = {1: (-0.7, 0.0, 0.3), 2: (0.0, 0.3, 0.3), 3: (0.7, -0.1, 0.3)}
@@ -44,28 +42,28 @@ def _compared(visit: Visit, share: int) -> NDArray[np.float64]:
     """What is seen of photo and scene with the slider at a share, below the bar."""
     slider = visit.page.get_by_role("slider", name="How much of the picture is photo")
     slider.fill(str(share))
-    photo = visit.page.locator(".compared-photo")
-    box = photo.evaluate("(image) => { const { x, y, width, height } = image.getBoundingClientRect();"
-                         " return { x, y, width, height }; }")  # fmt: skip
-    bar = visit.page.locator(".compare-bar").bounding_box()
-    assert bar is not None
-    top = max(box["y"], bar["y"] + bar["height"] + 2)
+    box, top = _photo_below_bar(visit)
     bottom = min(box["y"] + box["height"], visit.page.viewport_size["height"])
     pixels = _shot(visit, {"x": box["x"], "y": top, "width": box["width"], "height": bottom - top})
     return pixels[2:-2, 2:-2]
 
 
-def _at(place: Place, picture: NDArray[np.float64], visit: Visit, view: str) -> NDArray[np.float64]:
-    """The server's picture of a view where `_compared` has cut it out."""
+def _photo_below_bar(visit: Visit) -> tuple[dict[str, float], float]:
+    """The photo's rectangle, and from where on the bar does not cover it."""
     box = visit.page.locator(".compared-photo").evaluate(
-        "(image) => { const { x, y, width, height } = image.getBoundingClientRect(); return [x, y, width, height]; }"
+        "(image) => { const { x, y, width, height } = image.getBoundingClientRect(); return { x, y, width, height }; }"
     )
     bar = visit.page.locator(".compare-bar").bounding_box()
     assert bar is not None
-    top = max(box[1], bar["y"] + bar["height"] + 2) - box[1]
+    return box, max(box["y"], bar["y"] + bar["height"] + 2)
+
+
+def _at(place: Place, picture: NDArray[np.float64], visit: Visit, view: str) -> NDArray[np.float64]:
+    """The server's picture of a view where `_compared` has cut it out."""
+    box, top = _photo_below_bar(visit)
     with Image.open(io.BytesIO(place.service.answers.picture(PictureRequest(place.scene_id, "rgb", view=view)))) as own:
-        large = own.convert("RGB").resize((round(box[2]), round(box[3])), Image.Resampling.BICUBIC)
-    pixels = np.asarray(large, dtype=np.float64)[round(top) + 2 :, 2:]
+        large = own.convert("RGB").resize((round(box["width"]), round(box["height"])), Image.Resampling.BICUBIC)
+    pixels = np.asarray(large, dtype=np.float64)[round(top - box["y"]) + 2 :, 2:]
     return pixels[: len(picture), : picture.shape[1]]
 
 
@@ -119,9 +117,9 @@ def test_cameras_are_drawn_where_they_are_and_a_click_flies_there(place: Place, 
         expect(visit.page).to_have_url(re.compile("look=cameras"))
         box = canvas.bounding_box()
         assert box is not None
-        seen_from = _view_camera(np.array([0.0, -8.0, 5.0]), np.array([0, 0, 0.2]), box["width"], box["height"])
+        seen_from = view_camera(np.array([0, -8, 5, 0, 0, 0.2]), round(box["width"]), round(box["height"]))
         for posed in place.service.get_scene(place.scene_id).cameras:
-            x, y = _pixel(seen_from, posed.world_from_camera[:3, 3])
+            x, y, _ = projected(seen_from, posed.world_from_camera[:3, 3])
             dot = visit.page.locator(f'.frusta [data-camera="{posed.name}"] circle.hit').bounding_box()
             assert dot is not None
             assert abs(dot["x"] + dot["width"] / 2 - box["x"] - x) < 1
@@ -177,25 +175,13 @@ def _check_legend(legend: Locator, colors: dict[int, NDArray[np.float64]]) -> No
 
 def _balls(visit: Visit, box: dict[str, float]) -> dict[int, NDArray[np.float64]]:
     """The color in the middle of each ball, by thing id."""
-    camera = _view_camera(np.array([0, -3.2, 1.6]), np.array([0, 0, 0.2]), box["width"], box["height"])
+    camera = view_camera(np.array([0, -3.2, 1.6, 0, 0, 0.2]), round(box["width"]), round(box["height"]))
     pixels = _shot(visit, box)
     colors = {}
     for thing, middle in _PLACES.items():
-        x, y = _pixel(camera, np.array(middle))
+        x, y, _ = projected(camera, np.array(middle))
         colors[thing] = pixels[int(y) - 4 : int(y) + 4, int(x) - 4 : int(x) + 4].mean(axis=(0, 1))
     return colors
-
-
-def _view_camera(
-    position: NDArray[np.float64], target: NDArray[np.float64], width: float, height: float
-) -> PosedCamera:
-    focal = max(width, height) / 2 / np.tan(np.radians(55) / 2)
-    return looking(position, target, Camera(round(width), round(height), focal, focal, width / 2, height / 2))
-
-
-def _pixel(posed: PosedCamera, point: NDArray[np.float64]) -> tuple[float, float]:
-    x, y, z = posed.camera_from_world()[:3, :3] @ point + posed.camera_from_world()[:3, 3]
-    return posed.camera.fx * x / z + posed.camera.cx, posed.camera.fy * y / z + posed.camera.cy
 
 
 def test_an_answer_and_a_thing_have_the_photos_that_show_them_best(place: Place, webgl_browser: Browser) -> None:

@@ -6,23 +6,23 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, expect
 
-from benchmarks.naming.replay import named, replayed
+from benchmarks.naming.replay import replayed
 from fastsplat.service.settings import NamerSettings
+from fastsplat_contract.json_codec import to_plain
+from fastsplat_contract.name_suggestions import NamerResult
 from fastsplat_contract.scenes import Edit
 from tests.web.browser import visiting
 from tests.web.places import page_settings, running
 
 
 def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser: Browser, tmp_path: Path) -> None:
-    with replayed([], lambda sheet: named(sheet, {1: "mug", 2: "ball", 3: "story book"})) as namer:
+    with replayed([], lambda _: {"names": []}) as namer:
         settings = page_settings(tmp_path, namer=NamerSettings(url=namer.url, model="eyes:7b"))
         host = settings.namer.host
         with running(settings) as place:
             own = place.new_scene("own")
             ids = [thing.id for thing in place.service.answers.list_things(own).things]
             place.service.versions.edit(own, [Edit("unname", things=tuple(ids))])
-            sheet = place.service.sheets.page(own)
-            namer.sheets[sheet.picture] = sheet
             with visiting(browser, place.url, f"#/scenes/{own}") as visit:
                 visit.scene_shown()
                 things = visit.tab("Things")
@@ -34,10 +34,17 @@ def test_the_host_is_named_agreed_to_asked_and_the_agreement_taken_back(browser:
                 things.get_by_role("button", name="Ask eyes:7b").wait_for()
                 assert not namer.got
                 things.get_by_role("button", name="Ask eyes:7b").click()
-                expect(things).to_contain_text("3 names suggested for 3 things.")
-                expect(things.get_by_role("button", name="Take 3 names of 80 % and more")).to_be_visible()
+                note = things.locator("[role=status]")
+                expect(note).to_contain_text("Waiting for a worker.")
                 visit.check_accessible()
-                assert len(namer.got) == 1
+                (job,) = [each for each in place.service.list_operations().operations if each.kind == "ask_namer"]
+                claim = place.service._store.jobs.claim(job.id)
+                assert claim is not None
+                told = NamerResult(3, 4, 1, "", place.service.get_scene(own).version)
+                place.service._store.jobs.succeed_with_version(claim, None, to_plain(told))
+                expect(note).to_contain_text("3 names suggested for 4 things. 1 name was refused.")
+                visit.check_accessible()
+                assert not namer.got, "a worker asks"
                 things.get_by_role("button", name="Take the agreement back").click()
                 expect(things.get_by_role("button", name=f"Agree to send pictures to {host}")).to_be_visible()
             assert not any(thing.name for thing in place.service.answers.list_things(own).things)

@@ -17,11 +17,11 @@ from playwright.sync_api import Browser, expect
 
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.sample_scene import unpack_sample
-from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.poses import Box
 from tests.web.browser import visiting
-from tests.web.glow import scene_up, view_camera
+from tests.web.glow import projected, scene_up, view_camera
 from tests.web.places import Place, running
 
 _ENCODER = "minilm_l6_int8"
@@ -58,7 +58,8 @@ class _Covered:
     def __init__(self, place: Place) -> None:
         self._place = place
         cameras = place.service.get_scene(place.scene_id).cameras
-        self._photos = [(posed, self._depth(posed)) for posed in (_narrowed(camera, 96) for camera in cameras)]
+        small = [replace(posed, camera=posed.camera.scaled_to(96, _height(posed, 96))) for posed in cameras]
+        self._photos = [(posed, self._depth(posed)) for posed in small]
 
     def of(self, posed: PosedCamera) -> float:
         """The share of the pixels, 0..1."""
@@ -66,7 +67,7 @@ class _Covered:
         points = _points(posed, depth)
         seen = np.zeros(len(points), dtype=int)
         for photo, shown in self._photos:
-            x, y, z = _projected(photo, points)
+            x, y, z = projected(photo, points)
             inside = (z > 0) & (x >= 0) & (y >= 0) & (x < photo.camera.width) & (y < photo.camera.height)
             front = np.zeros(len(points))
             front[inside] = shown[y[inside].astype(int), x[inside].astype(int)]
@@ -78,21 +79,8 @@ class _Covered:
         return np.nan_to_num(np.load(io.BytesIO(self._place.service.answers.picture(request))))
 
 
-def _narrowed(posed: PosedCamera, width: int) -> PosedCamera:
-    ratio = width / posed.camera.width
-    camera = posed.camera
-    return PosedCamera(
-        Camera(
-            width,
-            round(camera.height * ratio),
-            camera.fx * ratio,
-            camera.fy * ratio,
-            camera.cx * ratio,
-            camera.cy * ratio,
-        ),
-        posed.world_from_camera,
-        posed.name,
-    )
+def _height(posed: PosedCamera, width: int) -> int:
+    return round(posed.camera.height * width / posed.camera.width)
 
 
 def _points(posed: PosedCamera, depth: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -101,13 +89,6 @@ def _points(posed: PosedCamera, depth: NDArray[np.float32]) -> NDArray[np.float6
     camera = posed.camera
     local = np.stack([(columns + 0.5 - camera.cx) / camera.fx * z, (rows + 0.5 - camera.cy) / camera.fy * z, z], axis=1)
     return np.asarray(local @ posed.world_from_camera[:3, :3].T + posed.world_from_camera[:3, 3])
-
-
-def _projected(posed: PosedCamera, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    matrix = posed.camera_from_world()
-    x, y, z = (points @ matrix[:3, :3].T + matrix[:3, 3]).T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return posed.camera.fx * x / z + posed.camera.cx, posed.camera.fy * y / z + posed.camera.cy, z
 
 
 def _corners(box: Box) -> NDArray[np.float64]:
@@ -145,7 +126,7 @@ def test_no_gesture_leaves_what_was_seen_and_things_are_flown_to_whole(sample: P
             expect(canvas).not_to_have_attribute("data-view", before)
             views.append(canvas.get_attribute("data-view") or "")
             posed = _camera(views[-1], box, up, 640)
-            x, y, z = _projected(posed, _corners(thing.box))
+            x, y, z = projected(posed, _corners(thing.box))
             inside = (z > 0) & (x >= 0) & (x <= posed.camera.width) & (y >= 0) & (y <= posed.camera.height)
             assert inside.all(), (thing.name, x, y)
     covered = _Covered(sample)

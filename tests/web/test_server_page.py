@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 
-import numpy as np
 from playwright.sync_api import Browser, Page, expect
 from sqlalchemy import update
 
 from fastsplat.service.store.database import transaction
 from fastsplat.service.store.schema import workers
 from fastsplat_contract.keys import Role
-from tests.api.made_scene import add_known_name, add_scene
+from tests.api.made_scene import add_known_name
 from tests.scenes import queued_job
 from tests.web.browser import Visit, visiting
 from tests.web.places import MARKUP, Place
@@ -109,20 +108,6 @@ def test_a_reader_looks_and_changes_nothing(guarded: Place, browser: Browser) ->
         visit.check_accessible()
         assert not [address for address in visit.requests if "/v1/keys" in address]
     service.known_names.forget(name_id)
-
-
-def test_how_well_a_name_is_known_again_stands_with_it(guarded: Place, browser: Browser) -> None:
-    service = guarded.service
-    other = add_scene(service, service._settings, "other")
-    looks = np.eye(1, 672, 5, dtype=np.float16).tobytes()
-    for scene_id, name in ((guarded.scene_id, "violin"), (other, "Violin")):
-        add_known_name(service, scene_id, name, looks)
-    with visiting(browser, guarded.url) as visit:
-        page = _signed_in(visit, guarded, "reader")
-        expect(page.get_by_text("Elsewhere: found 2 of 2, right 2 of 2")).to_have_count(2)
-        visit.check_accessible()
-    service.delete_scene(other)
-    service.known_names.forget_all()
 
 
 def test_an_admin_lets_a_known_name_be_forgotten(guarded: Place, browser: Browser) -> None:

@@ -141,15 +141,6 @@ def test_other_names_are_given_and_a_proper_name_is_asked_for_its_kind_once(
         page.unroute("**/*:edit")
 
 
-def test_hovering_lights_a_thing_up(place: Place, webgl_browser: Browser) -> None:
-    with visiting(webgl_browser, place.url, f"#/scenes/{place.scene_id}?view={_VIEW}") as visit:
-        canvas = visit.scene_shown()
-        canvas.hover(position=_middle(canvas))
-        expect(canvas).to_have_attribute("data-hovered", "2")
-        visit.page.mouse.move(5, 5)
-        expect(canvas).to_have_attribute("data-hovered", "0")
-
-
 def test_a_click_with_shift_adds_what_a_thing_lacks_and_both_are_made_one(
     place: Place, webgl_browser: Browser, own: str
 ) -> None:

@@ -36,7 +36,6 @@ from fastsplat_contract.errors import ReconstructionError
 from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.look_again_messages import LookAgainResult
-from fastsplat_contract.train_more_messages import TrainMoreResult
 
 _NUMBERS = itertools.count(1)
 
@@ -95,8 +94,8 @@ def _obey(job: Job, stage: str, progress: Progress) -> None:
 
 
 def _orders(job: Job) -> tuple[str, ...]:
-    """Of a job that trains further, or asks a namer, they are in a file, as it has no texts."""
-    if job.base is not None or "asking" in job.stages:
+    """Of a job that asks a namer they are in a file, as it has no texts."""
+    if "asking" in job.stages:
         orders = job.settings.data_dir / "orders.txt"
         return tuple(orders.read_text().splitlines()) if orders.exists() else ()
     return tuple(job.order.get("texts", job.options.labels))
@@ -183,6 +182,7 @@ def _assemble(job: Job, folder: Path) -> None:
     steps = int((job.result("training") / "steps.txt").read_text())
     summary = {
         "gaussians": len(scene.gaussians),
+        "things": 0,
         "scale": scene.scale,
         "dictionary": [
             {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
@@ -219,33 +219,11 @@ def _naming(job: Job, folder: Path, progress: Progress) -> None:
         {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
         for n, e in enumerate(entries, start=1)
     ]
-    summary = {"parent": job.version, "gaussians": len(scene.gaussians), "dictionary": rows, "result": to_plain(result)}
-    (folder / "summary.json").write_text(json.dumps(summary))
-
-
-def _merging(job: Job, folder: Path, progress: Progress) -> None:
-    """The current version once more, of the same Gaussians."""
-    from fastsplat.service.scene.scene_files import read_scene
-    from tests.scenes import write_version
-
-    _obey(job, "merging", progress)
-    scene = read_scene(job.upload / "artefact")
-    assert job.base is not None
-    write_version(scene, folder)
-    steps = int((job.result("training") / "steps.txt").read_text())
-    rows = [
-        {"label_id": n, "label": e.label, "aliases": [], "pixels": 1, "views": 1, "gaussian_count": 0}
-        for n, e in enumerate(scene.dictionary.entries, start=1)
-    ]
-    count = len(scene.gaussians)
-    beside = (job.settings.data_dir / "beside").exists()
-    result = TrainMoreResult("", job.base[1], not beside, steps, 0.5, count, count, 20.0, 21.0)
     summary = {
-        "parent": job.base[1] if beside else job.version,
-        "beside": beside,
-        "gaussians": count,
+        "parent": job.version,
+        "gaussians": len(scene.gaussians),
+        "things": 0,
         "dictionary": rows,
-        "quality": {"psnr": 21.0, "steps": steps},
         "result": to_plain(result),
     }
     (folder / "summary.json").write_text(json.dumps(summary))
@@ -274,7 +252,6 @@ FAKES = {
     "export": _export,
     "looking": _looking,
     "naming": _naming,
-    "merging": _merging,
     "asking": _asking,
     "suggesting": _suggesting,
 }

@@ -1,7 +1,8 @@
-"""A new scene is told to the server's namer by a job of its own, where the project agreed, and once."""
+"""The server's namer is asked about a scene by a job of its own, where the project agreed, and once."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 from collections import defaultdict
 from collections.abc import Iterator
@@ -88,10 +89,26 @@ def test_a_new_scene_of_a_project_that_agreed_gets_suggestions_unasked_and_no_na
     assert [edit.action for edit in second.edits] == ["suggest"]
     things = service.answers.list_things(made.scene_id).things
     assert {each.id: each.suggestions[0].name for each in things} == _NAMES and not any(each.name for each in things)
+    assert {one.source for each in things for told in each.suggestions for one in told.said_by} == {"eyes"}
     assert [headers["authorization"] for _, headers, _ in asked.namer.got] == ["Bearer secret"]
+    sent = json.dumps([body for _, _, body in asked.namer.got])
+    scene = service.get_scene(made.scene_id)
+    for private in (scene.id, scene.name, *(camera.name for camera in scene.cameras)):
+        assert private and private not in sent
     assert "secret" not in str([path.read_bytes() for path in asked.deployment.settings.data_dir.rglob("*.json")])
     assert service.versions.undo(made.scene_id).version == first.version
     asked.deployment.wait_for(lambda: not asked.deployment.left_over())
+
+
+def test_an_order_asks_about_a_finished_scene(asked: Asked) -> None:
+    asked.start_worker()
+    made = asked.made()
+    asked.agree()
+    operation = asked.deployment.service.namer.order(made.scene_id)
+    done = asked.deployment.wait_over(operation)
+    assert done.ask_namer is not None and done.ask_namer.suggested == 3, done.error
+    things = asked.deployment.service.answers.list_things(made.scene_id).things
+    assert {each.id: each.suggestions[0].name for each in things} == _NAMES
 
 
 def test_nothing_is_sent_for_a_project_that_did_not_agree_or_took_it_back(asked: Asked) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 import subprocess
@@ -14,15 +13,9 @@ import pytest
 
 from fastsplat.service.store.backup import back_up, restore
 from fastsplat.service.store.store import open_store
-from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
+from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError
 from tests.postgres import PostgresServer
 from tests.workers.deployment import Deployment, on_both_databases
-
-
-@pytest.fixture
-def programs(postgres: PostgresServer, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`pg_dump` and `pg_restore` of the test server."""
-    monkeypatch.setenv("PATH", f"{postgres._programs}:{os.environ['PATH']}")
 
 
 def _back_up(deployment: Deployment, target: Path):
@@ -76,34 +69,6 @@ def test_restored_a_running_service_has_its_scenes_and_finishes_its_jobs(
                 again.service.get_operation(later.id)
         finally:
             again.close()
-
-
-@pytest.mark.parametrize("deployment", ["postgresql"], indirect=True)
-def test_a_dump_of_an_earlier_release_is_restored_by_postgresqls_own_program(
-    deployment: Deployment, postgres: PostgresServer, tmp_path: Path, programs: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Such a backup is made here as that release made it: `pg_dump` into the folder, and its digest in the list."""
-    waiting = deployment.post(request_id="waiting")
-    _back_up(deployment, tmp_path / "backup")
-    dump = tmp_path / "backup/postgresql.dump"
-    url = deployment.settings.database_url
-    order = ["pg_dump", f"--dbname={url}", "--format=custom", "--no-owner", f"--file={dump}"]
-    subprocess.run(order, check=True)
-    (tmp_path / "backup/fastsplat.sqlite").unlink()
-    manifest = json.loads((tmp_path / "backup/backup.json").read_text())
-    del manifest["entries"]["fastsplat.sqlite"]
-    digest = hashlib.sha256(dump.read_bytes()).hexdigest()
-    manifest["entries"]["postgresql.dump"] = {"size": dump.stat().st_size, "sha256": digest}
-    (tmp_path / "backup/backup.json").write_text(json.dumps(manifest))
-    with postgres.database() as other:
-        restore(tmp_path / "backup", tmp_path / "again", other)
-        store = open_store(tmp_path / "again", other)
-        assert store.scenes.operation(waiting.id).state == "QUEUED"
-        store.close()
-    with postgres.database() as other, monkeypatch.context() as patch:
-        patch.setenv("PATH", "")
-        with pytest.raises(ResourceError, match="pg_restore is not installed"):
-            restore(tmp_path / "backup", tmp_path / "third", other)
 
 
 @pytest.mark.parametrize("deployment", ["postgresql"], indirect=True)

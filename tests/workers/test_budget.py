@@ -128,14 +128,6 @@ def test_a_budget_that_perception_has_used_up_still_trains_and_says_so(tmp_path:
     assert "the time budget itself: 1 s" in plan.tradeoffs[-1]
 
 
-def test_a_plan_that_the_first_release_wrote_is_followed(tmp_path: Path) -> None:
-    settings = {**TrainingSettings(seed=5).model_dump(mode="json"), "dead_opacity": 0.005}  # a constant since
-    plan = {"settings": settings, "given_up": ["resolution 480 → 240 px"]}
-    (tmp_path / "plan.json").write_text(json.dumps(plan))
-    stored = make_plan(_job(tmp_path, SceneOptions(time_budget_s=9.0)), _capture(9), 2, time.monotonic())
-    assert stored.settings.seed == 5 and stored.tradeoffs == ("resolution 480 → 240 px",)
-
-
 @pytest.mark.parametrize(("views", "budget", "has_maps"), [(3, 5.0, False), (40, None, False), (40, 5.0, True)])
 def test_few_views_label_maps_of_the_capture_and_no_budget_need_no_trial(
     views: int, budget: float | None, has_maps: bool

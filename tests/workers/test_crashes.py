@@ -253,12 +253,3 @@ def test_what_is_known_of_ended_jobs_is_forgotten_in_time_but_for_those_with_a_s
     listed = deployment.service._store.scenes.list_operations
     deployment.wait_for(lambda: {record.id for record in listed(9)} == {kept.id, failed.id})
     assert deployment.service.get_scene(kept.scene_id).state == "READY"
-
-
-def test_two_workers_never_run_one_job(deployment: Deployment) -> None:
-    operations = [deployment.post("training:sleep 0.3") for _ in range(4)]
-    for _ in range(2):
-        deployment.start_worker()
-    assert [deployment.wait_over(operation).state for operation in operations] == ["SUCCEEDED"] * 4
-    assert all(len(deployment.visits(stage)) == 4 for stage in STAGES)
-    deployment.wait_for(lambda: deployment.left_over() == [])

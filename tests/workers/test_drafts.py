@@ -22,7 +22,6 @@ from fastsplat_contract.errors import NotReadyError
 from fastsplat_contract.job_watching import Provisional
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, SceneOptions
-from fastsplat_contract.train_more_messages import TrainMoreIn
 from tests.workers.deployment import Deployment, kill, on_both_databases
 
 _POINTS, _TRAINING = Provisional("points", 0.0), Provisional("training", 0.5)
@@ -158,7 +157,5 @@ def test_no_job_is_ordered_on_a_draft(deployment: Deployment) -> None:
     _wait_told(deployment, operation)
     with pytest.raises(NotReadyError, match="still being made"):
         deployment.service.look_again(operation.scene_id, LookAgainIn(("mug",)))
-    with pytest.raises(NotReadyError, match="still being made"):
-        deployment.service.training.order(operation.scene_id, TrainMoreIn())
     _tell(deployment)
     deployment.wait_over(operation)

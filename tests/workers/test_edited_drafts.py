@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.things.names_by_looks import undescribed
 from fastsplat.service.settings import CallSettings
 from fastsplat.workers.made_scenes import EDITS
 from fastsplat_contract.operations import Operation
@@ -82,7 +82,9 @@ def test_edits_of_a_draft_hold_by_thing(words: Deployment) -> None:
     twin = next(t for t in words.service.answers.list_things(scene_id).things if t.name == "twin")
     assert abs(twin.centroid.x - PLACES[1]) < 0.2 and abs(twin.centroid.y + 2.0) < 0.2
     assert done.create_scene is not None and done.create_scene.carried == 4
-    known = {each.name: undescribed(each.appearance)[1] for each in words.service._store.known_names.all()}
+    known = {
+        each.name: np.frombuffer(each.appearance[-6:], np.float16) for each in words.service._store.known_names.all()
+    }
     assert known.keys() == {"Oskar", "twin"}, "what they are known by in other scenes"
     assert all(size == pytest.approx([0.1] * 3, abs=0.05) for size in known.values()), "their spread in meters"
     assert [text.partition(":")[0] for text in done.create_scene.lost] == ["name 'ghost'", "recolor"]

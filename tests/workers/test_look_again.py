@@ -14,7 +14,7 @@ from fastsplat.service.store.version_repository import NewVersion
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.scenes import SceneVersion
-from tests.workers.deployment import Deployment, kill, new_database
+from tests.workers.deployment import Deployment, new_database
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def _edited_elsewhere(deployment: Deployment, scene_id: str, name: str) -> None:
     store = deployment.service._store
     parent = store.scenes.scene(scene_id)
     shutil.copytree(store.blobs.version(scene_id, parent.version), store.blobs.version(scene_id, name))
-    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, []))
+    store.versions.publish(NewVersion(scene_id, name, parent.version, "", "", 5, parent.dictionary, [], 0))
 
 
 def test_a_look_makes_a_version_that_is_undone_like_an_edit(looking: Deployment) -> None:
@@ -156,12 +156,3 @@ def test_a_failed_look_says_why_and_is_retried_without_touching_the_scene(lookin
     looking.wait_for(lambda: len(looking.visits("looking", operation)) == 2)
     assert looking.wait_over(operation).state == "FAILED"
     assert looking.service.get_scene(scene_id).state == "READY" and len(_versions(looking, scene_id)) == 1
-
-
-def test_a_look_waits_for_a_worker_and_is_cancelled_in_the_queue(workerless: Deployment) -> None:
-    worker = workerless.start_worker()
-    scene_id = _scene(workerless)
-    kill(worker)
-    operation = _look(workerless, scene_id, "trophy")
-    assert workerless.service.cancel_operation(operation.id).state == "CANCELLED"
-    assert workerless.service.get_scene(scene_id).state == "READY"

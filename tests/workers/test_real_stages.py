@@ -77,10 +77,11 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
         outputs = frozenset({"mask2d", "mask3d"})
         texts = ("the mug", "swimming pool")
         mug, pool = service.answers.query(QueryRequest(info.id, texts, views=(view,), outputs=outputs)).answers
-        assert mug.verdict == "exact" and mug.matches[0].label == "mug" and mug.masks[0].area > 0
-        assert pool.verdict != "exact"
+        assert mug.outcome == "here" and mug.matches[0].label == "mug" and mug.masks[0].area > 0
+        assert pool.outcome != "here"
         assert service.answers.picture(PictureRequest(info.id, "overlay", "mug", view=view)).startswith(b"\x89PNG")
-        (tmp_path / "mug.ply").write_bytes(service.answers.mask_ply(info.id, "mug"))
+        request = QueryRequest(info.id, texts[:1], outputs=outputs - {"mask2d"}, mask3d_encoding="ply")
+        (tmp_path / "mug.ply").write_bytes(service.answers.query(request).answers[0].mask3d or b"")
         assert len(read_ply(service.answers.scene_ply(info.id)[0])) == info.gaussians
         assert len(read_ply(tmp_path / "mug.ply")) == rows["mug"].gaussian_count
 
@@ -142,7 +143,7 @@ def test_what_the_capture_room_refuses_leaves_nothing(tmp_path, models_dir):
     with open_service(settings) as service:
         with service.new_upload() as upload:
             upload.write("photo.jpg", [b"this is a text"])
-            upload.write(".admitted/manifest.json", [b"{}"])
+            upload.write(".validated/manifest.json", [b"{}"])
             with pytest.raises(InvalidInputError):
                 service.create_scene(upload, "", "", SceneOptions())
         assert service.list_scenes() == ((), "")

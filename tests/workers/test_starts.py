@@ -24,7 +24,7 @@ _JOBS = JobSettings(progress_interval_s=1e-6, max_starts=3)
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
     store = open_store(tmp_path / "data")
-    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "admitted": ""}))
+    store.scenes.create(NewJob("scene", "job", "", "", "", "upload", {"labels": [], "validated": ""}))
     yield store
     store.close()
 
@@ -127,7 +127,14 @@ def test_a_job_whose_result_was_published_before_its_worker_died_needs_no_traine
     assert claim is not None
     result = tmp_path / "export"
     result.mkdir()
-    made = {"gaussians": 3, "scale": "ARBITRARY", "dictionary": [], "cameras": [], "quality": {"stage_seconds": {}}}
+    made = {
+        "gaussians": 3,
+        "things": 0,
+        "scale": "ARBITRARY",
+        "dictionary": [],
+        "cameras": [],
+        "quality": {"stage_seconds": {}},
+    }
     (result / "summary.json").write_text(json.dumps(made))
     (result / "stage.json").write_text(json.dumps({"seconds": 1.5}))
     write_digests(result)

@@ -79,12 +79,9 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         return await to_thread.run_sync(ask, abandon_on_cancel=True, limiter=waiting)
 
     @server.tool(annotations=_READS)
-    async def list_scenes(
-        context: Context[Any, Any],
-        place: Annotated[str, Field(max_length=200, description="a scene: only captures of its place")] = "",
-    ) -> tool_results.Scenes:
+    async def list_scenes(context: Context[Any, Any]) -> tool_results.Scenes:
         """Scenes of the project, newest first, with state (only READY ones can be asked), unit of length and date."""
-        return await answered(context, lambda client: tools.list_scenes(client, place))
+        return await answered(context, tools.list_scenes)
 
     @server.tool(annotations=_READS)
     async def describe_scene(context: Context[Any, Any], scene: _Scene = "") -> tool_results.SceneDescription:
@@ -116,27 +113,11 @@ def assistant_server(client_of: ClientOf, version: str = "") -> MCPServer[Any]:
         return await answered(context, lambda client: tools.pick_thing(client, view, x, y, level, scene))
 
     @server.tool(annotations=_READS)
-    async def find(
-        context: Context[Any, Any],
-        text: _Text,
-        scene: _Scene = "",
-        newest_capture: Annotated[
-            bool, Field(description="of all captures of the scene's place the newest that saw it answers, with its day")
-        ] = False,
-    ) -> tool_results.Found:
-        """Is there such a thing, and what is it called here? Also by kind and use ("something to drink from"), and over
-        time, where photos of other days are kept ("what moved since Monday?", "when was the mug last seen?")."""
-        return await answered(context, lambda client: tools.find(client, text, scene, newest_capture))
-
-    @server.tool(annotations=_READS)
-    async def where_is(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Where:
-        """Where a thing is, with 95 % bounds, its size, and the photos that show it best; nothing if it is not here."""
-        return await answered(context, lambda client: tools.where_is(client, text, scene))
-
-    @server.tool(annotations=_READS)
-    async def count(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Count:
-        """How many there are, with their ids: of a name ("mugs"), or by all that is said ("cups on the table")."""
-        return await answered(context, lambda client: tools.count(client, text, scene))
+    async def find(context: Context[Any, Any], text: _Text, scene: _Scene = "") -> tool_results.Found:
+        """Is there such a thing, what is it called here, where is it, how many are there ("cups on the table")? Also by
+        kind and use ("something to drink from"), and over time, where photos of other days are kept ("what moved since
+        Monday?", "when was the mug last seen?")."""
+        return await answered(context, lambda client: tools.find(client, text, scene))
 
     @server.tool(annotations=_READS)
     async def relations(

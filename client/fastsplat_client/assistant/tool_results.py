@@ -131,6 +131,27 @@ class Things:
 
 
 @dataclass(frozen=True)
+class Interval:
+    """A length and the interval that holds it in 95 % of cases."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class WhereAbouts:
+    """Where one thing is: `center` is within `plus_minus` in 95 % of cases; `sides` are its box's edges."""
+
+    id: int
+    name: str
+    center: Point
+    plus_minus: float
+    sides: list[Interval]
+    seen_best_in: list[str]
+
+
+@dataclass(frozen=True)
 class Found:
     """The answer to one question.
 
@@ -145,6 +166,9 @@ class Found:
         sentence: the answer for people, word for word the service's.
         alternatives: other labels that answer, best first.
         things: what answers, of `label` and the alternatives, in this order; `more_things` of them were left out.
+        count: how many things answer, by all that the question says; None where it cannot be decided, see `sentence`.
+        counted: ids of at most 500 of them.
+        places: where things of `label` are, `more_places` of them left out; `frame` names the axes.
         unnamed_things: how many things have no name: an absence was said of the named ones alone.
         draft: what the scene is made of as long as it is not finished, points or training: answers may change; None of
             a finished one.
@@ -160,25 +184,14 @@ class Found:
     alternatives: list[str]
     things: list[ThingBrief]
     more_things: int
-    unit: Unit
-    unnamed_things: int
-    draft: DraftStage | None
-
-
-@dataclass(frozen=True)
-class Count:
-    """How many things answer a text, None where it cannot be decided, see `sentence`; `counted` are ids of at most
-    500 of them."""
-
-    scene: str
-    question: str
-    outcome: Outcome
-    probability: float | None
-    label: str
     count: int | None
     counted: list[int]
-    sentence: str
+    places: list[WhereAbouts]
+    more_places: int
+    unit: Unit
+    frame: str
     unnamed_things: int
+    draft: DraftStage | None
 
 
 @dataclass(frozen=True)
@@ -217,43 +230,6 @@ class Related:
     sentence: str
     evidence: list[Evidence]
     unit: Unit
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A length and the interval that holds it in 95 % of cases."""
-
-    value: float
-    low: float
-    high: float
-
-
-@dataclass(frozen=True)
-class WhereAbouts:
-    """Where one thing is: `center` is within `plus_minus` in 95 % of cases; `sides` are its box's edges."""
-
-    id: int
-    name: str
-    center: Point
-    plus_minus: float
-    sides: list[Interval]
-    seen_best_in: list[str]
-
-
-@dataclass(frozen=True)
-class Where:
-    """Where what answers a text is; nothing if it is not here. `more_places` were left out; `frame` names the axes."""
-
-    scene: str
-    question: str
-    outcome: Outcome
-    probability: float | None
-    label: str
-    sentence: str
-    unit: Unit
-    frame: str
-    places: list[WhereAbouts]
-    more_places: int
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from fastsplat_client.assistant.tool_lengths import (
     up_of,
 )
 from fastsplat_client.assistant.tool_results import (
-    Count,
     Evidence,
     Found,
     JobStatus,
@@ -41,7 +40,6 @@ from fastsplat_client.assistant.tool_results import (
     ThingBrief,
     Things,
     Unit,
-    Where,
     WhereAbouts,
     brief_of,
     plain,
@@ -50,7 +48,7 @@ from fastsplat_client.assistant.tool_results import (
 from fastsplat_client.client import Client
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.queries import Answer
-from fastsplat_contract.scenes import Scene, SceneObject, SceneSummary
+from fastsplat_contract.scenes import Scene, SceneSummary
 from fastsplat_contract.thing_messages import AskedLevel, SceneThing
 
 _MOST_PLACES = 5
@@ -92,9 +90,9 @@ def resolve_scene(client: Client, scene: str) -> Scene:
     )
 
 
-def list_scenes(client: Client, place: str = "") -> Scenes:
-    """The scenes of the project, newest first; those of the place of one, the newest photos first."""
-    every = list(client.scenes(place=resolve_scene(client, place).id if place else ""))
+def list_scenes(client: Client) -> Scenes:
+    """The scenes of the project, newest first."""
+    every = list(client.scenes())
     shown = [
         SceneInList(
             each.id,
@@ -171,14 +169,20 @@ def pick_thing(client: Client, view: str, x: float, y: float, level: AskedLevel,
     )
 
 
-def find(client: Client, text: str, scene: str, newest_capture: bool = False) -> Found:
-    """What answers a text in plain words, or that nothing does; in the scene, or of the captures of its place in the
-    newest that knows."""
+def find(client: Client, text: str, scene: str) -> Found:
+    """What answers a text in plain words, how many and where, or that nothing does.
+
+    The count is None where it cannot be decided.
+    """
     shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text, newest_capture=newest_capture)
-    if answer.scene_id != shown.id:
-        shown = client.scene(answer.scene_id)
+    answer = _ask(client, shown.id, text)
     labels = [match.label for match in answer.matches if match.relevant]
+    leading = _leading_objects(answer)
+    counted = [each.id for each in leading]
+    # What may be here, or merely serves in its place, is no number of it.
+    refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
+    if answer.phrase is not None:
+        counted, refused = list(answer.phrase.things), answer.phrase.refusal is not None
     return Found(
         scene=shown.id,
         question=text,
@@ -190,32 +194,14 @@ def find(client: Client, text: str, scene: str, newest_capture: bool = False) ->
         alternatives=labels[1:],
         things=_briefs(client, answer, answer.things),
         more_things=max(0, len(answer.things) - _MOST_THINGS),
-        unit=unit_of(shown),
-        unnamed_things=answer.searched.unnamed_things,
-        draft=None if answer.provisional is None else answer.provisional.stage,
-    )
-
-
-def count(client: Client, text: str, scene: str) -> Count:
-    """How many things a text means, by all that it says; None where that cannot be decided."""
-    shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text)
-    leading = _leading_objects(answer)
-    counted = [each.thing_id for each in leading]
-    # What may be here, or merely serves in its place, is no number of it.
-    refused = answer.outcome not in ("here", "not_here") and answer.relation_subject != "label"
-    if answer.phrase is not None:
-        counted, refused = list(answer.phrase.things), answer.phrase.refusal is not None
-    return Count(
-        scene=shown.id,
-        question=text,
-        outcome=answer.outcome,
-        probability=answer.probability,
-        label=leading[0].label if leading else "",
         count=None if refused else len(counted),
         counted=[] if refused else counted[:_MOST_IDS],
-        sentence=answer.sentence,
+        places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
+        more_places=max(0, len(leading) - _MOST_PLACES),
+        unit=unit_of(shown),
+        frame=frame_of(shown),
         unnamed_things=answer.searched.unnamed_things,
+        draft=None if answer.provisional is None else answer.provisional.stage,
     )
 
 
@@ -256,25 +242,6 @@ def relations(client: Client, text: str, scene: str, view: str) -> Related:
             for each in phrase.witnesses[:_MOST_WITNESSES]
         ],
         unit=unit_of(shown),
-    )
-
-
-def where_is(client: Client, text: str, scene: str) -> Where:
-    """Where the things of the label that answers a text are, with what is not known of it."""
-    shown = resolve_scene(client, scene)
-    answer = _ask(client, shown.id, text)
-    leading = _leading_objects(answer)
-    return Where(
-        scene=shown.id,
-        question=text,
-        outcome=answer.outcome,
-        probability=answer.probability,
-        label=leading[0].label if leading else "",
-        sentence=answer.sentence,
-        unit=unit_of(shown),
-        frame=frame_of(shown),
-        places=[_located(client, answer.scene_id, each, answer.version) for each in leading[:_MOST_PLACES]],
-        more_places=max(0, len(leading) - _MOST_PLACES),
     )
 
 
@@ -380,17 +347,17 @@ def _name_of(client: Client, scene: SceneSummary, thing_id: int) -> str:
     return next((each.name.casefold() for each in things if each.id == thing_id), "")
 
 
-def _leading_objects(answer: Answer) -> list[SceneObject]:
+def _leading_objects(answer: Answer) -> list[SceneThing]:
     leading = next((match.label_id for match in answer.matches if match.relevant), None)
     return [each for each in answer.objects or () if each.label_id == leading]
 
 
-def _located(client: Client, scene_id: str, each: SceneObject, version: str) -> WhereAbouts:
-    measured = client.measure(scene_id, each.thing_id, version=version)
+def _located(client: Client, scene_id: str, each: SceneThing, version: str) -> WhereAbouts:
+    measured = client.measure(scene_id, each.id, version=version)
     place = measured.places[0]
     return WhereAbouts(
-        each.thing_id,
-        each.label,
+        each.id,
+        each.name,
         point(place.point),
         round(place.plus_minus, 4),
         [known_length(side) for side in measured.sides],

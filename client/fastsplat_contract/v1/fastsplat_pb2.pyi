@@ -26,9 +26,7 @@ class OperationKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     OPERATION_KIND_UNSPECIFIED: _ClassVar[OperationKind]
     OPERATION_KIND_CREATE_SCENE: _ClassVar[OperationKind]
     OPERATION_KIND_LOOK_AGAIN: _ClassVar[OperationKind]
-    OPERATION_KIND_TRAIN_MORE: _ClassVar[OperationKind]
     OPERATION_KIND_ASK_NAMER: _ClassVar[OperationKind]
-    OPERATION_KIND_WITHDRAW_PHOTOS: _ClassVar[OperationKind]
 
 class WorkerState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -177,7 +175,6 @@ class EditAction(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EDIT_ACTION_LOOK_AGAIN: _ClassVar[EditAction]
     EDIT_ACTION_SCALE: _ClassVar[EditAction]
     EDIT_ACTION_ALIGN: _ClassVar[EditAction]
-    EDIT_ACTION_TRAIN_MORE: _ClassVar[EditAction]
     EDIT_ACTION_SUGGEST: _ClassVar[EditAction]
     EDIT_ACTION_OBSERVE: _ClassVar[EditAction]
 
@@ -201,21 +198,6 @@ class Mask3dEncoding(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MASK3D_ENCODING_RUNS: _ClassVar[Mask3dEncoding]
     MASK3D_ENCODING_INDICES: _ClassVar[Mask3dEncoding]
     MASK3D_ENCODING_PLY: _ClassVar[Mask3dEncoding]
-
-class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    VERDICT_UNSPECIFIED: _ClassVar[Verdict]
-    VERDICT_EXACT: _ClassVar[Verdict]
-    VERDICT_RELATED: _ClassVar[Verdict]
-    VERDICT_ABSENT: _ClassVar[Verdict]
-    VERDICT_POSSIBLE: _ClassVar[Verdict]
-    VERDICT_UNDECIDED: _ClassVar[Verdict]
-
-class DecidedBy(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    DECIDED_BY_UNSPECIFIED: _ClassVar[DecidedBy]
-    DECIDED_BY_NAME: _ClassVar[DecidedBy]
-    DECIDED_BY_SCORE: _ClassVar[DecidedBy]
 
 class Relation(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -294,13 +276,6 @@ class PictureFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PICTURE_FORMAT_NPY: _ClassVar[PictureFormat]
     PICTURE_FORMAT_JPEG: _ClassVar[PictureFormat]
 
-class CameraFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    CAMERA_FORMAT_UNSPECIFIED: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_JSON: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_TRANSFORMS: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_COLMAP: _ClassVar[CameraFormat]
-
 class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     EXPORT_FORMAT_UNSPECIFIED: _ClassVar[ExportFormat]
@@ -314,7 +289,10 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_SOG: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MCAP: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MAP: _ClassVar[ExportFormat]
-    EXPORT_FORMAT_RERUN: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_CAMERA_LIST: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_TRANSFORMS: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_COLMAP: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_THINGS: _ClassVar[ExportFormat]
 
 class NextPhotoReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -406,9 +384,7 @@ OPERATION_STATE_CANCELLED: OperationState
 OPERATION_KIND_UNSPECIFIED: OperationKind
 OPERATION_KIND_CREATE_SCENE: OperationKind
 OPERATION_KIND_LOOK_AGAIN: OperationKind
-OPERATION_KIND_TRAIN_MORE: OperationKind
 OPERATION_KIND_ASK_NAMER: OperationKind
-OPERATION_KIND_WITHDRAW_PHOTOS: OperationKind
 WORKER_STATE_UNSPECIFIED: WorkerState
 WORKER_STATE_NONE: WorkerState
 WORKER_STATE_WAITING: WorkerState
@@ -503,7 +479,6 @@ EDIT_ACTION_ADD: EditAction
 EDIT_ACTION_LOOK_AGAIN: EditAction
 EDIT_ACTION_SCALE: EditAction
 EDIT_ACTION_ALIGN: EditAction
-EDIT_ACTION_TRAIN_MORE: EditAction
 EDIT_ACTION_SUGGEST: EditAction
 EDIT_ACTION_OBSERVE: EditAction
 THING_SIDE_UNSPECIFIED: ThingSide
@@ -518,15 +493,6 @@ MASK3D_ENCODING_BITS: Mask3dEncoding
 MASK3D_ENCODING_RUNS: Mask3dEncoding
 MASK3D_ENCODING_INDICES: Mask3dEncoding
 MASK3D_ENCODING_PLY: Mask3dEncoding
-VERDICT_UNSPECIFIED: Verdict
-VERDICT_EXACT: Verdict
-VERDICT_RELATED: Verdict
-VERDICT_ABSENT: Verdict
-VERDICT_POSSIBLE: Verdict
-VERDICT_UNDECIDED: Verdict
-DECIDED_BY_UNSPECIFIED: DecidedBy
-DECIDED_BY_NAME: DecidedBy
-DECIDED_BY_SCORE: DecidedBy
 RELATION_UNSPECIFIED: Relation
 RELATION_SAME: Relation
 RELATION_KIND_OF: Relation
@@ -580,10 +546,6 @@ PICTURE_FORMAT_UNSPECIFIED: PictureFormat
 PICTURE_FORMAT_PNG: PictureFormat
 PICTURE_FORMAT_NPY: PictureFormat
 PICTURE_FORMAT_JPEG: PictureFormat
-CAMERA_FORMAT_UNSPECIFIED: CameraFormat
-CAMERA_FORMAT_JSON: CameraFormat
-CAMERA_FORMAT_TRANSFORMS: CameraFormat
-CAMERA_FORMAT_COLMAP: CameraFormat
 EXPORT_FORMAT_UNSPECIFIED: ExportFormat
 EXPORT_FORMAT_PLY: ExportFormat
 EXPORT_FORMAT_SPZ: ExportFormat
@@ -595,7 +557,10 @@ EXPORT_FORMAT_CAMERAS: ExportFormat
 EXPORT_FORMAT_SOG: ExportFormat
 EXPORT_FORMAT_MCAP: ExportFormat
 EXPORT_FORMAT_MAP: ExportFormat
-EXPORT_FORMAT_RERUN: ExportFormat
+EXPORT_FORMAT_CAMERA_LIST: ExportFormat
+EXPORT_FORMAT_TRANSFORMS: ExportFormat
+EXPORT_FORMAT_COLMAP: ExportFormat
+EXPORT_FORMAT_THINGS: ExportFormat
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason
 NEXT_PHOTO_REASON_GAP: NextPhotoReason
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason
@@ -677,7 +642,7 @@ class CreateSceneHeader(_message.Message):
     def __init__(self, name: _Optional[str] = ..., request_id: _Optional[str] = ..., labels: _Optional[_Iterable[str]] = ..., time_budget_s: _Optional[float] = ..., max_gaussians: _Optional[int] = ..., preset: _Optional[str] = ..., priority: _Optional[int] = ..., up: _Optional[str] = ..., movers: _Optional[str] = ..., privacy: _Optional[str] = ..., lens: _Optional[str] = ..., nadir_deg: _Optional[float] = ..., strict: _Optional[bool] = ...) -> None: ...
 
 class Operation(_message.Message):
-    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "train_more", "left_out", "again_after", "draft", "create_scene", "ask_namer", "withdraw_photos")
+    __slots__ = ("id", "scene_id", "state", "done", "created_at", "updated_at", "stages", "error", "kind", "look_again", "attempt", "worker", "seconds_left", "finish_requested", "preview", "placed", "left_out", "again_after", "draft", "create_scene", "ask_namer")
     class LeftOutEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -701,13 +666,11 @@ class Operation(_message.Message):
     FINISH_REQUESTED_FIELD_NUMBER: _ClassVar[int]
     PREVIEW_FIELD_NUMBER: _ClassVar[int]
     PLACED_FIELD_NUMBER: _ClassVar[int]
-    TRAIN_MORE_FIELD_NUMBER: _ClassVar[int]
     LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
     AGAIN_AFTER_FIELD_NUMBER: _ClassVar[int]
     DRAFT_FIELD_NUMBER: _ClassVar[int]
     CREATE_SCENE_FIELD_NUMBER: _ClassVar[int]
     ASK_NAMER_FIELD_NUMBER: _ClassVar[int]
-    WITHDRAW_PHOTOS_FIELD_NUMBER: _ClassVar[int]
     id: str
     scene_id: str
     state: OperationState
@@ -724,14 +687,12 @@ class Operation(_message.Message):
     finish_requested: bool
     preview: PreviewInfo
     placed: PlacedInfo
-    train_more: TrainMoreResult
     left_out: _containers.ScalarMap[str, str]
     again_after: AgainAfter
     draft: DraftInfo
     create_scene: CreateSceneResult
     ask_namer: NamerResult
-    withdraw_photos: WithdrawPhotosResult
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., train_more: _Optional[_Union[TrainMoreResult, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ..., withdraw_photos: _Optional[_Union[WithdrawPhotosResult, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., state: _Optional[_Union[OperationState, str]] = ..., done: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., updated_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., stages: _Optional[_Iterable[_Union[StageProgress, _Mapping]]] = ..., error: _Optional[_Union[OperationError, _Mapping]] = ..., kind: _Optional[_Union[OperationKind, str]] = ..., look_again: _Optional[_Union[LookAgainResult, _Mapping]] = ..., attempt: _Optional[int] = ..., worker: _Optional[_Union[WorkerState, str]] = ..., seconds_left: _Optional[float] = ..., finish_requested: _Optional[bool] = ..., preview: _Optional[_Union[PreviewInfo, _Mapping]] = ..., placed: _Optional[_Union[PlacedInfo, _Mapping]] = ..., left_out: _Optional[_Mapping[str, str]] = ..., again_after: _Optional[_Union[AgainAfter, str]] = ..., draft: _Optional[_Union[DraftInfo, _Mapping]] = ..., create_scene: _Optional[_Union[CreateSceneResult, _Mapping]] = ..., ask_namer: _Optional[_Union[NamerResult, _Mapping]] = ...) -> None: ...
 
 class StageProgress(_message.Message):
     __slots__ = ("stage", "fraction", "message", "seconds", "metrics")
@@ -809,34 +770,6 @@ class FoundName(_message.Message):
     probability: float
     def __init__(self, thing_id: _Optional[int] = ..., name: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
 
-class TrainMoreResult(_message.Message):
-    __slots__ = ("version", "trained_from", "current", "steps", "seconds", "gaussians_before", "gaussians", "psnr_before", "psnr", "joined", "left_out", "unchanged")
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    TRAINED_FROM_FIELD_NUMBER: _ClassVar[int]
-    CURRENT_FIELD_NUMBER: _ClassVar[int]
-    STEPS_FIELD_NUMBER: _ClassVar[int]
-    SECONDS_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIANS_BEFORE_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
-    PSNR_BEFORE_FIELD_NUMBER: _ClassVar[int]
-    PSNR_FIELD_NUMBER: _ClassVar[int]
-    JOINED_FIELD_NUMBER: _ClassVar[int]
-    LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
-    UNCHANGED_FIELD_NUMBER: _ClassVar[int]
-    version: str
-    trained_from: str
-    current: bool
-    steps: int
-    seconds: float
-    gaussians_before: int
-    gaussians: int
-    psnr_before: float
-    psnr: float
-    joined: _containers.RepeatedScalarFieldContainer[str]
-    left_out: _containers.RepeatedScalarFieldContainer[str]
-    unchanged: int
-    def __init__(self, version: _Optional[str] = ..., trained_from: _Optional[str] = ..., current: _Optional[bool] = ..., steps: _Optional[int] = ..., seconds: _Optional[float] = ..., gaussians_before: _Optional[int] = ..., gaussians: _Optional[int] = ..., psnr_before: _Optional[float] = ..., psnr: _Optional[float] = ..., joined: _Optional[_Iterable[str]] = ..., left_out: _Optional[_Iterable[str]] = ..., unchanged: _Optional[int] = ...) -> None: ...
-
 class NamerResult(_message.Message):
     __slots__ = ("suggested", "shown", "refused", "problem", "version")
     SUGGESTED_FIELD_NUMBER: _ClassVar[int]
@@ -850,20 +783,6 @@ class NamerResult(_message.Message):
     problem: str
     version: str
     def __init__(self, suggested: _Optional[int] = ..., shown: _Optional[int] = ..., refused: _Optional[int] = ..., problem: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
-
-class WithdrawPhotosResult(_message.Message):
-    __slots__ = ("version", "photos", "removed", "carried", "lost")
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    PHOTOS_FIELD_NUMBER: _ClassVar[int]
-    REMOVED_FIELD_NUMBER: _ClassVar[int]
-    CARRIED_FIELD_NUMBER: _ClassVar[int]
-    LOST_FIELD_NUMBER: _ClassVar[int]
-    version: str
-    photos: _containers.RepeatedScalarFieldContainer[str]
-    removed: _containers.RepeatedScalarFieldContainer[str]
-    carried: int
-    lost: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, version: _Optional[str] = ..., photos: _Optional[_Iterable[str]] = ..., removed: _Optional[_Iterable[str]] = ..., carried: _Optional[int] = ..., lost: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class PreviewInfo(_message.Message):
     __slots__ = ("number", "step", "seconds", "gaussians", "psnr", "view", "width", "height")
@@ -1118,14 +1037,12 @@ class GetSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("page_size", "page_token", "place")
+    __slots__ = ("page_size", "page_token")
     PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
     PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    PLACE_FIELD_NUMBER: _ClassVar[int]
     page_size: int
     page_token: str
-    place: str
-    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ..., place: _Optional[str] = ...) -> None: ...
+    def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListScenesResponse(_message.Message):
     __slots__ = ("scenes", "next_page_token")
@@ -1225,62 +1142,6 @@ class ListLabelsResponse(_message.Message):
     next_page_token: str
     def __init__(self, labels: _Optional[_Iterable[_Union[DictionaryEntry, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
-class ListObjectsRequest(_message.Message):
-    __slots__ = ("scene_id", "version", "label", "page_size", "page_token")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    LABEL_FIELD_NUMBER: _ClassVar[int]
-    PAGE_SIZE_FIELD_NUMBER: _ClassVar[int]
-    PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    label: str
-    page_size: int
-    page_token: str
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., label: _Optional[str] = ..., page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
-
-class ListObjectsResponse(_message.Message):
-    __slots__ = ("objects", "next_page_token", "version")
-    OBJECTS_FIELD_NUMBER: _ClassVar[int]
-    NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
-    next_page_token: str
-    version: str
-    def __init__(self, objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
-
-class SceneObject(_message.Message):
-    __slots__ = ("id", "label_id", "label", "score", "centroid", "box", "gaussian_count", "meters", "best_views", "thing_id")
-    ID_FIELD_NUMBER: _ClassVar[int]
-    LABEL_ID_FIELD_NUMBER: _ClassVar[int]
-    LABEL_FIELD_NUMBER: _ClassVar[int]
-    SCORE_FIELD_NUMBER: _ClassVar[int]
-    CENTROID_FIELD_NUMBER: _ClassVar[int]
-    BOX_FIELD_NUMBER: _ClassVar[int]
-    GAUSSIAN_COUNT_FIELD_NUMBER: _ClassVar[int]
-    METERS_FIELD_NUMBER: _ClassVar[int]
-    BEST_VIEWS_FIELD_NUMBER: _ClassVar[int]
-    THING_ID_FIELD_NUMBER: _ClassVar[int]
-    id: str
-    label_id: int
-    label: str
-    score: float
-    centroid: Vector3
-    box: Box
-    gaussian_count: int
-    meters: bool
-    best_views: _containers.RepeatedScalarFieldContainer[str]
-    thing_id: int
-    def __init__(self, id: _Optional[str] = ..., label_id: _Optional[int] = ..., label: _Optional[str] = ..., score: _Optional[float] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., gaussian_count: _Optional[int] = ..., meters: _Optional[bool] = ..., best_views: _Optional[_Iterable[str]] = ..., thing_id: _Optional[int] = ...) -> None: ...
-
-class Box(_message.Message):
-    __slots__ = ("center", "size")
-    CENTER_FIELD_NUMBER: _ClassVar[int]
-    SIZE_FIELD_NUMBER: _ClassVar[int]
-    center: Pose
-    size: Vector3
-    def __init__(self, center: _Optional[_Union[Pose, _Mapping]] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
-
 class ListThingsRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token", "parts")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -1306,7 +1167,7 @@ class ListThingsResponse(_message.Message):
     def __init__(self, things: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class SceneThing(_message.Message):
-    __slots__ = ("id", "name", "source", "probability", "suggestions", "kind", "surface", "consensus", "gaussian_count", "box", "meters", "parent", "parts", "centroid", "guess", "groups", "reads", "last_seen", "missing_since", "seen_in")
+    __slots__ = ("id", "name", "source", "probability", "suggestions", "kind", "surface", "consensus", "gaussian_count", "box", "meters", "parent", "parts", "centroid", "guess", "groups", "reads", "last_seen", "missing_since", "seen_in", "label_id", "best_views")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
@@ -1327,6 +1188,8 @@ class SceneThing(_message.Message):
     LAST_SEEN_FIELD_NUMBER: _ClassVar[int]
     MISSING_SINCE_FIELD_NUMBER: _ClassVar[int]
     SEEN_IN_FIELD_NUMBER: _ClassVar[int]
+    LABEL_ID_FIELD_NUMBER: _ClassVar[int]
+    BEST_VIEWS_FIELD_NUMBER: _ClassVar[int]
     id: int
     name: str
     source: NameSource
@@ -1347,7 +1210,9 @@ class SceneThing(_message.Message):
     last_seen: _timestamp_pb2.Timestamp
     missing_since: _timestamp_pb2.Timestamp
     seen_in: str
-    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ThingRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ...) -> None: ...
+    label_id: int
+    best_views: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, id: _Optional[int] = ..., name: _Optional[str] = ..., source: _Optional[_Union[NameSource, str]] = ..., probability: _Optional[float] = ..., suggestions: _Optional[_Iterable[_Union[NameSuggestion, _Mapping]]] = ..., kind: _Optional[_Union[ThingKind, str]] = ..., surface: _Optional[str] = ..., consensus: _Optional[float] = ..., gaussian_count: _Optional[int] = ..., box: _Optional[_Union[Box, _Mapping]] = ..., meters: _Optional[bool] = ..., parent: _Optional[int] = ..., parts: _Optional[_Iterable[int]] = ..., centroid: _Optional[_Union[Vector3, _Mapping]] = ..., guess: _Optional[bool] = ..., groups: _Optional[_Iterable[int]] = ..., reads: _Optional[_Iterable[_Union[ThingRead, _Mapping]]] = ..., last_seen: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., missing_since: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., seen_in: _Optional[str] = ..., label_id: _Optional[int] = ..., best_views: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class NameSuggestion(_message.Message):
     __slots__ = ("name", "probability", "scene_id", "aliases", "said_by")
@@ -1372,6 +1237,14 @@ class SuggestionSource(_message.Message):
     model: str
     probability: float
     def __init__(self, source: _Optional[str] = ..., model: _Optional[str] = ..., probability: _Optional[float] = ...) -> None: ...
+
+class Box(_message.Message):
+    __slots__ = ("center", "size")
+    CENTER_FIELD_NUMBER: _ClassVar[int]
+    SIZE_FIELD_NUMBER: _ClassVar[int]
+    center: Pose
+    size: Vector3
+    def __init__(self, center: _Optional[_Union[Pose, _Mapping]] = ..., size: _Optional[_Union[Vector3, _Mapping]] = ...) -> None: ...
 
 class ThingRead(_message.Message):
     __slots__ = ("kind", "text", "probability", "views")
@@ -1560,10 +1433,9 @@ class EditSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., edits: _Optional[_Iterable[_Union[Edit, _Mapping]]] = ..., request_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class Edit(_message.Message):
-    __slots__ = ("action", "label", "object_id", "color", "transform", "things", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
+    __slots__ = ("action", "label", "color", "transform", "things", "name", "aliases", "source", "prompt", "texts", "known_lengths", "known_sizes", "alignment", "kinds", "filter", "suggestions")
     ACTION_FIELD_NUMBER: _ClassVar[int]
     LABEL_FIELD_NUMBER: _ClassVar[int]
-    OBJECT_ID_FIELD_NUMBER: _ClassVar[int]
     COLOR_FIELD_NUMBER: _ClassVar[int]
     TRANSFORM_FIELD_NUMBER: _ClassVar[int]
     THINGS_FIELD_NUMBER: _ClassVar[int]
@@ -1580,7 +1452,6 @@ class Edit(_message.Message):
     SUGGESTIONS_FIELD_NUMBER: _ClassVar[int]
     action: EditAction
     label: str
-    object_id: str
     color: Color
     transform: Pose
     things: _containers.RepeatedScalarFieldContainer[int]
@@ -1595,7 +1466,7 @@ class Edit(_message.Message):
     kinds: _containers.RepeatedScalarFieldContainer[str]
     filter: GaussianFilter
     suggestions: _containers.RepeatedCompositeFieldContainer[SuggestedName]
-    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., object_id: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., things: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
+    def __init__(self, action: _Optional[_Union[EditAction, str]] = ..., label: _Optional[str] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., transform: _Optional[_Union[Pose, _Mapping]] = ..., things: _Optional[_Iterable[int]] = ..., name: _Optional[str] = ..., aliases: _Optional[_Iterable[str]] = ..., source: _Optional[_Union[InsertSource, _Mapping]] = ..., prompt: _Optional[_Union[ThingPrompt, _Mapping]] = ..., texts: _Optional[_Iterable[str]] = ..., known_lengths: _Optional[_Iterable[_Union[KnownLength, _Mapping]]] = ..., known_sizes: _Optional[_Iterable[_Union[KnownSize, _Mapping]]] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., kinds: _Optional[_Iterable[str]] = ..., filter: _Optional[_Union[GaussianFilter, _Mapping]] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ...) -> None: ...
 
 class Color(_message.Message):
     __slots__ = ("r", "g", "b")
@@ -1770,30 +1641,12 @@ class SuggestNamesRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., suggestions: _Optional[_Iterable[_Union[SuggestedName, _Mapping]]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class AskNamerRequest(_message.Message):
-    __slots__ = ("scene_id",)
+    __slots__ = ("scene_id", "request_id")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
-
-class AlignSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "alignment", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    alignment: Alignment
     request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., alignment: _Optional[_Union[Alignment, _Mapping]] = ..., request_id: _Optional[str] = ...) -> None: ...
-
-class AlignToSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "other", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    OTHER_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    other: str
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., other: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class UndoEditRequest(_message.Message):
     __slots__ = ("scene_id", "version")
@@ -1842,32 +1695,6 @@ class LookAgainRequest(_message.Message):
     texts: _containers.RepeatedScalarFieldContainer[str]
     request_id: str
     def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., request_id: _Optional[str] = ...) -> None: ...
-
-class TrainMoreRequest(_message.Message):
-    __slots__ = ("scene_id", "seconds", "steps", "preset", "request_id", "observations")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    SECONDS_FIELD_NUMBER: _ClassVar[int]
-    STEPS_FIELD_NUMBER: _ClassVar[int]
-    PRESET_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    OBSERVATIONS_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    seconds: float
-    steps: int
-    preset: str
-    request_id: str
-    observations: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, scene_id: _Optional[str] = ..., seconds: _Optional[float] = ..., steps: _Optional[int] = ..., preset: _Optional[str] = ..., request_id: _Optional[str] = ..., observations: _Optional[_Iterable[str]] = ...) -> None: ...
-
-class WithdrawPhotosRequest(_message.Message):
-    __slots__ = ("scene_id", "photos", "request_id")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    PHOTOS_FIELD_NUMBER: _ClassVar[int]
-    REQUEST_ID_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    photos: _containers.RepeatedScalarFieldContainer[str]
-    request_id: str
-    def __init__(self, scene_id: _Optional[str] = ..., photos: _Optional[_Iterable[str]] = ..., request_id: _Optional[str] = ...) -> None: ...
 
 class GetOperationRequest(_message.Message):
     __slots__ = ("operation_id",)
@@ -1972,7 +1799,7 @@ class WatchOperationRequest(_message.Message):
     def __init__(self, operation_id: _Optional[str] = ...) -> None: ...
 
 class QueryRequest(_message.Message):
-    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view", "newest_capture")
+    __slots__ = ("scene_id", "texts", "cameras", "views", "outputs", "version", "negatives", "templates", "coverage", "max_matches", "mask2d_encoding", "mask3d_encoding", "asker", "asker_view")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXTS_FIELD_NUMBER: _ClassVar[int]
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
@@ -1987,7 +1814,6 @@ class QueryRequest(_message.Message):
     MASK3D_ENCODING_FIELD_NUMBER: _ClassVar[int]
     ASKER_FIELD_NUMBER: _ClassVar[int]
     ASKER_VIEW_FIELD_NUMBER: _ClassVar[int]
-    NEWEST_CAPTURE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     texts: _containers.RepeatedScalarFieldContainer[str]
     cameras: _containers.RepeatedCompositeFieldContainer[PosedCamera]
@@ -2002,21 +1828,16 @@ class QueryRequest(_message.Message):
     mask3d_encoding: Mask3dEncoding
     asker: Pose
     asker_view: str
-    newest_capture: bool
-    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ..., newest_capture: _Optional[bool] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., texts: _Optional[_Iterable[str]] = ..., cameras: _Optional[_Iterable[_Union[PosedCamera, _Mapping]]] = ..., views: _Optional[_Iterable[str]] = ..., outputs: _Optional[_Iterable[_Union[Output, str]]] = ..., version: _Optional[str] = ..., negatives: _Optional[_Iterable[str]] = ..., templates: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., max_matches: _Optional[int] = ..., mask2d_encoding: _Optional[_Union[MaskEncoding, str]] = ..., mask3d_encoding: _Optional[_Union[Mask3dEncoding, str]] = ..., asker: _Optional[_Union[Pose, _Mapping]] = ..., asker_view: _Optional[str] = ...) -> None: ...
 
 class Answer(_message.Message):
-    __slots__ = ("scene_id", "text", "verdict", "explanation", "matches", "probability", "label_set", "coverage", "decided_by", "threshold", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")
+    __slots__ = ("scene_id", "text", "matches", "probability", "label_set", "coverage", "version", "match_count", "gaussians", "presence", "things", "searched", "relation", "relation_subject", "method", "phrase", "outcome", "sentence", "provisional")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     TEXT_FIELD_NUMBER: _ClassVar[int]
-    VERDICT_FIELD_NUMBER: _ClassVar[int]
-    EXPLANATION_FIELD_NUMBER: _ClassVar[int]
     MATCHES_FIELD_NUMBER: _ClassVar[int]
     PROBABILITY_FIELD_NUMBER: _ClassVar[int]
     LABEL_SET_FIELD_NUMBER: _ClassVar[int]
     COVERAGE_FIELD_NUMBER: _ClassVar[int]
-    DECIDED_BY_FIELD_NUMBER: _ClassVar[int]
-    THRESHOLD_FIELD_NUMBER: _ClassVar[int]
     VERSION_FIELD_NUMBER: _ClassVar[int]
     MATCH_COUNT_FIELD_NUMBER: _ClassVar[int]
     GAUSSIANS_FIELD_NUMBER: _ClassVar[int]
@@ -2032,14 +1853,10 @@ class Answer(_message.Message):
     PROVISIONAL_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     text: str
-    verdict: Verdict
-    explanation: str
     matches: _containers.RepeatedCompositeFieldContainer[Match]
     probability: float
     label_set: _containers.RepeatedScalarFieldContainer[int]
     coverage: float
-    decided_by: DecidedBy
-    threshold: float
     version: str
     match_count: int
     gaussians: int
@@ -2053,7 +1870,7 @@ class Answer(_message.Message):
     outcome: Outcome
     sentence: str
     provisional: Provisional
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., explanation: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., decided_by: _Optional[_Union[DecidedBy, str]] = ..., threshold: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., things: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
+    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., probability: _Optional[float] = ..., label_set: _Optional[_Iterable[int]] = ..., coverage: _Optional[float] = ..., version: _Optional[str] = ..., match_count: _Optional[int] = ..., gaussians: _Optional[int] = ..., presence: _Optional[float] = ..., things: _Optional[_Iterable[int]] = ..., searched: _Optional[_Union[Searched, _Mapping]] = ..., relation: _Optional[_Union[Relation, str]] = ..., relation_subject: _Optional[_Union[RelationSubject, str]] = ..., method: _Optional[_Union[AnswerMethod, str]] = ..., phrase: _Optional[_Union[PhraseAnswer, _Mapping]] = ..., outcome: _Optional[_Union[Outcome, str]] = ..., sentence: _Optional[str] = ..., provisional: _Optional[_Union[Provisional, _Mapping]] = ...) -> None: ...
 
 class Match(_message.Message):
     __slots__ = ("label_id", "label", "relevancy", "similarity", "nearest_negative", "gaussian_count", "relevant", "probability")
@@ -2181,34 +1998,6 @@ class Tint(_message.Message):
     strength: float
     def __init__(self, things: _Optional[_Iterable[int]] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ...) -> None: ...
 
-class DownloadCamerasRequest(_message.Message):
-    __slots__ = ("scene_id", "format")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    FORMAT_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    format: CameraFormat
-    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[CameraFormat, str]] = ...) -> None: ...
-
-class DownloadScenePlyRequest(_message.Message):
-    __slots__ = ("scene_id", "version", "offset")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    OFFSET_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    offset: int
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., offset: _Optional[int] = ...) -> None: ...
-
-class DownloadMaskPlyRequest(_message.Message):
-    __slots__ = ("scene_id", "text", "version")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    TEXT_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    text: str
-    version: str
-    def __init__(self, scene_id: _Optional[str] = ..., text: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
-
 class ExportSceneRequest(_message.Message):
     __slots__ = ("scene_id", "format", "version", "things", "cell", "coarse")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -2224,14 +2013,6 @@ class ExportSceneRequest(_message.Message):
     cell: float
     coarse: bool
     def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., things: _Optional[_Iterable[int]] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
-
-class DownloadThingIdsRequest(_message.Message):
-    __slots__ = ("scene_id", "version")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class ListPhotosRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")
@@ -2761,14 +2542,6 @@ class RevokeKeyRequest(_message.Message):
     key_id: str
     def __init__(self, key_id: _Optional[str] = ...) -> None: ...
 
-class ExpireKeyRequest(_message.Message):
-    __slots__ = ("key_id", "lifetime_s")
-    KEY_ID_FIELD_NUMBER: _ClassVar[int]
-    LIFETIME_S_FIELD_NUMBER: _ClassVar[int]
-    key_id: str
-    lifetime_s: float
-    def __init__(self, key_id: _Optional[str] = ..., lifetime_s: _Optional[float] = ...) -> None: ...
-
 class EstimateJobRequest(_message.Message):
     __slots__ = ("photos", "width", "height", "preset")
     PHOTOS_FIELD_NUMBER: _ClassVar[int]
@@ -2943,14 +2716,12 @@ class ListKnownNamesRequest(_message.Message):
     def __init__(self, page_size: _Optional[int] = ..., page_token: _Optional[str] = ...) -> None: ...
 
 class ListKnownNamesResponse(_message.Message):
-    __slots__ = ("names", "next_page_token", "packs")
+    __slots__ = ("names", "next_page_token")
     NAMES_FIELD_NUMBER: _ClassVar[int]
     NEXT_PAGE_TOKEN_FIELD_NUMBER: _ClassVar[int]
-    PACKS_FIELD_NUMBER: _ClassVar[int]
     names: _containers.RepeatedCompositeFieldContainer[KnownName]
     next_page_token: str
-    packs: _containers.RepeatedCompositeFieldContainer[KnownPack]
-    def __init__(self, names: _Optional[_Iterable[_Union[KnownName, _Mapping]]] = ..., next_page_token: _Optional[str] = ..., packs: _Optional[_Iterable[_Union[KnownPack, _Mapping]]] = ...) -> None: ...
+    def __init__(self, names: _Optional[_Iterable[_Union[KnownName, _Mapping]]] = ..., next_page_token: _Optional[str] = ...) -> None: ...
 
 class KnownName(_message.Message):
     __slots__ = ("id", "name", "scene_id", "version", "thing_id", "named_at", "picture")
@@ -2970,93 +2741,11 @@ class KnownName(_message.Message):
     picture: bytes
     def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., scene_id: _Optional[str] = ..., version: _Optional[str] = ..., thing_id: _Optional[int] = ..., named_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., picture: _Optional[bytes] = ...) -> None: ...
 
-class KnownPack(_message.Message):
-    __slots__ = ("id", "license", "model", "names", "added_at")
-    ID_FIELD_NUMBER: _ClassVar[int]
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    MODEL_FIELD_NUMBER: _ClassVar[int]
-    NAMES_FIELD_NUMBER: _ClassVar[int]
-    ADDED_AT_FIELD_NUMBER: _ClassVar[int]
-    id: str
-    license: str
-    model: str
-    names: int
-    added_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., license: _Optional[str] = ..., model: _Optional[str] = ..., names: _Optional[int] = ..., added_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
-
 class DeleteKnownNameRequest(_message.Message):
     __slots__ = ("name_id",)
     NAME_ID_FIELD_NUMBER: _ClassVar[int]
     name_id: str
     def __init__(self, name_id: _Optional[str] = ...) -> None: ...
-
-class DeleteKnownNamesRequest(_message.Message):
-    __slots__ = ()
-    def __init__(self) -> None: ...
-
-class CheckKnownNamesRequest(_message.Message):
-    __slots__ = ("pack",)
-    PACK_FIELD_NUMBER: _ClassVar[int]
-    pack: NamePack
-    def __init__(self, pack: _Optional[_Union[NamePack, _Mapping]] = ...) -> None: ...
-
-class NamePack(_message.Message):
-    __slots__ = ("license", "model", "digest", "names")
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    MODEL_FIELD_NUMBER: _ClassVar[int]
-    DIGEST_FIELD_NUMBER: _ClassVar[int]
-    NAMES_FIELD_NUMBER: _ClassVar[int]
-    license: str
-    model: str
-    digest: str
-    names: _containers.RepeatedCompositeFieldContainer[PackedName]
-    def __init__(self, license: _Optional[str] = ..., model: _Optional[str] = ..., digest: _Optional[str] = ..., names: _Optional[_Iterable[_Union[PackedName, _Mapping]]] = ...) -> None: ...
-
-class PackedName(_message.Message):
-    __slots__ = ("name", "appearance")
-    NAME_FIELD_NUMBER: _ClassVar[int]
-    APPEARANCE_FIELD_NUMBER: _ClassVar[int]
-    name: str
-    appearance: bytes
-    def __init__(self, name: _Optional[str] = ..., appearance: _Optional[bytes] = ...) -> None: ...
-
-class CheckKnownNamesResponse(_message.Message):
-    __slots__ = ("kinds", "borne", "suggested", "right")
-    KINDS_FIELD_NUMBER: _ClassVar[int]
-    BORNE_FIELD_NUMBER: _ClassVar[int]
-    SUGGESTED_FIELD_NUMBER: _ClassVar[int]
-    RIGHT_FIELD_NUMBER: _ClassVar[int]
-    kinds: _containers.RepeatedCompositeFieldContainer[KindCheck]
-    borne: int
-    suggested: int
-    right: int
-    def __init__(self, kinds: _Optional[_Iterable[_Union[KindCheck, _Mapping]]] = ..., borne: _Optional[int] = ..., suggested: _Optional[int] = ..., right: _Optional[int] = ...) -> None: ...
-
-class KindCheck(_message.Message):
-    __slots__ = ("name", "examples", "borne", "suggested", "right")
-    NAME_FIELD_NUMBER: _ClassVar[int]
-    EXAMPLES_FIELD_NUMBER: _ClassVar[int]
-    BORNE_FIELD_NUMBER: _ClassVar[int]
-    SUGGESTED_FIELD_NUMBER: _ClassVar[int]
-    RIGHT_FIELD_NUMBER: _ClassVar[int]
-    name: str
-    examples: int
-    borne: int
-    suggested: int
-    right: int
-    def __init__(self, name: _Optional[str] = ..., examples: _Optional[int] = ..., borne: _Optional[int] = ..., suggested: _Optional[int] = ..., right: _Optional[int] = ...) -> None: ...
-
-class ExportNamePackRequest(_message.Message):
-    __slots__ = ("license",)
-    LICENSE_FIELD_NUMBER: _ClassVar[int]
-    license: str
-    def __init__(self, license: _Optional[str] = ...) -> None: ...
-
-class AddNamePackRequest(_message.Message):
-    __slots__ = ("pack",)
-    PACK_FIELD_NUMBER: _ClassVar[int]
-    pack: NamePack
-    def __init__(self, pack: _Optional[_Union[NamePack, _Mapping]] = ...) -> None: ...
 
 class CreateSceneRequest(_message.Message):
     __slots__ = ("header", "file", "chunk")
@@ -3094,11 +2783,11 @@ class QueryResponse(_message.Message):
     answer: Answer
     masks: _containers.RepeatedCompositeFieldContainer[ViewMask]
     mask3d: bytes
-    objects: _containers.RepeatedCompositeFieldContainer[SceneObject]
+    objects: _containers.RepeatedCompositeFieldContainer[SceneThing]
     matches: _containers.RepeatedCompositeFieldContainer[Match]
     skipped: _containers.RepeatedCompositeFieldContainer[SkippedScene]
     skipped_count: int
-    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneObject, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
+    def __init__(self, answer: _Optional[_Union[Answer, _Mapping]] = ..., masks: _Optional[_Iterable[_Union[ViewMask, _Mapping]]] = ..., mask3d: _Optional[bytes] = ..., objects: _Optional[_Iterable[_Union[SceneThing, _Mapping]]] = ..., matches: _Optional[_Iterable[_Union[Match, _Mapping]]] = ..., skipped: _Optional[_Iterable[_Union[SkippedScene, _Mapping]]] = ..., skipped_count: _Optional[int] = ...) -> None: ...
 
 class StreamQueryRequest(_message.Message):
     __slots__ = ("question", "pose")

@@ -20,7 +20,7 @@ from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.store.key_repository import ROLES, KeyRecord, KeyRepository
 from fastsplat.service.store.project_repository import ProjectRepository
 from fastsplat.service.store.records import DEFAULT_PROJECT
-from fastsplat_contract.errors import ConflictError, InvalidInputError, NotFoundError, ResourceError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, ResourceError
 from fastsplat_contract.keys import MAX_LIFETIME_S, Role
 
 _KEY = re.compile(r"fsk_([0-9a-f]{12})_[A-Za-z0-9_-]{43}")
@@ -60,8 +60,10 @@ class Keys:
             raise InvalidInputError("the name is empty, too long or not printable", field="name")
         if role not in ROLES:
             raise InvalidInputError(f"no role {str(role)[:80]!r}", field="role", hint=f"There are {', '.join(ROLES)}.")
-        if lifetime_s is not None:
-            _check_lifetime(lifetime_s)
+        if lifetime_s is not None and not 0 < lifetime_s <= MAX_LIFETIME_S:
+            raise InvalidInputError(
+                f"a lifetime of {lifetime_s} s", field="lifetime_s", limit=f"above 0, to {MAX_LIFETIME_S:.0f} s"
+            )
         if scene_id and (role != "reader" or lifetime_s is None):
             raise InvalidInputError(
                 "a key of one scene looks only, and expires",
@@ -90,23 +92,6 @@ class Keys:
             NotFoundError: there is none of that id.
         """
         self._rows.revoke(key_id, time.time())
-
-    def expire(self, key_id: str, lifetime_s: float) -> None:
-        """Let a valid key expire in `lifetime_s` seconds, sooner or later than it would.
-
-        Raises:
-            InvalidInputError: an unusable lifetime.
-            NotFoundError: there is none of that id.
-            ConflictError: it has expired or was revoked, and stays so.
-        """
-        _check_lifetime(lifetime_s)
-        if self._rows.find(key_id) is None:
-            raise NotFoundError(f"no key {key_id[:80]!r}", field="key", hint="List the keys to see which there are.")
-        now = time.time()
-        if not self._rows.expire(key_id, now, now + lifetime_s):
-            raise ConflictError(
-                f"key {key_id} has expired or was revoked, and stays so", field="key_id", hint="Make another key."
-            )
 
     def valid(self) -> KeyRing:
         """The keys that open something now."""
@@ -164,13 +149,6 @@ def key_id_of(key: str) -> str:
     """The id inside a key; "" if it has not the shape of one."""
     match = _KEY.fullmatch(key)
     return match[1] if match else ""
-
-
-def _check_lifetime(lifetime_s: float) -> None:
-    if not 0 < lifetime_s <= MAX_LIFETIME_S:
-        raise InvalidInputError(
-            f"a lifetime of {lifetime_s} s", field="lifetime_s", limit=f"above 0, to {MAX_LIFETIME_S:.0f} s"
-        )
 
 
 def _new_key() -> str:

@@ -103,17 +103,6 @@ class ProjectKeys:
         self._store.reserve.lend(lambda: self._keys.revoke(key_id))
         return as_key(self._get(caller_role, key_id), time.time())
 
-    def expire(self, caller_role: Role, key_id: str, lifetime_s: float) -> AccessKey:
-        """Let a valid key expire in `lifetime_s` seconds. Returns the key as it now stands.
-
-        Raises:
-            NotFoundError: the project has none of that id, or the caller's role is lower.
-            ConflictError: it has expired or was revoked, and stays so.
-        """
-        self._get(caller_role, key_id)
-        self._keys.expire(key_id, lifetime_s)
-        return as_key(self._get(caller_role, key_id), time.time())
-
     def begin_upload(self, key_id: str) -> None:
         """Let a key for one upload be valid for a day from its making, as its upload begins.
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
-from fastsplat.service.application.admin.name_packs import checked_names, checked_pack, known_of, packed
 from fastsplat.service.application.base.paging import read_page_token, write_page_token
 from fastsplat.service.application.base.validate import check_page_size
 from fastsplat.service.common.dictionary import label_key
@@ -19,9 +18,8 @@ from fastsplat.service.query.things.thing_index import listed_suggestions
 from fastsplat.service.scene.reads import tags_of
 from fastsplat.service.scene.suggestions import SaidName
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.name_repository import PackRecord
 from fastsplat.service.store.store import Store
-from fastsplat_contract.known_names import KnownName, KnownNameList, KnownNamesCheck, KnownPack, NamePack
+from fastsplat_contract.known_names import EVERY_NAME, KnownName, KnownNameList
 from fastsplat_contract.thing_messages import NameSuggestion, SceneThing, SuggestionSource
 
 _KEPT_PROJECTS = 64
@@ -53,7 +51,6 @@ class KnownNames:
         records = self._store.known_names.page(size + 1, read_page_token(page_token))
         more = len(records) > size
         token = write_page_token(records[size - 1].named_at, records[size - 1].id) if more else ""
-        packs = () if page_token else tuple(map(_pack, self._store.known_names.packs()))
         names = [
             KnownName(
                 id=record.id,
@@ -66,41 +63,17 @@ class KnownNames:
             )
             for record in records[:size]
         ]
-        return KnownNameList(tuple(names), token, packs)
-
-    def check(self, pack: NamePack | None = None) -> KnownNamesCheck:
-        """How well the names are known again, each scene left out in turn; with a pack, as if it had been added. Errors
-        as `add_pack`."""
-        more = () if pack is None else known_of(checked_pack(pack, self._settings))
-        return checked_names([*self._known(), *more])
-
-    def export_pack(self, license_text: str) -> NamePack:
-        """All that people named in the project's scenes and that is known by looks, see `packed`."""
-        return packed(self._known(), license_text, self._settings)
-
-    def add_pack(self, pack: NamePack) -> KnownPack:
-        """Suggest the names of a pack, too, as the source "pack".
-
-        Raises:
-            LimitExceededError: the project's packs would have more names than a project remembers.
-            ConflictError, InvalidInputError, ModelUnavailableError: see `checked_pack`.
-        """
-        record = checked_pack(pack, self._settings)
-        most = self._settings.calls.max_known_names
-        self._store.reserve.lend(lambda: self._store.known_names.add_pack(record, most))
-        return _pack(record)
+        return KnownNameList(tuple(names), token)
 
     def forget(self, name_id: str) -> None:
-        """Suggest a name, or the names of a pack, no more, and remove it from the list; its scene keeps the name.
+        """Suggest a name, or with `EVERY_NAME` each of the project, no more, and remove it from the list; its scene
+        keeps the name.
 
         Raises:
             NotFoundError: the project has none of that id.
         """
-        self._store.reserve.lend(lambda: self._store.known_names.forget(name_id))
-
-    def forget_all(self) -> None:
-        """As `forget`, of every name of the project."""
-        self._store.reserve.lend(self._store.known_names.forget_all)
+        forgotten = None if name_id == EVERY_NAME else name_id
+        self._store.reserve.lend(lambda: self._store.known_names.forget(forgotten))
 
     def suggest(self, scene_id: str, ranked: RankedScene, listed: Sequence[SceneThing]) -> tuple[SceneThing, ...]:
         """Listed things with the names of other scenes among their suggestions.
@@ -137,7 +110,7 @@ class KnownNames:
         current = self._store.known_names.keys()
         if list(keys) != list(current):
             # What is written in between is found by the next question: these keys are then no longer the current ones.
-            keys, records, packs = current, self._store.known_names.all(), self._store.known_names.packs()
+            keys, records = current, self._store.known_names.all()
             known = tuple(
                 KnownThing(
                     each.scene_id,
@@ -147,18 +120,13 @@ class KnownNames:
                     tuple((tag, probability) for tag, probability in each.tags),
                 )
                 for each in records
-            ) + tuple(each for pack in packs for each in known_of(pack))
+            )
             with self._lock:
                 self._kept.pop(project, None)
                 self._kept[project] = keys, known
                 while len(self._kept) > _KEPT_PROJECTS:
                     del self._kept[next(iter(self._kept))]
         return known
-
-
-def _pack(record: PackRecord) -> KnownPack:
-    added = datetime.fromtimestamp(record.added_at, UTC)
-    return KnownPack(record.id, record.license, record.model, len(record.names), added)
 
 
 def _suggested(thing: SceneThing, name: NameFromScene) -> SceneThing:

@@ -13,15 +13,13 @@ from pathlib import Path
 from typing import get_args
 
 from fastsplat.service.application.admin.project_keys import as_key
-from fastsplat.service.common.settings import environment_variable
 from fastsplat.service.query.language.calibration import Score, calibration_for, calibration_key
 from fastsplat.service.query.language.meaning import model_for, weighs_meanings
-from fastsplat.service.query.phrases.thing_looks import looks_calibration
-from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.settings import Settings
 from fastsplat.service.store.reserve import floor_of
 from fastsplat.service.store.store import Store
 from fastsplat_contract.call import APART
-from fastsplat_contract.errors import FastSplatError, InvalidInputError, ModelUnavailableError
+from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.keys import Role
 from fastsplat_contract.name_suggestions import NamerStatus
 from fastsplat_contract.server_status import (
@@ -171,7 +169,7 @@ def _model(role: ModelRole, name: str, settings: Settings) -> ModelStatus:
     if role == "lexicon" and ready:
         calibrated = weighed_with_encoder(settings)
     if role == "image_text" and ready:
-        calibrated = _looks_calibrated(settings)
+        calibrated = False  # what scores of such a model mean is not measured
     return ModelStatus(role, name, "ready" if ready else "missing", calibrated)
 
 
@@ -185,17 +183,6 @@ def weighed_with_encoder(settings: Settings) -> bool:
         and weighs_meanings(query)
         and model_for(calibration_key(perception.text_encoder, digest), perception.lexicon, query.templates) is not None
     )
-
-
-def _looks_calibrated(settings: Settings) -> bool | None:
-    """Whether answers weigh what the image-text model of the settings says; None if it cannot be opened, now."""
-    from fastsplat.service.perception.image_text import open_image_text
-
-    try:
-        model = open_image_text(settings.perception, settings.models)
-    except FastSplatError:
-        return None
-    return looks_calibration(model.name, model.sha256) is not None
 
 
 def _calibrated(
@@ -227,32 +214,3 @@ def namer_status(store: Store, settings: Settings, project: str) -> NamerStatus 
     if not namer.url:
         return None
     return NamerStatus(namer.host, namer.model, store.projects.agreed(project) == namer.host)
-
-
-def agree_to_namer(store: Store, settings: Settings, project: str, host: str) -> NamerStatus:
-    """Agree to the host of the server's namer, or with "" to none; returns what holds then.
-
-    Raises:
-        ModelUnavailableError: the server has no namer.
-        InvalidInputError: its host is another one: what was agreed to elsewhere does not hold for it.
-    """
-    namer = the_namer(settings)
-    if host and host != namer.host:
-        raise InvalidInputError(
-            f"the server's namer is not at {host[:200]!r}", field="host", limit=f"{namer.host}, or empty"
-        )
-    store.projects.agree(project, host)
-    return NamerStatus(namer.host, namer.model, bool(host))
-
-
-def the_namer(settings: Settings) -> NamerSettings:
-    """The settings of the server's namer.
-
-    Raises:
-        ModelUnavailableError: it has none.
-    """
-    if not settings.namer.url:
-        raise ModelUnavailableError(
-            "this server has no namer", field="namer", hint=f"Set {environment_variable(NamerSettings, 'url')}."
-        )
-    return settings.namer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from fastsplat_contract.errors import (
 )
 from fastsplat_contract.masks import ViewMask
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest, SkippedScene
-from fastsplat_contract.scenes import SceneObject
+from fastsplat_contract.thing_messages import SceneThing
 
 _log = logging.getLogger(__name__)
 
@@ -67,35 +67,22 @@ class AllScenes:
         self._ask_one = ask_one
 
     def query(self, query: TextQuery, request: QueryRequest) -> QueryOut:
-        """The answers of the READY scenes, newest first, and those scenes that were not asked.
+        """The answers of the READY scenes, newest first, and those scenes that were not asked: damaged ones, and those
+        beyond the limit. Those that are deleted meanwhile are in neither.
 
         Raises:
             InvalidInputError: the request holds what belongs to one scene.
             LimitExceededError, CancelledError: as `Answers.query`.
         """
         _check_everywhere(request)
-        each, skipped = self.asked(query, request, self._store.scenes.ready_scene_ids())
-        answers = tuple(answer for answers in each for answer in answers)
-        return QueryOut(answers, tuple(skipped[:MAX_SKIPPED]), len(skipped))
-
-    def asked(
-        self, query: TextQuery, request: QueryRequest, scene_ids: Sequence[str]
-    ) -> tuple[list[tuple[Answer, ...]], list[SkippedScene]]:
-        """The answers of each of some scenes, in their order, and those scenes that were not asked: damaged ones, and
-        those beyond the limit. Those that are deleted meanwhile are in neither.
-
-        Args:
-            query: what is asked.
-            request: the same, with the outputs; its scene does not matter.
-            scene_ids: which scenes.
-        """
+        scene_ids = self._store.scenes.ready_scene_ids()
         limit = self._calls.max_queried_scenes
-        answers: list[tuple[Answer, ...]] = []
+        answers: list[Answer] = []
         skipped: list[SkippedScene] = []
         for scene_id in scene_ids[:limit]:
             check_cancelled()
             try:
-                answers.append(self._ask(query, dataclasses.replace(request, scene_id=scene_id)))
+                answers += self._ask(query, dataclasses.replace(request, scene_id=scene_id))
             except (NotFoundError, NotReadyError):
                 continue  # deleted since it was listed
             except (SceneFileError, ArtefactError, ObjectStoreError, ModelUnavailableError) as error:
@@ -103,7 +90,7 @@ class AllScenes:
                 skipped.append(SkippedScene(scene_id, error.reason, error.message))
         over = f"the {limit} newest scenes were asked (FASTSPLAT_CALLS__MAX_QUERIED_SCENES)"
         skipped += (SkippedScene(scene_id, "OVER_LIMIT", over) for scene_id in scene_ids[limit:])
-        return answers, skipped
+        return QueryOut(tuple(answers), tuple(skipped[:MAX_SKIPPED]), len(skipped))
 
     def _ask(self, query: TextQuery, request: QueryRequest) -> tuple[Answer, ...]:
         """The answers of one scene. Where all are "absent", masks and objects are empty whatever its Gaussians are."""
@@ -135,13 +122,13 @@ def completed(
     *,
     masks: tuple[ViewMask, ...] = (),
     mask3d: bytes | None = None,
-    objects: tuple[SceneObject, ...] | None = None,
+    objects: tuple[SceneThing, ...] | None = None,
 ) -> Answer:
     """An answer as it is sent: of which scene and version, with as many matches as are shown, and the outputs."""
     shown = calls.max_matches if request.max_matches == 0 else request.max_matches
     return dataclasses.replace(
         answer,
-        things=answer.things or tuple(thing.thing_id for thing in objects or ()),
+        things=answer.things or tuple(thing.id for thing in objects or ()),
         scene_id=request.scene_id,
         version=version,
         matches=answer.matches if shown < 0 else answer.matches[:shown],

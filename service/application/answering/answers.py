@@ -7,15 +7,13 @@ from pathlib import Path
 
 from fastsplat.service.application.admin.project_names import KnownNames
 from fastsplat.service.application.answering.all_scenes import AllScenes, completed
-from fastsplat.service.application.answering.captures import Captures
-from fastsplat.service.application.answering.costs import check_encodings, check_pixels, rendering_cost
-from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, mask_ply, view_mask
+from fastsplat.service.application.answering.costs import check_encodings, check_pixels
+from fastsplat.service.application.answering.mask_encodings import encode_mask3d, encoded_mask, view_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes, asker_of
 from fastsplat.service.application.answering.pictures import picture, question_of
 from fastsplat.service.application.base.memory import MemoryBudget, mask3d_bytes, masks_bytes, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_pick, check_texts
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.language.query_text import TextQuery, check_query
 from fastsplat.service.query.scene_index import SceneIndex
@@ -34,7 +32,6 @@ from fastsplat_contract.masks import ViewMask, pack_mask3d
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import Answer, QueryOut, QueryRequest
-from fastsplat_contract.scenes import ObjectList
 from fastsplat_contract.thing_messages import PickedThing, PickRequest, ThingList
 
 _Camera = tuple[str, int, PosedCamera]
@@ -53,13 +50,10 @@ class Answers:
         self._memory = memory
         self._known_names = known_names
         self._all_scenes = AllScenes(store, settings.calls, scenes, memory, known_names, self._of_scene)
-        self.captures = Captures(store, scenes, self._all_scenes, self._of_scene)
-        """Of places."""
 
     def query(self, request: QueryRequest) -> QueryOut:
         """Ask one scene, one answer a text, in order; or, if the request names none, every READY scene, newest first:
-        then those that were not asked are named, too, damaged ones or too many. With `newest_capture` as
-        `Captures.query`.
+        then those that were not asked are named, too, damaged ones or too many.
 
         Cameras, views and versions belong to one scene.
 
@@ -72,8 +66,6 @@ class Answers:
             CancelledError: nobody waits for the answer any more.
         """
         query = self._check(request)
-        if request.newest_capture:
-            return self.captures.query(query, request)
         if request.scene_id:
             return QueryOut(self._of_scene(query, request))
         return self._all_scenes.query(query, request)
@@ -92,7 +84,6 @@ class Answers:
             posed = request.camera or index.view(request.view or "")
             index.check_view(posed)
             gaussians = len((index.coarse if request.coarse else index).scene.gaussians)
-            charge(rendering_cost([posed], 1, gaussians))
             with self._memory.reserve(picture_bytes(request.kind, posed, gaussians), "camera"):
                 ranked = self._known_names.suggesting(request.scene_id, index.ranked)
                 return picture(index, ranked, dataclasses.replace(request, camera=posed), query)
@@ -117,64 +108,6 @@ class Answers:
         if not path.is_file():
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version
-
-    def mask_ply(self, scene_id: str, text: str, version: str = "") -> bytes:
-        """Just the Gaussians that answer `text`, as a standard 3DGS PLY; no rows when the answer is "absent".
-
-        Raises:
-            NotFoundError, NotReadyError, InvalidInputError, LimitExceededError: as `query`.
-        """
-        query = check_query((text,), self._settings.query)
-
-        def read(index: SceneIndex, _: str) -> bytes:
-            ranked = self._known_names.suggesting(scene_id, index.ranked)
-            (answer,) = ranked.answer(query, lambda: index.things)
-            with self._memory.reserve(mask3d_bytes("ply", 1, index.scene.gaussians), "text"):
-                return mask_ply(index.scene.gaussians, index.mask3d(answer))
-
-        return self._scenes.reading(scene_id, version, read)
-
-    def thing_ids(self, scene_id: str, version: str = "") -> bytes:
-        """Which thing each Gaussian belongs to: little-endian uint16 [G] by row, 0 for none.
-
-        Raises:
-            NotFoundError, NotReadyError: as `query`.
-        """
-        return self._scenes.reading(scene_id, version, lambda index, _: index.things.owner.astype("<u2").tobytes())
-
-    def list_objects(
-        self, scene_id: str, version: str = "", label: str = "", page_size: int = 0, page_token: str = ""
-    ) -> ObjectList:
-        """The things of a scene as oriented boxes, in pages as `list_scenes`.
-
-        Args:
-            scene_id: which scene.
-            version: of the scene; "" is the current one.
-            label: only those of this dictionary entry, by its label or an alias; "" for all.
-            page_size, page_token: as `SceneService.list_scenes`.
-
-        Returns:
-            The page, the token of the next one ("" after the last), and the version that was read.
-
-        Raises:
-            NotFoundError: there is no such scene, version or label.
-            NotReadyError, InvalidInputError: as `query` and `SceneService.list_scenes`.
-        """
-        size = check_page_size(page_size, self._settings.store)
-
-        def read(index: SceneIndex, read_version: str) -> ObjectList:
-            objects = index.objects
-            if label:
-                label_id = index.scene.dictionary.id_of(label)
-                if label_id is None:
-                    raise NotFoundError(
-                        f"no label {label[:80]!r} in this scene", field="label", hint="List its labels, or ask a query."
-                    )
-                objects = tuple(thing for thing in objects if thing.label_id == label_id)
-            page, token = page_of(objects, size, page_token, f"objects {scene_id} {read_version} {label}")
-            return ObjectList(tuple(page), token, read_version)
-
-        return self._scenes.reading(scene_id, version, read)
 
     def list_things(
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
@@ -256,9 +189,6 @@ class Answers:
         def read(index: SceneIndex, read_version: str) -> Measurement:
             from fastsplat.service.query.measures.measuring import measure  # torch loads with the first measurement
 
-            gaussians = len(index.scene.gaussians)
-            pixels = [_one_pixel(place.camera) for place in request.places if place.camera is not None]
-            charge(rendering_cost(pixels, 1, gaussians))
             return measure(index, request.places, read_version)
 
         return self._scenes.reading(request.scene_id, request.version, read)
@@ -272,7 +202,6 @@ class Answers:
                 check_pixels(views, len(request.texts))
                 for posed in views:
                     index.check_view(posed)
-                charge(rendering_cost(views, len(request.texts), len(index.scene.gaussians)))
             asker = asker_of(index, request)
             ranked = self._known_names.suggesting(request.scene_id, index.ranked)
             size, field = _bytes_to_hold(index, cameras, request)
@@ -287,7 +216,9 @@ class Answers:
                         mask3d=encode_mask3d(index.mask3d(answer), request.mask3d_encoding, index.scene.gaussians)
                         if "mask3d" in request.outputs
                         else None,
-                        objects=index.objects_of(answer) if "objects" in request.outputs else None,
+                        objects=self._known_names.suggest(request.scene_id, index.ranked, index.objects_of(answer))
+                        if "objects" in request.outputs
+                        else None,
                     )
                     for answer in ranked.answer(query, lambda: index.things, asker)
                 )
@@ -341,10 +272,6 @@ def _masks(index: SceneIndex, answer: Answer, cameras: list[_Camera], request: Q
         check_cancelled()
         masks.append(view_mask(index, answer, *camera, request.mask2d_encoding))
     return tuple(masks)
-
-
-def _one_pixel(posed: PosedCamera) -> PosedCamera:
-    return dataclasses.replace(posed, camera=dataclasses.replace(posed.camera, width=1, height=1))
 
 
 def _bytes_to_hold(index: SceneIndex, cameras: list[_Camera], request: QueryRequest) -> tuple[int, str]:

@@ -31,17 +31,6 @@ def check_encodings(query: TextQuery) -> None:
         )
 
 
-def rendering_cost(cameras: Iterable[PosedCamera], masks: int, gaussians: int) -> float:
-    """What views cost, in rendered pixels: in each, a Gaussian takes about as long as a pixel.
-
-    Args:
-        cameras: the views.
-        masks: how many texts each is rendered for.
-        gaussians: of the scene.
-    """
-    return masks * sum(posed.camera.width * posed.camera.height + gaussians for posed in cameras)
-
-
 def check_pixels(cameras: Iterable[PosedCamera], masks: int) -> None:
     """Raise if a question has too many pixels to render: those of its views, for every text.
 

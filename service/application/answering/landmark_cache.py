@@ -9,8 +9,7 @@ from pathlib import Path
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
-from fastsplat.service.capture.formats.kept_capture import kept_lenses
-from fastsplat.service.capture.photos.scene_photos import photo_folder, photo_path
+from fastsplat.service.capture.photos.scene_photos import kept_lenses, photo_path
 from fastsplat.service.capture.views.kept_photos import read_photo
 from fastsplat.service.common.radial_lens import middle_lens
 from fastsplat.service.localization.landmarks import (
@@ -65,7 +64,7 @@ class LandmarkCache:
 
         def find() -> Landmarks:
             photos = photos_of(index.scene.cameras, folder, self._settings.max_side, blobs)
-            lens = middle_lens(kept_lenses(photo_folder(folder)))
+            lens = middle_lens(kept_lenses(folder))
             return find_landmarks(photos, index.geometry, lens)
 
         landmarks = self._kept.get((scene_id, version), lambda: self._largest, find)

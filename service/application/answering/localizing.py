@@ -14,7 +14,6 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.validate import check_texts
 from fastsplat.service.capture.uploads.sent_photos import DECODER_BYTES, SparePhotoDecoder
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -30,8 +29,6 @@ if TYPE_CHECKING:  # torch and pycolmap load when they are used
 MAX_PHOTOS_BYTES = 32 * 2**20
 """Bytes of all photos of a request over REST; over gRPC a message has at most 4 MiB."""
 
-_PHOTO_COST = 2.0**23
-"""Finding a photo's keypoints takes about as long as rendering so many pixels, and its pose as long again."""
 _WORK_BYTES = 192 << 20
 """Of finding keypoints and matches of one photo after the other, at the default sizes."""
 
@@ -92,7 +89,6 @@ class Localizing:
 
         def read(index: SceneIndex, version: str) -> Located:
             gaussians = len(index.scene.gaussians)
-            charge(len(request.photos) * (3 * _PHOTO_COST + 8 * gaussians))
             picture = picture_bytes("confidence", PosedCamera(square, np.eye(4)), gaussians)
             with self._memory.reserve(picture + _WORK_BYTES + DECODER_BYTES, "photos"):
                 folder = self._scenes.folder(request.scene_id, version)

@@ -5,30 +5,23 @@ from __future__ import annotations
 import copy
 import threading
 from collections.abc import Callable
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget
 from fastsplat.service.query.language.embeddings import TextCaches, text_caches
-from fastsplat.service.query.phrases.thing_looks import LooksModel, looks_calibration
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.kept_maps import KEPT_MAP_BYTES
 from fastsplat.service.scene.scene_files import read_scene
-from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.records import SceneRecord
 from fastsplat.service.store.store import Store
 from fastsplat_contract.errors import (
     InvalidInputError,
-    LimitExceededError,
     NotFoundError,
     NotReadyError,
-    ObjectStoreError,
     SceneFileError,
 )
 from fastsplat_contract.poses import F64
@@ -60,7 +53,6 @@ class OpenScenes:
         )
         self._encoders: dict[str, TextEncoder] = {}
         self._lexicons: dict[str, Lexicon] = {}
-        self._looks: dict[str, LooksModel | None] = {}
         self._caches: dict[str, TextCaches] = {}
         self._encoder_lock = threading.Lock()
 
@@ -137,21 +129,6 @@ class OpenScenes:
             )
         return version or current
 
-    def counted(self, scene: SceneRecord) -> SceneRecord:
-        """The row of a scene with the number of its version's things. One that has none, as those of earlier releases,
-        gets it for good; where the files cannot be read it stays unknown."""
-        if scene.things is not None or not scene.version:
-            return scene
-        from fastsplat.service.query.things.labeled_things import things_of
-
-        with suppress(NotFoundError, SceneFileError, ObjectStoreError, LimitExceededError):
-            folder = self.folder(scene.id, scene.version)
-            with self._memory.opening(_weigh(folder)):
-                things = thing_count(things_of(read_scene(folder / "artefact")))
-            self._store.versions.record_things(scene.id, scene.version, things)
-            return replace(scene, things=things)
-        return scene
-
     def finished(self, scene_id: str) -> str:
         """The name of the current version of a scene that is no draft.
 
@@ -196,8 +173,7 @@ class OpenScenes:
         """A scene, from no folder, ready to be asked; it is not kept."""
         encoder = self._encoder(scene.text_encoder[0])
         caches = self._caches_of(encoder)
-        lexicon, looks = self._lexicon(), self._looks_of(scene)
-        return SceneIndex(scene, encoder, self._settings.query, lexicon=lexicon, caches=caches, looks=looks)
+        return SceneIndex(scene, encoder, self._settings.query, lexicon=self._lexicon(), caches=caches)
 
     def _encoder(self, name: str) -> TextEncoder:
         from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -221,20 +197,6 @@ class OpenScenes:
             if name not in self._lexicons and (opened := find_lexicon(name, self._settings.models)) is not None:
                 self._lexicons[name] = opened
             return self._lexicons.get(name)
-
-    def _looks_of(self, scene: Scene) -> LooksModel | None:
-        """The image-text model of the settings, where it looked at things of the scene and was calibrated."""
-        from fastsplat.service.perception.image_text import open_image_text
-
-        perception = self._settings.perception
-        if not perception.image_text or scene.things is None or not any(each.looks for each in scene.things.table):
-            return None
-        with self._encoder_lock:
-            if perception.image_text not in self._looks:
-                model = open_image_text(perception, self._settings.models)
-                calibration = looks_calibration(model.name, model.sha256)
-                self._looks[model.name] = None if calibration is None else LooksModel(model, calibration)
-            return self._looks[perception.image_text]
 
 
 def asker_of(index: SceneIndex, request: QueryIn) -> F64 | None:

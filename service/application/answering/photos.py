@@ -9,16 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.application.admin.project_names import KnownNames
-from fastsplat.service.application.answering.costs import check_encodings, rendering_cost
+from fastsplat.service.application.answering.costs import check_encodings
 from fastsplat.service.application.answering.mask_encodings import encoded_mask
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.paging import page_of
 from fastsplat.service.application.base.validate import check_page_size, check_texts
 from fastsplat.service.capture.photos.scene_photos import observed_photo_path, photo_path
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.language.query_text import TextQuery, check_query
-from fastsplat.service.query.measures.thing_views import CANDIDATES, best_thing_views, small_view
+from fastsplat.service.query.measures.thing_views import best_thing_views, small_view
 from fastsplat.service.query.ranked_scene import RankedScene
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
@@ -50,7 +49,7 @@ class Photos:
 
     def all(self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "") -> PhotoList:
         """The photos that are stored with a scene, in the order of its cameras, in pages as `SceneService.list_scenes`;
-        none for a scene of a release before photos were stored, and where the settings store none.
+        none where the settings store none.
 
         Raises:
             NotFoundError: there is no such scene or version.
@@ -158,11 +157,9 @@ class Photos:
             )
             if not thing_ids or not index.scene.cameras:
                 return BestViewList((), read_version)
-            count, gaussians = max_views or _USUAL_VIEWS, len(index.scene.gaussians)
-            posed = small_view(index.scene.cameras[0])
-            charge(rendering_cost([posed] * min(count + CANDIDATES, len(index.scene.cameras)), 1, gaussians))
-            with self._memory.reserve(picture_bytes("thing_map", posed, gaussians), "things"):
-                best = best_thing_views(index, thing_ids, count)
+            size = picture_bytes("thing_map", small_view(index.scene.cameras[0]), len(index.scene.gaussians))
+            with self._memory.reserve(size, "things"):
+                best = best_thing_views(index, thing_ids, max_views or _USUAL_VIEWS)
             return BestViewList(
                 tuple(
                     BestView(
@@ -182,7 +179,7 @@ class Photos:
     def _cameras(self, scene_id: str, version: str) -> tuple[str, tuple[str, ...], Path]:
         """The version that is meant, the names of the scene's cameras in order, and the version's folder."""
         version = self._scenes.version(scene_id, version)
-        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).every_camera)
+        names = tuple(row["name"] for row in self._store.scenes.scene(scene_id).cameras)
         return version, names, self._scenes.folder(scene_id, version)
 
 
@@ -191,7 +188,7 @@ def _answering(index: SceneIndex, ranked: RankedScene, query: TextQuery) -> tupl
     (answer,) = ranked.answer(query, lambda: index.things)
     if answer.is_absent:
         return ()
-    return answer.things or tuple(thing.thing_id for thing in index.objects_of(answer))
+    return answer.things or tuple(thing.id for thing in index.objects_of(answer))
 
 
 def size_of(path: Path) -> int:

@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fastsplat.service.application.admin.project_names import KnownNames
-from fastsplat.service.application.answering.costs import rendering_cost
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, picture_bytes
 from fastsplat.service.application.base.paging import page_after
 from fastsplat.service.application.base.validate import check_page_size, check_texts
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.nameless_things import SHEET_PHOTO_SIDE, drawn_sheet, kept_photos, written_on
 from fastsplat.service.query.drawing.thing_sheets import MOST_THINGS
-from fastsplat.service.query.measures.thing_views import CANDIDATES, small_view
+from fastsplat.service.query.measures.thing_views import small_view
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
@@ -77,8 +75,6 @@ class ThingSheets:
         if not cameras:
             return b"", ()
         small, large = small_view(cameras[0]), small_view(cameras[0], SHEET_PHOTO_SIDE)
-        looked = [small] * min(len(cameras), CANDIDATES * len(things)) + [large] * min(len(cameras), len(things))
-        charge(rendering_cost(looked, 1, gaussians))
         held = picture_bytes("thing_map", small, gaussians) + picture_bytes("rgb", large, gaussians)
         with self._memory.reserve(held, "things"):
             return drawn_sheet(index, things, lambda views: self._photos(index, folder, views))

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from fastsplat.service.application.base.memory import MemoryBudget, masks_bytes
 from fastsplat.service.application.editing.segmenter_cache import SegmenterCache
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.settings import Settings
 from fastsplat_contract.camera import Camera, PosedCamera
@@ -25,9 +24,6 @@ if TYPE_CHECKING:
 
 _MAX_PROMPT_PIXELS = 64
 """Pixels on and beside the thing that one prompt may have."""
-
-_PICTURE_COST = 2.0**23
-"""Segmenting a picture takes about as long as rendering so many pixels."""
 
 
 @dataclass(frozen=True)
@@ -50,22 +46,17 @@ class PromptedEdits:
         self._segmenter = SegmenterCache(settings, memory)
 
     def check(self, edits: Sequence[Edit]) -> None:
-        """Raise unless all prompts can be looked at, and account for what they cost; before anything is done.
+        """Raise unless all prompts can be looked at; before anything is done.
 
         Raises:
             InvalidInputError, LimitExceededError: with the field inside `edits`.
-            CallAgainError: as `charge`.
         """
-        count = 0
         for number, edit in enumerate(edits):
             if edit.prompt is not None and edit.action in PROMPTED:
-                count += 1
                 try:
                     _check(edit.prompt)
                 except (InvalidInputError, LimitExceededError) as error:
                     raise error.within(f"edits[{number}].prompt") from error
-        if count:
-            charge(count * self._settings.prompts.views * _PICTURE_COST)
 
     def bytes(self, edits: Sequence[Edit], gaussians: int) -> int:
         """What segmenting holds at its peak beside the open scene and the edits, by estimate."""

@@ -12,8 +12,7 @@ from fastsplat.service.store.damaged_rows import decodes
 from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import from_plain, to_plain
-from fastsplat_contract.poses import Pose, Quaternion, Vector3
-from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.scenes import Edit, SceneVersion
 from fastsplat_contract.thing_prompts import PromptedThing
 
 _MAX_EDITS = 100
@@ -23,6 +22,7 @@ PROMPTED = "prompted"
 """In the row of an edit: what was made of its prompt."""
 ASKS_KIND = "asks_kind"
 """In the row of an edit: there, and true, where it gave a name of which no word is known."""
+_BESIDE = (PROMPTED, ASKS_KIND)
 
 
 def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
@@ -76,22 +76,8 @@ def version_of(record: VersionRecord) -> SceneVersion:
         created_at=datetime.fromtimestamp(record.created_at, UTC),
         gaussians=record.gaussians,
         current=record.current,
-        edits=tuple(_edit_of({n: row[n] for n in row if n not in (PROMPTED, ASKS_KIND)}) for row in record.edits),
+        edits=tuple(from_plain(Edit, {n: row[n] for n in row if n not in _BESIDE}) for row in record.edits),
         prompted=tuple(from_plain(PromptedThing, row[PROMPTED]) for row in record.edits if PROMPTED in row),
         author=record.author,
         asks_kind=any(ASKS_KIND in row for row in record.edits),
-    )
-
-
-def _edit_of(row: Mapping[str, Any]) -> Edit:
-    if "colour" not in row:
-        return from_plain(Edit, row)
-    # A row of before the first release of the contract: British names, numbers in lists.
-    color, transform = row["colour"], row["transform"]
-    return Edit(
-        "recolor" if row["action"] == "recolour" else row["action"],
-        row["label"],
-        row["object_id"],
-        color and Color(*color),
-        transform and Pose(Vector3(*transform["position"]), Quaternion(*transform["orientation"])),
     )

@@ -22,7 +22,6 @@ from fastsplat.service.application.editing.version_rows import (
     dictionary_rows,
     version_of,
 )
-from fastsplat.service.common.call_scheduling import charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.things.names_by_looks import described
@@ -85,7 +84,6 @@ class Versions:
         request_id: str = "",
         looked_at: str = "",
         author: str = "",
-        digest: str = "",
     ) -> SceneVersion:
         """Make a new version of a scene: the edits in order, all or none; the version is durable and current on return.
 
@@ -99,8 +97,6 @@ class Versions:
             request_id: the same id with the same edits returns the version that they made; "" for none.
             looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
             author: the id of the key by which this is asked for; "" for none.
-            digest: of what was asked for, where the edits were computed from it and would come out otherwise the next
-                time; "": the edits' own.
 
         Raises:
             NotFoundError: there is no such scene, version, label, object or thing.
@@ -115,7 +111,7 @@ class Versions:
         rows = check_edits(edits)
         check_texts(looked_at, "version")
         self._prompted.check(edits)
-        digest = digest or hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+        digest = hashlib.sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
         self._scenes.version(scene_id, "")
         with self._store.blobs.exclusive(scene_id):  # edits of one machine queue, or most would be made in vain
             for remaining in reversed(range(_TRIES)):
@@ -144,9 +140,8 @@ class Versions:
         check_texts(version, "version")
 
         def read(index: SceneIndex, read_version: str) -> EditPreview:
-            from fastsplat.service.query.edits.previews import preview_cost, preview_of  # scipy loads with the first
+            from fastsplat.service.query.edits.previews import preview_of  # scipy loads with the first
 
-            charge(preview_cost(index, edits))
             with self._memory.reserve(edit_bytes(index.scene, ()), "edits"):
                 return preview_of(index, read_version, edits)
 

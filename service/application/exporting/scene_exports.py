@@ -14,8 +14,8 @@ from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
-from fastsplat.service.application.base.optional_packages import RERUN, needed
 from fastsplat.service.application.base.validate import check_texts
+from fastsplat.service.application.exporting.camera_files import camera_list, colmap, transforms
 from fastsplat.service.application.exporting.geometry_files import (
     ViewsOf,
     cameras_file,
@@ -29,6 +29,7 @@ from fastsplat.service.application.exporting.scene_page import scene_page
 from fastsplat.service.application.exporting.scene_recording import SceneRecording, bounded_photos
 from fastsplat.service.application.exporting.surface_cache import SurfaceCache
 from fastsplat.service.capture.photos.scene_photos import photo_path
+from fastsplat.service.common.optional_packages import MCAP, needed
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.surfaces.occupancy import OccupancyMap
 from fastsplat.service.scene.scene_rows import gaussians_of_rows
@@ -78,11 +79,11 @@ class Exports:
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
             InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
-                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a version
-                that is no plain text.
+                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a camera's
+                name that the format cannot hold, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
-            MissingPackageError: rerun, where the package that it needs is not installed.
+            MissingPackageError: mcap, where the package that it needs is not installed.
             SceneFileError: a stored photo is damaged.
         """
         check_texts(replace(request, scene_id=""))
@@ -175,34 +176,20 @@ class Exports:
             return splats_file(index, self._name(request), request.things)
 
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        from fastsplat.service.application.exporting.foxglove_file import foxglove_file  # loads with the first call
+        with needed(MCAP, 'the format "mcap"'):
+            from fastsplat.service.application.exporting.foxglove_file import foxglove_file
 
-        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
+        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras))
         floor, floor_missing = self._floor(index, version, request)
-        with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
-            views = self._views_of(request, version)
-            points = points_file(index, self._name(request), request.things, request.cell, views)
-            recording = self._recording(request, version, points, files, left_out)
-            recording = replace(recording, floor=floor, floor_missing=floor_missing)
-            return foxglove_file(index, recording, request.things)
-
-    def _rerun(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with needed(RERUN, 'the format "rerun"'):
-            from fastsplat.service.application.exporting.rerun_file import rerun_file
-        files, left_out = self._photo_files(request.scene_id, version, len(index.scene.cameras), bounded_photos)
-        gaussians = _of_things(index, request.things)
-        with self._memory.reserve(export_bytes(gaussians) + 3 * sum(files.values()), "scene_id"):
-            recording = self._recording(request, version, b"", files, left_out)
-            return rerun_file(index, gaussians, recording, request.things)
-
-    def _recording(
-        self, request: ExportRequest, version: str, points: bytes, photos: Iterable[int], photos_left_out: int
-    ) -> SceneRecording:
         created_ns = round(self._created_at(request.scene_id, version) * 1000) * 10**6
-        contents = self._photo_contents(request.scene_id, version, photos)
-        return SceneRecording(
-            request.scene_id, version, self._name(request), created_ns, points, contents, photos_left_out
-        )
+        with self._memory.reserve(surface_bytes(index, mesh=False) + 3 * sum(files.values()), "scene_id"):
+            name, views = self._name(request), self._views_of(request, version)
+            points = points_file(index, name, request.things, request.cell, views)
+            photos = self._photo_contents(request.scene_id, version, files)
+            recording = SceneRecording(
+                request.scene_id, version, name, created_ns, points, photos, left_out, floor, floor_missing
+            )
+            return foxglove_file(index, recording, request.things)
 
     def _floor(self, index: SceneIndex, version: str, request: ExportRequest) -> tuple[OccupancyMap | None, str]:
         """The map of the floor, or why there is none."""
@@ -218,13 +205,11 @@ class Exports:
             except (InvalidInputError, LimitExceededError) as error:
                 return None, error.message
 
-    def _photo_files(
-        self, scene_id: str, version: str, cameras: int, choose: Callable[[Mapping[int, int]], Sequence[int]]
-    ) -> tuple[dict[int, int], int]:
-        """Bytes of the stored photos that `choose` takes, by the number of their camera, and how many it leaves out."""
+    def _photo_files(self, scene_id: str, version: str, cameras: int) -> tuple[dict[int, int], int]:
+        """Bytes of the stored photos that a file may hold, by the number of their camera, and how many are left out."""
         folder = self._scenes.folder(scene_id, version)
         sizes = {number: size for number in range(cameras) if (size := size_of(photo_path(folder, number)))}
-        photos = {number: sizes[number] for number in choose(sizes)}
+        photos = {number: sizes[number] for number in bounded_photos(sizes)}
         return photos, len(sizes) - len(photos)
 
     def _photo_contents(self, scene_id: str, version: str, numbers: Iterable[int]) -> dict[int, bytes]:
@@ -270,7 +255,10 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "sog": Exports._sog,
     "mcap": Exports._mcap,
     "map": Exports._map,
-    "rerun": Exports._rerun,
+    "camera_list": lambda exports, index, version, request: camera_list(index.scene.cameras),
+    "transforms": lambda exports, index, version, request: transforms(index.scene.cameras),
+    "colmap": lambda exports, index, version, request: colmap(index.scene.cameras),
+    "things": lambda exports, index, version, request: index.things.owner.astype("<u2").tobytes(),
 }
 
 

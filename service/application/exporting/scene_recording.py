@@ -1,4 +1,4 @@
-"""Contents of a scene's recording for robotics viewers (Foxglove, Rerun), whatever its format."""
+"""Contents of a scene's recording for robotics viewers (Foxglove, Rerun)."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SceneRecording:
     Attributes:
         scene_id, version, name: of the scene.
         created_ns: when the version was made, nanoseconds since 1970.
-        points: a file of `point_ply`, for formats that hold points.
+        points: a file of `point_ply`.
         photos: JPEG files, by the number of their camera.
         photos_left_out: how many stored ones are not among them.
         floor: the map of the floor, for scenes that have one.

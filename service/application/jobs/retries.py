@@ -61,7 +61,7 @@ def _checked(record: OperationRecord, exclude: Sequence[str], store: Store) -> t
         )
     if record.upload_id not in store.blobs.ids("uploads"):
         raise no_upload(record.id)
-    manifest, _ = read_manifest(store.blobs.fetch_upload(record.upload_id) / record.options["admitted"])
+    manifest, _ = read_manifest(store.blobs.fetch_upload(record.upload_id) / record.options["validated"])
     paths = photo_paths(manifest, exclude)
     without_photos(manifest, {*record.excluded, *paths})
     return paths

@@ -21,7 +21,7 @@ from fastsplat.service.scene.scaling import capture_scale_source, capture_scalin
 from fastsplat.service.scene.upright import vertical_of
 from fastsplat.service.store.codec import camera_from_json
 from fastsplat.service.store.damaged_rows import decodes, each_readable
-from fastsplat.service.store.records import JOINED_CAMERAS, SECONDS_LEFT, OperationRecord, SceneRecord
+from fastsplat.service.store.records import SECONDS_LEFT, OperationRecord, SceneRecord
 from fastsplat_contract.job_watching import DraftInfo, PlacedInfo, PreviewInfo, WorkerState
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.operations import FINAL_STATES, RESULTS, Operation, OperationError, StageProgress
@@ -80,10 +80,7 @@ def operation_of(record: OperationRecord, worker: WorkerState | None = None) -> 
 
 def _result_of(record: OperationRecord) -> dict[str, Any]:
     """The field of an operation that says what came of it; its name is the kind's."""
-    result = RESULTS.get(record.kind)
-    if record.state != "SUCCEEDED" or record.result is None or result is None:  # replacing a scene notes it before
-        return {}
-    return {record.kind: from_plain(result, dict(record.result))}
+    return {} if record.result is None else {record.kind: from_plain(RESULTS[record.kind], dict(record.result))}
 
 
 @decodes("scene")
@@ -99,7 +96,7 @@ def summary_of(record: SceneRecord) -> SceneSummary:
         scale=record.scale if record.scaling is None else "METRIC",
         version=record.version,
         label_count=len(record.dictionary),
-        thing_count=record.things,
+        thing_count=record.things if record.version else None,
         captured_at=newest_photo_at(record.quality),
     )
 
@@ -115,13 +112,13 @@ def scene_of(record: SceneRecord, max_listed: int | None = None) -> Scene:
     unit = None if record.scaling is None else record.scaling["meters_per_unit"]
     alignment = alignment_from_json(record.alignment)
     frame = frame_similarity(unit, alignment)  # rows have that of the trained version
-    cameras = tuple(frame.camera(camera_from_json(row)) for row in record.every_camera[:max_listed])
+    cameras = tuple(frame.camera(camera_from_json(row)) for row in record.cameras[:max_listed])
     return Scene(
         **vars(summary_of(record)),
-        camera_count=len(record.every_camera),
+        camera_count=len(record.cameras),
         dictionary=tuple(label_of(row) for row in record.dictionary[:max_listed]),
         cameras=cameras,
-        quality={name: value for name, value in record.quality.items() if name != JOINED_CAMERAS},
+        quality=record.quality,
         assessment=assess(record.quality, cameras) if record.state == "READY" else None,
         scaling=_scaling_of(record),
         vertical=vertical_of(record.quality, alignment, cameras),

@@ -31,7 +31,6 @@ from fastsplat.service.common.atomic import sync_directory
 from fastsplat.service.common.file_names import safe_parts
 from fastsplat.service.store.activity_clock import ActivityClock
 from fastsplat.service.store.blobs import Blobs, remove
-from fastsplat.service.store.records import DEFAULT_PROJECT
 from fastsplat.service.store.reserve import check_free_space
 from fastsplat_contract.errors import (
     ConflictError,
@@ -291,7 +290,7 @@ class ResumableUploads:
     def _find(self, project: str, upload_id: str) -> tuple[Path, _Info]:
         try:
             folder = self._blobs.upload(upload_id)
-            info = _read_info(folder / _INFO)
+            info = _Info(**json.loads((folder / _INFO).read_text()))
             owned = info.project == project and self._key in ("", info.key)
             if owned and self._age(folder) < self._lifetime_s:
                 return folder, info
@@ -318,14 +317,6 @@ def _locked(folder: Path) -> FileIO:
             hint="Wait until it has ended, ask for the offset, then go on.",
         ) from None
     return data
-
-
-def _read_info(path: Path) -> _Info:
-    content = json.loads(path.read_text())
-    # Earlier releases wrote down the key that announced it: all their keys are the default project's now.
-    content.setdefault("project", DEFAULT_PROJECT)
-    content.pop("owner", None)
-    return _Info(**content)
 
 
 def _write_durably(path: Path, text: str) -> None:

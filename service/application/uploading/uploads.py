@@ -181,9 +181,9 @@ class UploadSession:
     def replace_files(self, folder: Path) -> None:
         """Let `folder`, what was unpacked or laid out anew from `raw`, take the place of `raw`; the same one stays."""
         if folder != self.raw:
-            admitted = folder.rename(self.folder / folder.name)
+            validated = folder.rename(self.folder / folder.name)
             remove(self.raw)
-            self.raw = admitted
+            self.raw = validated
 
     @property
     def bytes(self) -> int:

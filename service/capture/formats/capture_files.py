@@ -88,7 +88,7 @@ def load_capture(out_dir: Path) -> Capture:
             report=_report(document["report"]),
             given_labels=_given_labels(document["given_labels"], out_dir),
             test_names=tuple(document["test_names"]),
-            splat=None if document.get("splat") is None else out_dir / document["splat"],
+            splat=None if document["splat"] is None else out_dir / document["splat"],
         )
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise InvalidInputError(
@@ -127,26 +127,26 @@ def _view_to_json(view: View, folder: Path) -> dict[str, Any]:
 def _view_from_json(stored: dict[str, Any], folder: Path) -> View:
     pose = np.array(stored["world_from_camera"], dtype=np.float64)
     posed = PosedCamera(Camera(**stored["camera"]), pose, stored["name"])
-    valid, depth, lens = stored["valid"], stored.get("depth"), stored.get("lens")
+    valid, depth, lens = stored["valid"], stored["depth"], stored["lens"]
     return View(
         posed,
         folder / stored["image"],
         None if valid is None else folder / valid,
         None if depth is None else SensorDepth(folder / depth["map"], Camera(**depth["camera"]), depth["unit"]),
-        stored.get("exposure_ev"),
-        stored.get("taken_at"),
+        stored["exposure_ev"],
+        stored["taken_at"],
         None if lens is None else RadialLens(**lens),
     )
 
 
 def _report(stored: dict[str, Any]) -> CaptureReport:
     tuples = {key: tuple(stored[key]) for key in ("unregistered", "models", "warnings")}
-    scale, withheld = stored.get("scale"), stored.get("withheld")
+    scale, withheld, vertical = stored["scale"], stored["withheld"], stored["vertical"]
     measured = {
-        "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored.get("photos", ())),
+        "photos": tuple(from_plain(PhotoVerdict, photo) for photo in stored["photos"]),
         "scale": None if scale is None else ScaleEstimate(**scale),
         "withheld": None if withheld is None else WithheldReport(**withheld),
-        "vertical": None if stored.get("vertical") is None else VerticalEstimate(**stored["vertical"]),
+        "vertical": None if vertical is None else VerticalEstimate(**vertical),
     }
     return CaptureReport(**{**stored, **tuples, **measured})
 

@@ -1,7 +1,4 @@
-"""A capture's depth maps on disk and at the sizes that others look at them.
-
-They are stored as 16-bit PNG whose step is 1/65535 of nearly the largest value. Imports little: trainings load them.
-"""
+"""A capture's depth maps on disk (16-bit PNG, whose step is 1/65535 of nearly the largest value) and at other sizes."""
 
 from __future__ import annotations
 
@@ -42,15 +39,11 @@ def load_depth(sensor: SensorDepth) -> F32:
 
 
 def resample_depth(depth: F32, source: Camera, target: Camera) -> F32:
-    """float32 [H, W]: what a map says of the pixels of another camera at the same place; 0 where it says nothing.
-
-    No two measurements are mixed. Of a finer map a pixel takes the measurement at its center; of a coarser one only the
-    pixels in which a measurement's center lies get it, because between them nothing was measured.
+    """float32 [H, W]: what a map says of the pixels of another camera at the same place; 0 where it says nothing. No
+    two measurements are mixed, and none is made up between them.
 
     Args:
         depth: [H, W], 0 where unknown.
-        source: its camera.
-        target: the other one.
     """
     finer = source.fx >= target.fx
     at, of = (target, source) if finer else (source, target)

@@ -108,10 +108,8 @@ def read_size(root: Path, name: str, settings: CaptureSettings) -> tuple[int, in
 
 
 def load_upright(root: Path, info: PhotoInfo, settings: CaptureSettings) -> NDArray[np.uint8]:
-    """uint8 [H, W, 3], upright. 16-bit values keep their upper byte; what is transparent turns black.
-
-    Black, because a scene is trained before black: where the photo shows nothing, the scene learns nothing.
-    """
+    """uint8 [H, W, 3], upright. 16-bit values keep their upper byte; what is transparent turns black, as scenes are
+    trained."""
     return apply_orientation(load_stored(root, info.path, settings), info.orientation)
 
 
@@ -198,11 +196,8 @@ def _open(path: Path, name: str, settings: CaptureSettings) -> Image.Image:
 
 @cache
 def _register_heif() -> None:
-    """Let Pillow read HEIC. Its library is loaded by the first such file, which is a process of the sandbox.
-
-    libheif turns the pixels by the file's own transformations, and what EXIF says of the orientation is set to upright
-    by the plugin: neither is applied twice. Thumbnails and depth maps inside are not looked at.
-    """
+    """Let Pillow read HEIC, by a library that is loaded by the first such file, in the sandbox. libheif turns the
+    pixels and the plugin sets EXIF's orientation to upright, so that neither is applied twice."""
     pi_heif = importlib.import_module("pi_heif")
     pi_heif.register_heif_opener(thumbnails=False, depth_images=False, aux_images=False, decode_threads=1)
 

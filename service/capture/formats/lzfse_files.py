@@ -1,13 +1,11 @@
-"""Content that is compressed by LZFSE, as Apple's compression library writes it, in no more memory than it may take.
-
-The decoder is the reference implementation's; it doubles its memory for as long as a stream asks for more, so that what
-the blocks of a stream say of their sizes is added up before (https://github.com/lzfse/lzfse, `lzfse_internal.h`).
-"""
+"""Content that is compressed by LZFSE (https://github.com/lzfse/lzfse), in no more memory than it may take: the decoder
+doubles its memory for as long as a stream asks for more, so that the sizes of the blocks are added up before."""
 
 from __future__ import annotations
 
 import struct
 
+from fastsplat.service.common.optional_packages import LZFSE, needed
 from fastsplat_contract.errors import CorruptImageError
 
 _END, _PLAIN, _LZFSE, _LZVN = b"bvx$", b"bvx-", b"bvx2", b"bvxn"
@@ -20,13 +18,15 @@ def unpack_lzfse(packed: bytes, name: str, expected_bytes: int) -> bytes:
 
     Raises:
         CorruptImageError: it is cut short, damaged, no LZFSE, or of another size.
+        MissingPackageError: the package that decodes it is not installed.
     """
     size = _unpacked_bytes(packed)
     if size is None:
         raise CorruptImageError(f"{name} is cut short or damaged", field=name, hint=_HINT)
     if size != expected_bytes:
         raise _wrong_size(name, size, expected_bytes)
-    import lzfse  # only here: few uploads need it
+    with needed(LZFSE, "the depth of Record3D's recordings", name):
+        import lzfse
 
     try:
         content = bytes(lzfse.decompress(packed))

@@ -16,10 +16,9 @@ _MOST_OFFSET = timedelta(hours=14)
 
 
 def taken_at_of_exif(detail: Mapping[int, Any], gps: Mapping[int, Any]) -> float | None:
-    """Seconds since 1970, UTC, or None where the photo does not say when it was taken, or not in which time zone.
-
-    DateTimeOriginal with OffsetTimeOriginal and SubSecTimeOriginal; without an offset the time of the GPS block, which
-    is UTC, but to the second and as old as the last fix.
+    """Seconds since 1970, UTC, or None where the photo does not say when it was taken and in which time zone: by
+    DateTimeOriginal with OffsetTimeOriginal and SubSecTimeOriginal, else by the GPS block, which is as old as the last
+    fix.
 
     Args:
         detail: tags of the Exif IFD (CIPA DC-008-2019, 4.6.5 D and F).

@@ -11,11 +11,10 @@ from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.types import Source
 from fastsplat_contract.errors import InvalidInputError
 
-VALIDATED = ".admitted"
+VALIDATED = ".validated"
 """Name of the validated folder, inside the raw upload's, so that both are removed together."""
 FILES = "files"
-_MANIFEST = "admitted.json"
-# Both names are of the first release, whose data folders can be opened still.
+_MANIFEST = "validated.json"
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,6 @@ class UploadManifest:
     """What lies in the `FILES` folder of a validated upload; all paths are relative to it.
 
     Attributes:
-        source: how to read it.
         photos: all images in it that will be used, sorted by path.
         names: what each photo's view will be called.
         poses: the transforms.json or the COLMAP model's folder; "" for images alone.
@@ -66,10 +64,8 @@ def write_manifest(manifest: UploadManifest, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
-    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it.
-
-    A process that met a stranger's bytes wrote them, so that they are trusted no further than it was: every path stays
-    below the folder of files, and nothing in it is a link.
+    """The manifest and the folder of its files; `folder` is a validated folder or the raw upload's around it. A process
+    that met a stranger's bytes wrote them: every path must stay below that folder, and nothing be a link.
 
     Raises:
         InvalidInputError: there is no validated upload, or it leads elsewhere.
@@ -81,7 +77,7 @@ def read_manifest(folder: Path) -> tuple[UploadManifest, Path]:
     stored = json.loads(path.read_text())
     stored["photos"] = tuple(PhotoInfo(**photo) for photo in stored["photos"])
     stored["names"], stored["warnings"] = tuple(stored["names"]), tuple(stored["warnings"])
-    stored["depth_sizes"] = {path: tuple(size) for path, size in stored.get("depth_sizes", {}).items()}
+    stored["depth_sizes"] = {path: tuple(size) for path, size in stored["depth_sizes"].items()}
     manifest, files = UploadManifest(**stored), validated / FILES
     photos = (name for photo in manifest.photos for name in (photo.path, manifest.label_maps.get(photo.path, "")))
     for name in (manifest.poses, manifest.image_folder, manifest.video, manifest.labels, *photos):

@@ -107,7 +107,6 @@ def rotate90(undistortion: Undistortion, quarter_turns: int, width: int, height:
     """The same undistortion once both images are rotated clockwise by quarter turns.
 
     Args:
-        undistortion: of the images as they are.
         quarter_turns: how often to rotate by 90 degrees.
         width, height: of the distorted image before the rotation.
     """
@@ -200,7 +199,6 @@ def compute_undistortion(camera_model: CameraModel, max_side: int, *, field: str
     Args:
         camera_model: for the size of the distorted image.
         max_side: longest side of the undistorted image in pixels.
-        field: what an error names.
 
     Raises:
         InvalidInputError: the distortion cannot be undone over the undistorted image.

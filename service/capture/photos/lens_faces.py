@@ -112,7 +112,6 @@ def fisheye_faces(camera_model: CameraModel, max_side: int, field: str) -> WideL
     Args:
         camera_model: of `is_fisheye`, for the size of the picture.
         max_side: longest side of a face in pixels.
-        field: what an error names.
 
     Raises:
         InvalidInputError: the distortion folds the picture over itself near its middle.

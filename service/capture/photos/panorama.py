@@ -66,11 +66,8 @@ class PanoramaFrame:
 
     @property
     def vertical(self) -> F64 | None:
-        """Unit vector up, float64 [3], in the picture's frame (OpenCV axes, z to its center); None where unknown.
-
-        Google's Photo Sphere XMP: the pose is rotated first by the heading, then the pitch, then the roll; positive
-        pitch looks up, positive roll turns the camera clockwise.
-        """
+        """Unit vector up, float64 [3], in the picture's frame (OpenCV axes, z to its center); None where unknown. As in
+        Photo Sphere XMP: rotated by heading, pitch (positive looks up), then roll (positive turns clockwise)."""
         if self.pitch_deg is None or self.roll_deg is None:
             return None
         pitch, roll = math.radians(self.pitch_deg), math.radians(self.roll_deg)

@@ -32,7 +32,6 @@ class PhotoQuality:
     """What the pixels of one photo say.
 
     Attributes:
-        name: of the photo.
         detail: standard deviation of the Laplacian of its gray values, at 800 pixels a side: falls with blur
             (Pech-Pacheco et al., "Diatom autofocusing in brightfield microscopy", ICPR 2000).
         contrast: standard deviation of the gray values, 0..255.
@@ -100,7 +99,6 @@ def judge_photos(
     """One verdict a photo, sorted by name.
 
     Args:
-        photos: all that could be read.
         poses: world_from_camera [4, 4] of those with a place, by name.
         matches: by name; None where poses came with the upload.
         reasons: why photos have no place, by name, where that is known; also of photos that could not be read.

@@ -1,7 +1,6 @@
 """Whether a video says that it shows a whole sphere, by its MP4 or MOV metadata. For the confined child.
 
-Google's spherical video RFC (https://github.com/google/spatial-media): version 1 is XML in a `uuid` box of the track,
-version 2 the boxes `st3d` and `sv3d` of the sample entry. Only sizes of boxes are followed, and few boxes are read.
+Google's spherical video RFC (https://github.com/google/spatial-media): XML in a `uuid` box, or boxes `st3d` and `sv3d`.
 """
 
 from __future__ import annotations
@@ -25,12 +24,7 @@ _VIEW = 5
 
 
 def is_spherical(path: Path, name: str) -> bool:
-    """Whether the video's metadata say that it is equirectangular, 360° × 180°, for one eye; false where they say
-    nothing of the kind, or cannot be read.
-
-    Args:
-        path: of the video, of any format.
-        name: of the video, for errors.
+    """Whether the video's metadata say that it is equirectangular, 360° × 180°, for one eye.
 
     Raises:
         InvalidInputError: they say that it is another picture of a sphere: a part, of another projection, for two eyes.

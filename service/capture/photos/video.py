@@ -38,15 +38,12 @@ def probe(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def extract(request: dict[str, Any], report: Callable[[float, str], None]) -> dict[str, Any]:
-    """Write one frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png: the sharpest, or
-    with "by_place" the middle one, which no pixel decides.
-
-    Sharpness is the variance of the Laplacian at a fixed size. Frames are upright and at most "max_side" pixels on the
-    longer side; the file name is the frame's number in the video.
+    """Write one frame of each of "video_frames" equal intervals into "folder" as frame_NNNNNN.png (its number): the
+    sharpest by the variance of its Laplacian, or with "by_place" the middle one; upright, at most "max_side" pixels on
+    the longer side.
 
     Args:
         request: as in `probe`, with "folder" and "by_place".
-        report: receives progress.
 
     Returns:
         {"files": names in time order, "size": [width, height] of the first, "read": frames in the video}.

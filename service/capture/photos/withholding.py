@@ -1,8 +1,7 @@
 """Pixels of photos that enter nothing: people and other things that move, masked before anything else is done.
 
-What a photo shows is decided by the caller's `FindMovers`; this package runs no detector. Under a promise of privacy
-the pixels are replaced by a uniform gray in memory, before the photo is measured, matched, trained on or written
-anywhere: two photos that differ only inside their mask are the same photo from then on.
+The caller's `FindMovers` says which. Under a promise of privacy they are replaced by gray in memory, before the photo
+is measured, matched, trained on or written: photos that differ only there are the same from then on.
 """
 
 from __future__ import annotations
@@ -37,7 +36,6 @@ class Withholding:
     """What is left out of a capture's photos.
 
     Attributes:
-        find: says which pixels.
         privacy: what was promised: "people", their pixels are stored nowhere either; None: they are only not used.
     """
 
@@ -100,9 +98,8 @@ class WithheldPixels:
     def take(
         self, name: str, pixels: NDArray[np.uint8], file: str = "", movers: NDArray[np.bool_] | None = None
     ) -> WithheldPhoto:
-        """The photo `name` as it may be used; with `file`, the mask of its features is stored under that name.
-        `movers` is what is to be withheld, where that is known already.
-        """
+        """The photo `name` as it may be used, by `movers` where that is known; the mask of features is stored as
+        `file`."""
         if self._withholding is None:
             return WithheldPhoto(pixels)
         photo = self._withholding.apply(pixels, movers)

@@ -1,9 +1,7 @@
 """Photos of which no scene can be made, known by their matches alone, before minutes are spent on placing them.
 
-Only what structure from motion cannot make up for is refused: photos that share nothing, that fall into groups each too
-small for a scene, or that were all taken from one place. A rotation maps two photos from one place onto each other at
-any depth (Hartley & Zisserman, Multiple View Geometry, 8.4.2); a wall is no such case, as its homography is none of a
-rotation. Runs in the child process of `service.capture.untrusted.sandbox` only.
+Refused are photos that share nothing, that fall into groups each too small for a scene, or that were all taken from one
+place: a rotation maps two such photos onto each other at any depth (Hartley & Zisserman, 8.4.2).
 """
 
 from __future__ import annotations
@@ -38,7 +36,6 @@ def refuse_hopeless(database: Path, *, min_share: float, complete: bool) -> None
     """Refuse photos that cannot become a scene.
 
     Args:
-        database: features and verified matches.
         min_share: of the photos that must get a place.
         complete: whether all pairs were matched; before that only photos from one place are refused, where nearly all
             are linked.

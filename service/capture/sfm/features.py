@@ -21,9 +21,6 @@ def extract_features(
     nothing where the others give as many as are asked for.
 
     Args:
-        database: to be written.
-        images: folder of the images.
-        files: their names in it.
         masks: folder with `<file>.png` for those that have a mask; None: none has.
         extraction: options. If the first octave is 0, -1 is used only for images with too few features without it; it
             becomes -1 for the images of later calls once the first of a call have too few.

@@ -25,8 +25,6 @@ def place_first(database: Path, images: Path, folder: Path) -> bool:
 
     Args:
         database: with features and verified matches of some images.
-        images: folder of the images.
-        folder: of the task.
 
     Returns:
         Whether any has one: the first photos may have been taken from one place, or show nothing in common.

@@ -106,11 +106,8 @@ def _refuse_degenerate(reconstruction: Reconstruction) -> None:
 def normalize_world(
     world_from_camera: NDArray[np.float64], points: NDArray[np.float64], up: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Cameras [N, 4, 4] and points [P, 3] in a centered, upright world of the order of one; float64 of the same shapes.
-
-    One similarity moves all of them: the points' median becomes the origin, and the median distance from a camera to it
-    becomes 3. +z becomes the vertical: `up` [3] or, without, that of `vertical_of_poses` or else of `mean_up`.
-    """
+    """Cameras [N, 4, 4] and points [P, 3] after one similarity, float64: the points' median is the origin, the median
+    distance of cameras from it 3, and +z the vertical: `up` [3], else that of `vertical_of_poses` or `mean_up`."""
     rotation = _upright(world_from_camera, up)
     center = np.median(points, axis=0)
     distance = float(np.median(np.linalg.norm(world_from_camera[:, :3, 3] - center, axis=1)))
@@ -180,10 +177,7 @@ def contradictions(matches: list[int], errors_px: list[float]) -> tuple[int, int
 
 
 def repetition_warning(wrong: int, strong: int) -> list[str]:
-    """A warning when too many pairs contradict the poses of structure from motion, as repeating things make them.
-
-    A texture or an object that repeats lets a pair agree on a geometry of its own that is off by a whole tile.
-    """
+    """A warning when too many pairs contradict the poses of structure from motion, as what repeats makes them."""
     if wrong <= _REPEATING_SHARE * strong:
         return []
     return [

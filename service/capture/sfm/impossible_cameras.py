@@ -1,8 +1,5 @@
-"""Takes images out of a model whose camera no lens has, or whose pose is no place.
-
-A photo that shares its camera with no other, e.g. a crop, says little of its own lens: bundle adjustment may arrive at
-one that folds the picture over itself. Runs in the child process of `service.capture.untrusted.sandbox` only.
-"""
+"""Takes images out of a model whose camera no lens has, or whose pose is no place: a photo that shares its camera with
+no other says little of its lens, which bundle adjustment may drive off. In the sandbox's child only."""
 
 from __future__ import annotations
 
@@ -23,10 +20,8 @@ _FOCAL_RANGE = (0.25, 8.0)
 
 
 def map_possible(mapping: Mapping, global_images: int, max_side: int) -> tuple[Mapped, dict[str, NotPlaced]]:
-    """What a mapping makes of its images, without impossible ones, and why these have no place, by their files.
-
-    Where others have no place either, they may have lost it to these: then the others are mapped alone.
-    """
+    """What a mapping makes of its images, without impossible ones, and why these have no place, by their files. Where
+    others have no place either, they are mapped alone: they may have lost it to these."""
     mapped = mapping.run(global_images)
     _ = mapped.contradictions  # kept: pairs that only one of has a place contradict a model, too
     impossible = take_out_impossible(mapped.models, max_side)

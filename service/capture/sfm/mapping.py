@@ -54,8 +54,7 @@ _FEWEST_TO_HOLD_OUT = 60
 """Matches of a pair that can do without a tenth of them."""
 _FEWEST_OF_REPEATS = 30
 _GROWTH, _MOST_ROUNDS = 1.3, 2
-"""The whole model is adjusted when its images or points are so many times as many as the last time, in at most so many
-rounds. COLMAP has 1.1 and 5."""
+"""The model is adjusted when images or points are so many times as many as before, in at most so many rounds."""
 _FIRST_DONE, _CONSISTENT_DONE = 0.5, 0.6
 """Shares of the progress: most captures need no more than the first mapping."""
 
@@ -79,7 +78,6 @@ class Mapped:
     """What one mapping made of the images.
 
     Attributes:
-        models: see `Models`.
         verified: matches of the images.
     """
 
@@ -108,10 +106,8 @@ class Mapping:
 
     Attributes:
         database: features and verified matches of its images.
-        images: folder of the images.
         folder: where models and copies of the database go.
         entries: the images, as `sfm.reconstruct` takes them.
-        rematch: see `Rematch`.
         report: receives a message and the share of the mapping that is done.
     """
 

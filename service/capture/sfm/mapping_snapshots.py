@@ -1,8 +1,5 @@
-"""Cameras and points while structure from motion places them: written by its child process, read by the parent.
-
-COLMAP writes a snapshot of its model after every so many images; of each the child leaves a thinned copy as one file,
-and removes the snapshot. The parent trusts nothing in it.
-"""
+"""Cameras and points while structure from motion places them: thinned copies of COLMAP's snapshots, written by its
+child process as one file and read by the parent, which trusts nothing in it."""
 
 from __future__ import annotations
 
@@ -36,7 +33,6 @@ def keep_newest(snapshots: Path, folder: Path, read: Any) -> None:
 
     Args:
         snapshots: where COLMAP writes them, a folder each.
-        folder: of the task.
         read: `pycolmap.Reconstruction`.
     """
     models = sorted(snapshots.iterdir())
@@ -75,9 +71,7 @@ def take_placed(folder: Path, names: Mapping[str, str], images: int) -> PlacedVi
     nothing that can be shown.
 
     Args:
-        folder: of the task.
         names: of the views, by the files that structure from motion reads.
-        images: that are to be placed.
     """
     path, mine = folder / _FILE, folder / f"read-{_FILE}"
     try:

@@ -1,9 +1,7 @@
 """Which image pairs contradict others: matches followed around three images must come back to where they began.
 
-Where things repeat, a pair may agree on the wrong one of two copies, at a fine residual. Followed from image to image,
-its matches then end on another copy than the direct ones do. Loops as evidence of wrong pairs: Zach, Klopschitz and
-Pollefeys, "Disambiguating visual relations using loop constraints", CVPR 2010, who compose relative poses; here the
-matches themselves are composed, as the pattern of a wall moves by a tile without any rotation that a loop would show.
+Where things repeat, a pair may agree on the wrong copy at a fine residual. Loops tell it (Zach, Klopschitz and
+Pollefeys, CVPR 2010); matches are composed here, as a wall's pattern moves by a tile without a rotation.
 """
 
 from __future__ import annotations

@@ -37,10 +37,8 @@ class VerifiedMatches:
             """[F, 2], where the features of each of their images lie."""
 
     def contradictions(self, model: pycolmap.Reconstruction) -> tuple[int, int]:
-        """Compare every pair of images with a model's poses: see `geometry.contradictions`.
-
-        A pair of which only one image was registered contradicts too: matching well should have registered the other.
-        """
+        """Compare every pair of images with a model's poses, see `geometry.contradictions`; one unregistered image
+        contradicts too."""
         placed = _placed(model)
         some = {pair: rows for pair, rows in self.pairs.items() if placed & set(pair)}
         errors = self._errors(model, some)

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 Pair = tuple[int, int]
 
 _PROBES = 256
-"""All images are compared with all others by them. 512 took four times as long, and the pairs that they chose of 49
-photos of plush had .4 % more verified matches."""
+"""All images are compared with all others by them; 512 took four times as long for .4 % more verified matches."""
 _MAX_RATIO = 0.8
 _SPREAD_IMAGES = 6
 _NEIGHBORS = {False: (1, 2), True: (1, 2, 3, 4, 5, 6, 8, 12, 16)}
@@ -30,10 +29,8 @@ def probes(descriptors: NDArray[np.uint8], scales: NDArray[np.float32]) -> NDArr
 
 
 def probe_scores(images: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
-    """int32 [N, N]: how many mutual nearest neighbors among the probes of two images pass the ratio test.
-
-    Preemptive matching (Wu, "Towards linear-time incremental structure from motion", 3DV 2013, section 3).
-    """
+    """int32 [N, N]: how many mutual nearest neighbors among two images' probes pass the ratio test (Wu, 3DV 2013,
+    section 3)."""
     scores = np.zeros((len(images), len(images)), np.int32)
     for i, first in enumerate(images):
         for j in range(i + 1, len(images)):
@@ -44,9 +41,8 @@ def probe_scores(images: Sequence[NDArray[np.float32]]) -> NDArray[np.int32]:
 def choose_pairs(
     scores: NDArray[np.int32], *, exhaustive_images: int, pairs_per_image: int, ordered: bool
 ) -> list[tuple[int, int]]:
-    """Pairs (i, j), i < j, sorted. All of them up to `exhaustive_images` images; beyond, each image's best by score,
-    and its neighbors in the order of names: the nearest two, or of a video also some further ones.
-    """
+    """Pairs (i, j), i < j, sorted: all up to `exhaustive_images`; beyond, each image's best and its neighbors by
+    name."""
     count = len(scores)
     if count <= exhaustive_images:
         return [(i, j) for i in range(count) for j in range(i + 1, count)]

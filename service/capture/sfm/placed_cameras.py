@@ -24,8 +24,6 @@ class PlacedViews:
         cameras: at most `MAX_CAMERAS`.
         points: float32 [P, 3], at most `MAX_POINTS`, scene units.
         colors: uint8 [P, 3], RGB.
-        placed: images with a camera.
-        images: images in the upload.
         complete: whether these are final; otherwise the world is one of the moment.
     """
 

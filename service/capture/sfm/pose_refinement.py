@@ -1,9 +1,7 @@
 """Refines the poses of a phone's tracking by its photos. Runs in the child of `capture.untrusted.sandbox` only.
 
-The tracker's poses are a start and a prior, not the truth: points are triangulated with them, then poses and points are
-adjusted to what the photos show, each camera held near its tracked position (COLMAP's bundle adjustment with position
-priors), in rounds that trust the poses more and more. At last all cameras are moved together, rigidly, to where the
-tracker has them, so that meters and gravity stay the tracker's.
+Points are triangulated with the tracker's poses, then both are adjusted to the photos, cameras held near their tracked
+positions, in rounds. At last all cameras are moved rigidly to where the tracker has them.
 """
 
 from __future__ import annotations
@@ -134,11 +132,8 @@ def _adjust(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
 
 
 def _align(model: pycolmap.Reconstruction, before: Mapping[str, F64]) -> None:
-    """Move the whole model rigidly so that its cameras are as near as can be to where they were tracked.
-
-    Of every camera the position counts, and the ends of its three axes, so long that an error of a rotation's standard
-    deviation moves them by that of a position.
-    """
+    """Move the whole model rigidly so that its cameras, by position and the ends of their axes, are nearest to the
+    tracked ones."""
     length = _POSITION_M / _ROTATION
     ends = np.concatenate([np.zeros((3, 1)), length * np.eye(3)], axis=1)
     images = [image for image in model.images.values() if image.num_points3D >= _LEAST_FEATURES]

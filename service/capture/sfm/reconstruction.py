@@ -1,8 +1,7 @@
 """Structure from motion by COLMAP. Runs in the child process of `service.capture.untrusted.sandbox` only.
 
-Repeatable to the bit: images enter the database in the order of the request, every random choice has a seed, threads
-that match call no BLAS (see `_matching_threads`), and the mapper, whose sums depend on how threads share them, runs on
-one thread.
+Repeatable to the bit: ordered images, seeds, no BLAS in threads that match (`_matching_threads`), a mapper on one
+thread.
 """
 
 from __future__ import annotations
@@ -47,7 +46,6 @@ def reconstruct(request: dict[str, Any], folder: Path, report: Report) -> dict[s
             if unknown; "ordered" whether neighbors in the list are neighbors in time; where there is one, "mask_folder"
             with `<file>.png` for images of which only the pixels above 0 have features; and all settings.
         folder: where the database, "points.npz" (points, colors) and snapshots (`mapping_snapshots`) go.
-        report: receives progress.
 
     Returns:
         "poses": {file: world_from_camera rows}, "cameras": {file: [model, width, height, params]}, "matches": {file:
@@ -169,7 +167,6 @@ def extract_and_match(
 
     Args:
         database, images, request, folder, report: as in `reconstruct` and `import_images`.
-        files: of the images.
         alone: whether nothing but the images tells where they were taken, one camera each. Then the first few get
             cameras to look at before the others have features, and the few pairs that tell most are matched first: by
             them photos that were all taken from one place are refused, where matching the others takes long.
@@ -233,12 +230,9 @@ def _threads(request: dict[str, Any]) -> int:
 
 
 def _matching_threads(threads: int) -> int:
-    """How many threads may match: all of them once faiss computes distances without BLAS, else one.
-
-    The OpenBLAS in pycolmap's wheels is built for one thread and without locks, USE_THREAD=0 without USE_LOCKING=1 (see
-    https://github.com/OpenMathLib/OpenBLAS/pull/2136): two threads that ask for a buffer at the same instant get the
-    same one, and now and then a pair of images loses its matches. Without BLAS a pair takes 40 % more CPU time.
-    """
+    """How many threads may match: all of them once faiss computes distances without BLAS, else one. The OpenBLAS in
+    pycolmap's wheels has no locks (https://github.com/OpenMathLib/OpenBLAS/pull/2136): now and then a pair would lose
+    its matches."""
     try:
         threshold = ctypes.c_int.in_dll(ctypes.CDLL(pycolmap._core.__file__), _FAISS_BLAS_THRESHOLD)
     except ValueError:  # a build that hides the symbol

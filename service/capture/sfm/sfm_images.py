@@ -43,17 +43,14 @@ class SfmImage:
     """An upright, reduced image as structure from motion reads it.
 
     Attributes:
-        name: of the view.
         file: below the work folder's images.
         width, height: of the reduced pixels.
         camera_group: images of one group share a camera.
         focal_px: by EXIF; 0 if unknown.
         photo: what it was made from; None for a video's frame.
-        quality: of its pixels.
         model: COLMAP's camera model that is assumed.
         face: of a panorama, which knows its camera and its rotation; None for an image of its own.
         panorama: what a face was made from; None for an image of its own.
-        metadata: of the photo.
         mask: bool [H, W], false where pixels are to be ignored, or None.
     """
 
@@ -94,9 +91,7 @@ def upright_photos(
     left_out: dict[str, NotPlaced],
 ) -> Iterator[SfmImage]:
     """The images of an upload's photos, each written below `images` as it is asked for; panoramas become their faces.
-
-    What `held` withholds is looked for in every image, of a panorama in each of its faces, and left out of all of them.
-    Photos that cannot be read are named in `left_out`.
+    What `held` withholds is left out of all faces. Photos that cannot be read are named in `left_out`.
 
     Raises:
         InvalidInputError: a photo is to be a panorama and cannot be one, or two views would have one name.
@@ -167,7 +162,6 @@ def photo_ups(images: Sequence[SfmImage], world_from_camera: NDArray[np.float64]
     """Unit vectors up in the world, float64 [3], one a photo that says what is up; of a panorama by one of its faces.
 
     Args:
-        images: that have poses.
         world_from_camera: float64 [N, 4, 4] of them.
     """
     ups: dict[str, NDArray[np.float64]] = {}

@@ -233,10 +233,7 @@ def _unpack_tar(archive: Path, writer: _Writer) -> None:
 
 
 class _Forward:
-    """A stream that only moves forward and counts the bytes read; `tarfile` needs no more of a file.
-
-    `tarfile` reads an extended header in one go and trusts the size it claims, so a large single read is refused.
-    """
+    """A stream that only moves forward, counts the bytes read, and refuses large single reads, as of forged headers."""
 
     def __init__(self, source: BinaryIO, archive: str, count: Callable[[int], None]) -> None:
         self._source, self._archive, self._count = source, archive, count

@@ -1,16 +1,9 @@
 """Takes from the calling process what a parser of untrusted bytes does not need. Linux; imports nothing heavy.
 
-Three layers, each of which holds without the others:
-
-- limits of its resources, see setrlimit(2);
-- a network of its own, without any interface (user_namespaces(7), network_namespaces(7)), and a filter of system calls
-  that refuses sockets, tracing and other programs' memory (seccomp(2));
-- of the file system only the folders that it is lent, and Python's own (landlock(7)).
-
-Containers and hardened kernels forbid some of it. `missing_protections` says what, for the log of a service that
-starts. The calls are made by ctypes: Python has `os.unshare` from 3.12 on and nothing for the others, `pyseccomp` runs
-a compiler or ldconfig at every start to find its library, and `landlock` is a pre-release that takes any earlier errno
-for its own.
+Three layers, each of which holds without the others: limits of resources (setrlimit(2)); a network of its own without
+any interface (network_namespaces(7)) and a filter of system calls (seccomp(2)); of the file system only the folders
+that it is lent, and Python's own (landlock(7)). Containers and hardened kernels forbid some of it: see
+`missing_protections`. The calls are made by ctypes, since no maintained package offers them.
 """
 
 from __future__ import annotations
@@ -99,11 +92,7 @@ def confine(limits: ResourceLimits, readable: Iterable[Path], writable: Iterable
 
 @cache
 def missing_protections() -> tuple[str, ...]:
-    """What `confine` would return here, tried in a process of its own.
-
-    A fork would not do: libraries of a server start threads in their forks, and a process with threads cannot have
-    namespaces of its own.
-    """
+    """What `confine` would return here, tried in a process of its own, since a fork may have a server's threads."""
     code = (
         f"from {__name__} import ResourceLimits, confine\n"
         "print('\\n'.join(confine(ResourceLimits(1 << 40, 60, 1 << 30), (), ())))"

@@ -1,9 +1,5 @@
-"""Decodes the pictures of an upload in a confined child process that hands back their pixels, bare.
-
-Decoders are where a stranger's bytes meet the most native code. What comes out of the child is read as so many numbers
-as were asked for, so that nothing it could send is parsed again; the files of a capture are written from them by the
-process that trusts them. `service.capture.untrusted.image_decoding` is the child's side.
-"""
+"""Decodes the pictures of an upload in a confined child process (`untrusted.image_decoding`) that hands back their
+pixels, bare: so many numbers are read as were asked for, so that nothing it could send is parsed again."""
 
 from __future__ import annotations
 
@@ -25,7 +21,7 @@ from fastsplat.service.capture.formats.depth_files import DepthFile
 from fastsplat.service.capture.formats.image_io import PhotoInfo
 from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.capture.untrusted.image_decoding import DECODED
-from fastsplat.service.capture.untrusted.sandbox import error_from_json, kill_sandboxed, sandbox_error, start_sandboxed
+from fastsplat.service.capture.untrusted.sandbox import decoder_error, error_from_json, kill_sandboxed, start_sandboxed
 from fastsplat_contract.errors import ResourceError
 
 _MAX_ERROR_BYTES = 1 << 16
@@ -152,4 +148,4 @@ class ImageDecoder:
             status = self._process.wait(_ENDING_S)
         except subprocess.TimeoutExpired:  # it closed its pipes and lives on
             status = kill_sandboxed(self._process)
-        return sandbox_error("decode", status, self._folder, self._settings)
+        return decoder_error(status, self._folder, self._settings)

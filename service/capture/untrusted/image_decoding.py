@@ -1,7 +1,5 @@
-"""Pictures of an upload as a capture uses them: decoded, upright, reduced. In the confined child, for strangers' ones.
-
-`service.capture.untrusted.image_decoder` is the other side. Imports little, as the child must start fast.
-"""
+"""Pictures of an upload, decoded, upright and reduced, in the confined child of `untrusted.image_decoder`; it starts
+fast."""
 
 from __future__ import annotations
 
@@ -69,10 +67,8 @@ def decode_requests(
 def load_upright_map(
     root: Path, name: str, photo: PhotoInfo, size: tuple[int, int], settings: CaptureSettings
 ) -> NDArray[np.uint16]:
-    """uint16 [H, W] of a stored map, reduced to `size`.
-
-    A map drawn on the upright image stays; one of another size was drawn on the stored pixels.
-    """
+    """uint16 [H, W] of a stored map, reduced to `size`; one that does not fit the upright image was drawn on the stored
+    pixels."""
     stored = open_map(root, name, settings)
     if stored.shape[1::-1] != photo.upright_size:
         stored = apply_orientation(stored, photo.orientation)

@@ -1,9 +1,5 @@
-"""Runs the parsers of untrusted data in a child process with an empty environment, confined and limited.
-
-It has its own folder and what it is to read and write, no network and no secrets; see `untrusted.confinement`. A
-crash ends one request, not the service. The child reports progress line by line and leaves its result as a file; see
-`capture.untrusted.sandbox_worker` for the other side.
-"""
+"""Runs the parsers of untrusted data in a child process with an empty environment, confined and limited: a crash ends
+one request, not the service. `untrusted.sandbox_worker` is the other side."""
 
 from __future__ import annotations
 
@@ -162,9 +158,9 @@ def kill_sandboxed(process: subprocess.Popen[bytes]) -> int:
     return process.wait()
 
 
-def sandbox_error(task: Task, status: int, folder: Path, settings: CaptureSettings) -> FastSplatError:
-    """The error of a child that ended with `status` before it was to."""
-    return _crash(task, status, folder, _limits(task, settings))
+def decoder_error(status: int, folder: Path, settings: CaptureSettings) -> FastSplatError:
+    """The error of a child that decodes and ended with `status` before it was to."""
+    return _crash("decode", status, folder, _limits("decode", settings))
 
 
 def error_from_json(details: dict[str, Any]) -> FastSplatError:

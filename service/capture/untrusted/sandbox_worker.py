@@ -1,7 +1,4 @@
-"""The child's side of `service.capture.untrusted.sandbox`.
-
-Run as `python -m fastsplat.service.capture.untrusted.sandbox_worker TASK FOLDER PARENT_PID`.
-"""
+"""The child's side of `untrusted.sandbox`: python -m ….sandbox_worker TASK FOLDER PARENT_PID."""
 
 from __future__ import annotations
 

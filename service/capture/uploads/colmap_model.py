@@ -1,8 +1,5 @@
-"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them.
-
-A model of 158 bytes can make a trusting reader allocate gigabytes, and a cut-off one can pass with zero intrinsics; so
-every read here is bounded by what the file really holds, and every number is checked.
-"""
+"""Reads COLMAP models, binary or text (https://colmap.github.io/format.html), trusting no count in them: every read is
+bounded by what the file really holds, and every number is checked."""
 
 from __future__ import annotations
 
@@ -42,10 +39,8 @@ def read_colmap(root: Path, model: str, images: str, settings: CaptureSettings, 
     """Cameras, poses and points of a COLMAP model; points3D may be missing.
 
     Args:
-        root: the upload's folder.
         model: the model's folder, relative to `root`.
         images: the images' folder, relative to `root`; the model's image names are relative to it.
-        settings: limits.
         left_out: receives images with an invalid camera or pose, and those that are missing or outside the upload.
 
     Raises:

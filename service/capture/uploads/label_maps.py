@@ -98,7 +98,6 @@ def match_label_maps(label_maps: Iterable[str], images: Iterable[str], missing: 
 
     Args:
         label_maps: paths below a folder `labels`.
-        images: paths of the images.
         missing: images that have a pose, but are not there; their label maps are passed over.
 
     Raises:
@@ -128,10 +127,7 @@ def check_label_map(
 
     Args:
         root: what `name` is relative to.
-        name: the label map.
-        table: names of the ids.
         sizes: (width, height) that the map may have.
-        settings: limits of images.
 
     Raises:
         InvalidInputError: another size, or an id that the table does not have.

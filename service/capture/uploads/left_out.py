@@ -31,7 +31,6 @@ class LeftOut:
         """A block in which what is wrong costs one file or frame: its error is noted, and the block ends.
 
         Args:
-            name: of what is left out.
             subject: what messages may call it beside its name.
         """
         try:

@@ -56,15 +56,10 @@ def check_photos(
     settings: CaptureSettings,
     on_photo: Callable[[int, int], None] | None = None,
 ) -> PhotoCheck:
-    """What photos promise, without placing or training anything.
-
-    They are checked as any upload is, and decoded by a confined process. Overlap is judged by ORB features that fit one
-    fundamental matrix (Rublee et al., ICCV 2011): a rough guess; structure from motion finds more.
+    """What photos promise, without placing or training anything: checked as any upload, with overlap by ORB features
+    that fit one fundamental matrix, of which structure from motion finds more.
 
     Args:
-        folder: with photos; stays as it is.
-        scratch: an empty folder, for copies.
-        settings: limits.
         on_photo: called with how many photos are looked at, of how many.
 
     Raises:

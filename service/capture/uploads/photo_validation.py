@@ -20,9 +20,8 @@ _FREE_PIXELS = 256_000_000
 
 
 def check_pixels(files: Path, names: Sequence[str], sent_bytes: int, settings: CaptureSettings) -> None:
-    """Refuse images by their headers, before any is decoded: a few bytes may claim many pixels.
-
-    Those whose header says that they are no image, or too large a one, are never decoded and do not count.
+    """Refuse images by their headers, before any is decoded; what is no image or too large by its header does not
+    count.
 
     Raises:
         LimitExceededError: more than `max_images`, or more pixels than `max_pixels` or than their bytes allow.

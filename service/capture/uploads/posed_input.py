@@ -35,7 +35,6 @@ class PosedImage:
         world_from_camera: float64 [4, 4], OpenCV axes.
         label_map: path of its label map, if any.
         mask: path of its mask, if any: 0 where pixels are to be ignored.
-        depth: its depth map, if any.
     """
 
     name: str

@@ -38,10 +38,7 @@ def read_posed_dataset(
     """Images with cameras and poses of an upload that has some.
 
     Args:
-        files: the upload's folder.
-        upload: says of which kind it is.
         sizes: (width, height) of its images as stored.
-        settings: limits.
         left_out: receives frames that cannot be used; None: one such frame is an error.
 
     Raises:
@@ -87,9 +84,7 @@ class ImageSizes(Mapping[str, tuple[int, int]]):
 def validate_posed(
     files: Path, contents: UploadContents, sent_bytes: int, settings: CaptureSettings, left_out: LeftOut
 ) -> UploadManifest:
-    """The manifest of an upload with poses.
-
-    A frame costs itself where its image, its mask, its label map or its depth map cannot be used.
+    """The manifest of an upload with poses; a frame costs itself where one of its files cannot be used.
 
     Raises:
         InvalidInputError, LimitExceededError, CorruptImageError: the document cannot be read, no frame is left, or the
@@ -184,10 +179,9 @@ def depth_images(dataset: PosedDataset) -> tuple[str, ...]:
 def check_depths(
     files: Path, dataset: PosedDataset, settings: CaptureSettings, left_out: LeftOut
 ) -> tuple[dict[str, tuple[int, int]], tuple[str, ...]]:
-    """The sizes of the depth maps by their photo's path, and what is not used, as sentences for people.
-
-    A map of which less than 1 % is known is left out, with a warning. One that is damaged, larger than images may be or
-    in another aspect ratio than its camera costs its frame, which goes to `left_out`.
+    """The sizes of the depth maps by their photo's path, and what is not used, as sentences for people. A map of which
+    less than 1 % is known is left out; one that is damaged, too large or of another aspect ratio costs its frame
+    (`left_out`).
 
     Raises:
         LimitExceededError: together they have more than `max_pixels`.

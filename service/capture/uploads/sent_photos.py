@@ -1,8 +1,5 @@
-"""Single photos that come with a request, not as a capture: decoded by a confined child, upright and reduced.
-
-A child takes most of a second to start, and serves one request, so that what one caller's photo does to it is never
-felt by another. A spare one is therefore started ahead, for the next request.
-"""
+"""Single photos that come with a request: decoded by a confined child, upright and reduced. A child serves one request,
+so that no caller's photo harms another's; a spare one is started ahead."""
 
 from __future__ import annotations
 
@@ -43,11 +40,7 @@ class SentPhoto:
 
 
 class SparePhotoDecoder:
-    """Decodes the photos of one request after the other, each by a child of its own. Threads may share it.
-
-    Args:
-        settings: limits of an image.
-    """
+    """Decodes the photos of one request after the other, each by a child of its own. Threads may share it."""
 
     def __init__(self, settings: CaptureSettings) -> None:
         self._settings = settings
@@ -60,7 +53,6 @@ class SparePhotoDecoder:
 
         Args:
             photos: image files; errors name them as "photos[0]" and so on.
-            max_side: of the result.
 
         Raises:
             CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

@@ -79,12 +79,8 @@ def load_splat(path: Path) -> SplatRows:
 def in_splat_frame(
     dataset: PosedDataset, files: Path, manifest: UploadManifest, settings: CaptureSettings
 ) -> PosedDataset:
-    """The dataset with its poses in the world of the splat.
-
-    nerfstudio trains and exports in a world of its own, which its dataparser_transforms.json relates to that of the
-    poses: x' = scale · transform · x. What transforms.json calls `applied_transform` and `applied_scale` is in that
-    already, and not in the poses.
-    """
+    """The dataset with its poses in the world of the splat, x' = scale · transform · x by nerfstudio's
+    dataparser_transforms.json, which contains transforms.json's `applied_transform` and `applied_scale`."""
     matrix, scale = _splat_from_poses(files, manifest.splat_frame, manifest.poses, settings)
     return replace(
         dataset,

@@ -199,10 +199,8 @@ def _posed_image(
 
 
 def _depth_file(root: Path, document: _Document, frame: Mapping[str, Any], where: str) -> DepthFile | None:
-    """nerfstudio's depth map of a frame: millimeters unless the document says otherwise.
-
-    https://docs.nerf.studio/quickstart/data_conventions.html#depth-images
-    """
+    """nerfstudio's depth map of a frame (docs.nerf.studio, "Depth images"): millimeters unless the document says
+    otherwise."""
     name = frame.get("depth_file_path")
     if name is None:
         return None

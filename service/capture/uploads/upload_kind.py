@@ -29,7 +29,6 @@ class UploadContents:
     """The parts of an upload, as paths relative to its folder.
 
     Attributes:
-        source: how to read it.
         images: candidates, sorted; all of them for images alone, else a superset of what the poses name.
         poses: transforms.json or the COLMAP model's folder, or "".
         image_folder: what a COLMAP model's image names are relative to.
@@ -54,13 +53,10 @@ class UploadContents:
 
 
 def detect_kind(root: Path, left_out: LeftOut) -> UploadContents:
-    """The kind and the parts of an upload.
-
-    Poses take precedence over images, a transforms.json over a COLMAP model, that over a phone's recording, a shallower
-    file over a deeper one. A splat takes precedence over images without poses, and goes with those that have some.
+    """The kind and the parts of an upload. Poses take precedence over images and over a splat's own, a transforms.json
+    over a COLMAP model, that over a phone's recording, a shallower file over a deeper one.
 
     Args:
-        root: with the files.
         left_out: receives photos of an unsupported kind, where poses do not say which photos are meant.
 
     Raises:

@@ -40,14 +40,11 @@ _VIDEO_SIGNATURES = (
 def validate_upload(upload_dir: Path, settings: CaptureSettings, strict: bool = False) -> ValidatedUpload:
     """The checked content of what a user sent, laid out for `build_capture` in `upload_dir`'s folder `VALIDATED`.
 
-    Accepts one archive (zip, tar, tar.gz), one video, or files: images alone, or with a COLMAP model, a transforms.json
-    or label maps (`labels/*.png` with `labels.json`); a splat, alone or with posed images. Every image is decoded once,
-    a splat is read once and laid down as plain arrays. Photos and frames that cannot be used are left out, and named
-    with their reasons. On an error nothing is left behind but what was there.
+    Accepts one archive, one video, or files: images alone, or with a COLMAP model, a transforms.json or label maps
+    (`labels/*.png` with `labels.json`); a splat, alone or with posed images. What cannot be used is left out, and named
+    with its reason. On an error nothing is left behind but what was there.
 
     Args:
-        upload_dir: with the files as sent.
-        settings: limits.
         strict: refuse the upload where something would be left out.
 
     Raises:

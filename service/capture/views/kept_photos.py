@@ -16,7 +16,6 @@ def read_photo(path: Path, side: int) -> NDArray[np.uint8]:
     """uint8 [H, W, 3] of a photo that is kept with a version.
 
     Args:
-        path: of the photo.
         side: it is reduced to so many pixels on the longer side.
 
     Raises:

@@ -71,7 +71,6 @@ class ViewSources:
             image: as it was read.
             pose: float64 [4, 4], world_from_camera.
             camera: COLMAP's model, width, height and parameters.
-            matches: see `PhotoMatches`.
         """
         model, width, height, params = camera
         camera_model = CameraModel(model, width, height, tuple(params))
@@ -173,17 +172,14 @@ def view_depth(
     decoder: ImageDecoder,
     root: Path,
 ) -> tuple[F32, Camera]:
-    """A depth map float32 [H, W] of a posed image's view, scene units, 0 where unknown, and its pinhole camera.
-
-    A map keeps its own pixels: blown up to a photo's size it would have values where nothing was measured.
+    """A depth map float32 [H, W] of a posed image's view in its own pixels, scene units, 0 where unknown, and its
+    camera.
 
     Args:
         image: the image, whose camera model is for the photo as stored.
         file: its depth map, which covers what the photo covers, in the orientation of the photo as stored.
         stored_size: (width, height) of the map.
-        photo: the photo.
         decoder: reads the map.
-        root: the upload's files.
 
     Raises:
         CorruptImageError, LimitExceededError, ResourceError: as `ImageDecoder.photo`.

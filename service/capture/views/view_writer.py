@@ -34,7 +34,6 @@ class SourceImage:
     """One image about to become a view; all arrays upright, of one size, still distorted.
 
     Attributes:
-        name: of the view.
         pixels: uint8 [H, W, 3].
         undistortion: how to undistort them.
         world_from_camera: float64 [4, 4].
@@ -100,11 +99,8 @@ def view_geometry(posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSe
 def reduced_camera(
     posed_image: PosedImage, photo: PhotoInfo, settings: CaptureSettings
 ) -> tuple[CameraModel, int, tuple[int, int]]:
-    """The camera of a posed image's pixels as they lie once they are reduced, how many clockwise quarter turns make
-    them upright, and their upright (width, height).
-
-    Intrinsics are for the pixels as stored, as COLMAP reads them, unless their size fits upright ones only.
-    """
+    """The camera of a posed image's reduced pixels, how many clockwise quarter turns make them upright, and their
+    upright (width, height). Intrinsics are for stored pixels unless their size fits upright ones only."""
     stored = posed_image.camera_model
     turns = photo.quarter_turns if stored.fits(photo.width, photo.height) else 0
     size = reduced_size(*photo.upright_size, settings.max_side)
@@ -155,7 +151,6 @@ def _valid_depth(
 
     Args:
         depth: [H, W], 0 where unknown.
-        source: its camera.
         valid: bool [H', W'], of the other camera's pixels.
         target: the other camera.
     """

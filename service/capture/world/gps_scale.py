@@ -61,10 +61,9 @@ def local_meters(places: Sequence[PhotoPlace]) -> F64:
 def estimate_gps_scale(photos: Sequence[PlacedPhoto]) -> tuple[ScaleEstimate | None, str]:
     """Meters per scene unit by the places of photos, or None and why not, a sentence for people; "" for no places.
 
-    A similarity in the plane, a·c + t with complex a, is fitted to east and north by least squares, places that are
-    more than 4 σ off left out in turn; its scale is |a|. The variance of |a| is σ² / Σ|c - c̄|², with σ² the larger of
-    the residuals' and of the stated accuracy's, times (1 + ρ) / (1 - ρ) where neighbors err alike: ρ is the
-    correlation of residuals of photos that follow each other.
+    A similarity in the plane, a·c + t, is fitted to east and north by least squares without places more than 4 σ off;
+    its scale is |a|. Its variance is σ² / Σ|c - c̄|², σ² the larger of the residuals' and of the stated accuracy's,
+    times (1 + ρ) / (1 - ρ), ρ the correlation of residuals of neighbors.
 
     Args:
         photos: in the order in which they were taken.

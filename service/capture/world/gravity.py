@@ -49,10 +49,8 @@ class Vertical:
 
 
 def vertical_of_capture(world_from_camera: F64, points: F64, photo_ups: Sequence[F64]) -> Vertical | None:
-    """The vertical by the best that there is, refined by level planes where they agree with it; None if nothing tells.
-
-    What the photos' own metadata say comes before level cameras, and these before the mean of the photos' upward
-    directions. Two estimates are combined by the inverse of their variances, unless they are more than 3 σ apart.
+    """The vertical by the photos' own metadata, else by level cameras, else by their mean upward direction, combined
+    (by inverse variances) with that of level planes unless they are more than 3 σ apart; None if nothing tells.
 
     Args:
         world_from_camera: float64 [N, 4, 4], OpenCV axes.
@@ -103,10 +101,8 @@ def _of_cameras(world_from_camera: F64) -> Vertical | None:
 
 
 def _of_planes(points: F64, first: Vertical) -> Vertical | None:
-    """The common normal of the largest planes that are nearly level by the first estimate.
-
-    Planes are found one after the other by RANSAC (Fischler and Bolles 1981), and fitted by their principal axes.
-    """
+    """The common normal of the largest nearly level planes, found by RANSAC one after the other, fitted by principal
+    axes."""
     rng = np.random.default_rng(_SEED)
     low, high = np.percentile(points, [2, 98], axis=0) if len(points) else (np.zeros(3), np.zeros(3))
     left = points[((points >= low) & (points <= high)).all(axis=1)]

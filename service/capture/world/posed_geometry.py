@@ -1,8 +1,5 @@
-"""Points of images whose poses are known, or nearly so, and the unit of all of it.
-
-Points are those of the upload, or else of what the photos show; a phone's tracked poses are refined by the photos, and
-what a depth sensor measured gives more points and meters.
-"""
+"""Points of images whose poses are known, or nearly so, and their unit: points of the upload or triangulated ones,
+tracked poses refined by the photos, and points and meters of a depth sensor."""
 
 from __future__ import annotations
 
@@ -50,7 +47,6 @@ class PosedGeometry:
         colors: uint8 [P, 3].
         error_px: mean reprojection error of triangulated points; else 0.
         scale: what the meters rest on, where they were measured here.
-        warnings: sentences for people.
     """
 
     views: tuple[View, ...]
@@ -68,8 +64,6 @@ def posed_geometry(
 
     Args:
         dataset: as read from the upload.
-        views: written of it.
-        images: folder of their images.
         settings: `depth_points`, and those of structure from motion.
         run: runs a task of structure from motion.
 
@@ -123,11 +117,8 @@ def _refined(views: tuple[View, ...], result: dict[str, Any]) -> tuple[tuple[Vie
 
 
 def _fitted(geometry: PosedGeometry, dataset: PosedDataset) -> PosedGeometry:
-    """Poses, points and depth maps in one unit: meters where a phone measured them.
-
-    Depth maps are multiplied by one factor, so that they and the points agree. Poses that are metric by their own word
-    keep their unit; others are scaled to that of the depth maps.
-    """
+    """Poses, points and depth maps in one unit: that of poses that are metric by their own word, else that of the depth
+    maps."""
     ratio = depth_ratio(geometry.views, geometry.points)
     tracking = ScaleEstimate("arkit", 1.0, TRACKING_ERROR_95) if dataset.tracked else None
     if ratio is None:
@@ -166,12 +157,8 @@ def _request(views: tuple[View, ...], folder: Path, settings: CaptureSettings) -
 
 
 def depth_points(views: Sequence[View], count: int) -> tuple[F32, NDArray[np.uint8]]:
-    """At most `count` points float32 [P, 3] on what the depth maps of the views show, world, and their colors uint8
-    [P, 3] by the photos; none on edges, where sensors mix what is in front with what is behind.
-
-    The same views give the same points. A pixel of a farther surface stands for a larger one: the nearer ones are not
-    preferred.
-    """
+    """At most `count` points float32 [P, 3] on what the views' depth maps show, world, and their colors uint8 [P, 3];
+    none on edges, where sensors mix depths. Deterministic, and nearer surfaces are not preferred."""
     measured = [view for view in views if view.depth is not None]
     points, colors = [], []
     for index, view in enumerate(measured):

@@ -18,9 +18,8 @@ TRACKING_ERROR_95 = 0.05
 """Of ARKit's lengths, as a share: it drifts by 0.02 m a second (Kim et al. 2022, Sensors 22, 9873, the best of four
 trackers), at 0.8 m a second of a slow walk a standard deviation of 2.5 %."""
 SENSOR_ERROR_95 = 0.02
-"""Of all depths of a phone's LiDAR together, as a share: 1 cm where things are some 1 to 2 m away (Luetzenburg et al.
-2021, Scientific Reports 11, 22221), a standard deviation of 1 %. It is the same in all views: more of them do not make
-it smaller."""
+"""Of all depths of a phone's LiDAR together, as a share: 1 cm at 1 to 2 m (Luetzenburg et al. 2021), in all views
+alike."""
 MOST_DISAGREEMENT = 0.1
 """Metric poses and metric depths that differ by a larger share contradict each other."""
 _LEAST_POINTS, _LEAST_VIEWS = 10, 3
@@ -33,9 +32,8 @@ def depth_ratio(views: Sequence[View], points: NDArray[np.float32]) -> tuple[flo
     """How long a unit of the world is in units of the depth maps, and its relative standard error; None where they do
     not tell.
 
-    In every view the measured depths are divided by those of the points that fall on them; a view's answer is their
-    median, the views' is the median of these. The standard error is that of a median of independent views (1.2533 σ/√n,
-    σ by the median absolute deviation).
+    A view's answer is the median ratio to its points, the views' the median of these (error 1.2533 σ/√n by the median
+    absolute deviation).
 
     Args:
         views: with poses in the world; those without depth say nothing.
@@ -79,9 +77,8 @@ def combined_estimate(first: ScaleEstimate, second: ScaleEstimate) -> ScaleEstim
 
 
 def metric_capture(capture: Capture, estimate: ScaleEstimate) -> Capture:
-    """The capture in meters by an estimate of its present unit; where it is in meters by an estimate already, by both
-    of them. What the report says of the scale is of the unit that the world had before the first one.
-    """
+    """The capture in meters by an estimate of its present unit, and by the earlier one where there is one; the report's
+    scale is of the first unit."""
     before, both = capture.report.scale, estimate
     if before is not None:
         both = combined_estimate(replace(before, meters_per_unit=1.0), estimate)

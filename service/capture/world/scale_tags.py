@@ -1,9 +1,7 @@
 """Meters by printed tags: AprilTags of a known side, found in the photos, tell how long a scene unit is.
 
-Corners of a tag are found in every view (OpenCV's ArUco detector, family 36h11, Olson 2011), triangulated over the
-views by least squares of their reprojection errors, and the four sides of the square are compared with the printed
-side. How sure that is says a jackknife over the views (Tukey 1958; Efron and Stein 1981): it counts errors of the
-corners and those of the poses alike, because both change from view to view.
+Corners (ArUco, family 36h11) are triangulated over the views, and the sides of the square compared with the printed
+side. How sure that is says a jackknife over the views, which counts errors of corners and poses alike.
 """
 
 from __future__ import annotations
@@ -56,8 +54,6 @@ def find_tags(gray: NDArray[np.uint8], view: int, tags: range) -> list[TagSighti
 
     Args:
         gray: uint8 [H, W], undistorted.
-        view: index of the view.
-        tags: ids that count.
     """
     if not any(number in tags for number, _ in _detected(gray, cv2.aruco.CORNER_REFINE_NONE)):
         return []
@@ -133,14 +129,8 @@ def estimate_scale(
 
 
 def in_meters(capture: Capture, settings: CaptureSettings, report: Callable[[int], None]) -> Capture:
-    """The capture in meters if tags in its pictures tell how long they are, else the same. Of a capture whose meters
-    were estimated before, both estimates are combined (`metric_capture`).
-
-    Args:
-        capture: whose views lie on disk.
-        settings: which tags count, and their side.
-        report: hears how many views are done.
-    """
+    """The capture in meters if tags in its pictures tell how long they are, with what was estimated before; else the
+    same."""
     if settings.tag_side_m is None:
         return capture
     sightings = []

@@ -21,19 +21,15 @@ _NMS_IOU = 0.6
 
 
 class GroundingDino:
-    """`pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits`
-    [1, Q, 256], `pred_boxes` [1, Q, 4] (center and size, of the whole image = 1).
+    """`pixel_values` [1, 3, 800, 800], `pixel_mask`, `input_ids`, `token_type_ids`, `attention_mask` → `logits` [1, Q,
+    256], `pred_boxes` [1, Q, 4] (center and size, of the whole image = 1).
 
-    The prompt is every phrase in lower case, each ended by a full stop. A phrase's score is the mean of σ(logit) over
-    its tokens (as GLIP and mmdetection do), so that "red cup" needs both words.
+    The prompt is every phrase in lower case, ended by a full stop; its score is the mean of σ(logit) over its tokens.
 
     Args:
-        model: the ONNX file.
         tokenizer: its `tokenizer.json` (BERT's).
         prompts_per_pass: phrases in one prompt. The export of onnx-community was traced with a single phrase and
             scores only the first of several; 1 is right for it.
-        name: the model's name, for messages.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: when a file is missing or does not keep this contract.

@@ -20,10 +20,7 @@ class YoloWorld:
     """`images` [1, 3, S, S], `text_embeds` [1, N, E] → `boxes_xyxy` [1, A, 4], `scores` [1, A, N], nothing suppressed.
 
     Args:
-        model: the ONNX file.
         encoder: embeds prompts in the space the detector was trained with (CLIP ViT-B/32 for the public weights).
-        name: the model's name, for messages.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: when the file does not keep this contract, or the encoder has another width.

@@ -13,7 +13,6 @@ def open_lexicon(name: str, models: Path) -> Lexicon:
 
     Args:
         name: an entry of the manifest, or "wordnet:my_folder".
-        models: the model directory.
 
     Raises:
         ModelUnavailableError: unknown name, missing or damaged file.

@@ -1,8 +1,5 @@
-"""WordNet's own database files, read where they lie.
-
-Format: Princeton's manual page wndb(5WN). NLTK and `wn` read these files too, and build tables of all words first (over
-a second, over 100 MB); here lines are found by bisection in mapped files, so that opening costs nothing.
-"""
+"""WordNet's own database files (wndb(5WN)), read where they lie: lines are found by bisection in mapped files, so that
+opening costs nothing."""
 
 from __future__ import annotations
 
@@ -74,7 +71,6 @@ class Lexicon:
 
     Args:
         folder: has the `FILES`.
-        name: the model's name in the manifest.
 
     Raises:
         ModelUnavailableError: a file is missing, empty or no file of WordNet.

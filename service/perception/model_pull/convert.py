@@ -19,11 +19,7 @@ def convert(conversion: Conversion, carriers: Path, target: Path, *, packages: P
     """Fill `target` with what the conversion makes of the files in `carriers`.
 
     Args:
-        conversion: which, and the packages it needs.
-        carriers: folder of verified carrier files.
-        target: existing folder.
         packages: temporary folder that the packages are installed into, never the product's environment.
-        name: the model's name, for messages.
 
     Raises:
         ModelUnavailableError: a package or the conversion failed; has its last words.

@@ -1,8 +1,7 @@
 """Child process: MobileSAM's checkpoint to ONNX. Usage: convert_mobile_sam.py CARRIERS TARGET PACKAGES.
 
-The model's own code, which travels with the checkpoint, builds the network; torch exports it. What that code imports
-from timm is replaced by its meaning at inference, and the checkpoint is read as plain tensors, so that neither timm
-nor an unpickler that can run code is needed.
+The model's own code builds the network; what it imports from timm is replaced, and the checkpoint read as plain
+tensors.
 """
 
 from __future__ import annotations

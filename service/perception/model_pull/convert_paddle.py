@@ -1,7 +1,6 @@
 """Child process: a Paddle inference model to ONNX. Usage: convert_paddle.py CARRIERS TARGET PACKAGES.
 
-paddle2onnx's Python half imports the whole of PaddlePaddle, which its compiled half does not need; so the compiled
-half is loaded alone.
+paddle2onnx's compiled half is loaded alone: its Python half imports the whole of PaddlePaddle.
 """
 
 from __future__ import annotations

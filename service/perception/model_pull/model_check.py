@@ -24,12 +24,8 @@ _CANVAS = 320
 
 
 def check_model(entry: ModelEntry, models: Path) -> None:
-    """Raise unless the model in `models / entry.name` opens and solves an exercise.
-
-    A text encoder must find "a cup of coffee" closer to "a mug of coffee" than to "a railway bridge"; a segmenter must
-    cut out a drawn disc; a detector must find a drawn stop sign; a tagger must find anything in it; a lexicon must know
-    that a banana is a fruit; a reader must read the sign; an image-text model must know it from a bowl of soup.
-    Detectors that are prompted by embeddings are only opened, since their text encoder need not be there yet.
+    """Raise unless the model in `models / entry.name` opens and solves an exercise that is easy for its role. Detectors
+    that are prompted by embeddings are only opened, since their text encoder need not be there yet.
 
     Raises:
         ModelUnavailableError: the contract is broken or the answer wrong.

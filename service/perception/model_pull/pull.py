@@ -53,7 +53,6 @@ def pull(
     Args:
         models: the model directory; made if need be.
         names: manifest entries; none: the defaults.
-        report: hears every step.
         manifest: another manifest than the built-in one.
         allow_licenses: SPDX names to accept beyond the permissive ones.
         revision: commit for Hugging Face repositories that the manifest pins none for.

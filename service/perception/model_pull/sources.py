@@ -38,7 +38,6 @@ def fetch_file(
         cache: a temporary folder for downloaded archives, shared by the files of one pull.
         base: what relative local paths count from.
         revision: commit for Hugging Face sources that the manifest pins none for.
-        on_bytes: progress.
 
     Raises:
         ModelUnavailableError: no source gave the file; the message has every source's reason.

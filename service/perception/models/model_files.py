@@ -1,8 +1,6 @@
-"""The files of a model's folder by the part they play, and what their bytes must be.
-
-A network whose bits have flipped mostly opens, and answers something else; so every file that is opened is checked
-against the digest that is known for it: by the manifest, or by the receipt of the pull that converted it.
-"""
+"""The files of a model's folder by the part they play, checked when they are opened against the digest that the
+manifest or the receipt of the pull knows: a network whose bits have flipped mostly opens, and answers something
+else."""
 
 from __future__ import annotations
 
@@ -74,7 +72,6 @@ def known_digests(folder: Path, *, name: str) -> Mapping[str, str]:
     """Hex sha256 by file name, as far as it is known, of a model's files: by the manifest and the pull's receipt.
 
     Args:
-        folder: the model's.
         name: as a setting names the model; "adapter:folder" is in no manifest.
 
     Raises:

@@ -51,8 +51,7 @@ BUILT_IN_MANIFEST = Path(__file__).parent / "manifest.toml"
 PERMISSIVE = frozenset(
     {"Apache-2.0", "MIT", "BSD-2-Clause", "BSD-3-Clause", "ISC", "CC0-1.0", "CC-BY-4.0", "LicenseRef-WordNet"}
 )
-"""SPDX names of the licenses that `pull` accepts unasked. WordNet's own allows use, copies and changes for any purpose,
-without fee, as long as its notice goes along; it stands at the head of each of the files."""
+"""SPDX names of the licenses that `pull` accepts unasked. WordNet's own allows any use that keeps its notice."""
 
 
 class _Frozen(BaseModel):
@@ -112,13 +111,10 @@ class ModelEntry(_Frozen):
 
     Attributes:
         name: also its folder in the model directory.
-        role: what it is for.
         adapter: which of the product's adapters drives it.
         license: SPDX name of the weights' license.
-        about: one sentence.
         default: whether a bare `pull` fetches it.
         files: what lies in its folder; those without sources come out of `conversion`.
-        conversion: see `Conversion`.
     """
 
     name: str

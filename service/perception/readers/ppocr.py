@@ -1,11 +1,6 @@
-"""Written lines of pictures by PP-OCR: one network finds them, one reads them.
-
-The first, the detector, is a DBNet (Liao et al. 2020, "Real-time scene text detection with differentiable
-binarization"): its output is the probability that a pixel is of a line's inner area, which is a shrunk one, so that
-lines do not touch. The second, the recognizer, reads a line of 48 pixels' height: rows of probabilities over
-characters, as CTC has them (Graves et al. 2006): a character that repeats counts once, and a blank stands between two
-equal ones.
-"""
+"""Written lines of pictures by PP-OCR: a DBNet (Liao et al. 2020) gives the probability that a pixel is of a line's
+shrunk area, and a recognizer reads lines of 48 pixels' height by CTC (Graves et al. 2006): a repeated character counts
+once, and a blank stands between two equal ones."""
 
 from __future__ import annotations
 
@@ -47,11 +42,6 @@ _TURNED_BELOW = 0.9
 class PpOcr:
     """A detector `x` [N, 3, H, W] → [N, 1, H, W], and a recognizer `x` [N, 3, 48, W] → [N, T, C + 2] of C characters,
     which its file names in its metadata `character`, one a line; class 0 is the blank, the last one a space.
-
-    Args:
-        detector, recognizer: ONNX files.
-        name: of the model, for messages.
-        threads: see `open_session`.
 
     Raises:
         ModelUnavailableError: a file is missing, damaged, or does not keep this contract.

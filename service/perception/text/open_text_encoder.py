@@ -18,7 +18,6 @@ def open_text_encoder(name: str, models: Path, *, threads: int = 0) -> TextEncod
 
     Args:
         name: an entry of the manifest, or "clip:my_folder".
-        models: the model directory.
         threads: texts that are embedded at a time; 0: as many as there are cores.
 
     Raises:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -12,7 +12,6 @@ from torch import Tensor
 
 from fastsplat.service.query.drawing.view_geometry import ViewGeometry, view_geometry
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.query.types import Mask2D
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import F32, Evidence, Parts, Scene, Things
 from fastsplat.service.splatting.blending import EvidenceBlend, LabelBlend, ThingBlend, label_blend, things_blend
@@ -24,6 +23,23 @@ from fastsplat_contract.camera import PosedCamera
 
 _SURE_PX = 64
 """Membership of a Gaussian of no part in none, pixels."""
+
+
+@dataclass(frozen=True)
+class Mask2D:
+    """Where an answer is in one view.
+
+    Attributes:
+        mask: bool [H, W], pixels whose most probable class is a relevant entry.
+        label_ids: uint16 [H, W], which relevant entry each pixel of the mask is, 0 outside the mask.
+        relevancy: float32 [H, W], 0..1: Σ_n p(n)·relevancy(n).
+        rgb: uint8 [H, W, 3], the rendered view.
+    """
+
+    mask: NDArray[np.bool_]
+    label_ids: NDArray[np.uint16]
+    relevancy: NDArray[np.float32]
+    rgb: NDArray[np.uint8]
 
 
 class Renderer:

@@ -48,13 +48,13 @@ def align_scene(index: SceneIndex, edit: Edit) -> Scene:
     """The scene in the frame of a map; see `Alignment` of the contract.
 
     Raises:
-        InvalidInputError: a label, an object or things; not exactly one of transform and pairs; fewer than three pairs,
+        InvalidInputError: a label or things; not exactly one of transform and pairs; fewer than three pairs,
             pairs on one line, of a mirrored frame, or of which fewer than half agree; a motion that is not rigid.
         LimitExceededError: too many pairs, or too long a name.
     """
     order = edit.alignment
     assert order is not None
-    if edit.label is not None or edit.object_id is not None or edit.things:
+    if edit.label is not None or edit.things:
         raise InvalidInputError("align is of the whole scene", field="label", hint="Send an alignment alone.")
     _check_frame(order.frame)
     if (order.transform is not None) == bool(order.pairs):

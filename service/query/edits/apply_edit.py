@@ -84,7 +84,7 @@ def apply_edit(
 
     Raises:
         NotFoundError: no such label, object or thing here.
-        InvalidInputError: an unknown action, not exactly one of label, object_id and things, a color, transform or name
+        InvalidInputError: an unknown action, not exactly one of label and things, a color, transform or name
             that is missing, superfluous, out of range or not rigid.
         LimitExceededError, ConflictError: the scene would be too large, or see `edit_things`.
     """
@@ -150,7 +150,7 @@ def _remove(order: _Order) -> Scene:
     edit, count = order.edit, len(order.index.scene.gaussians)
     rows = edited_rows(order.index, edit)
     if len(rows) == count or (edit.filter is not None and not len(rows)):
-        said = {"filter": edit.filter, "label": edit.label, "object_id": edit.object_id, "things": edit.things or None}
+        said = {"filter": edit.filter, "label": edit.label, "things": edit.things or None}
         raise InvalidInputError(
             f"this removes {'all' if len(rows) else 'none'} of {count} Gaussians",
             field=next(name for name, value in said.items() if value is not None),
@@ -191,7 +191,6 @@ def _suggest(order: _Order) -> Scene:
 
 _CALLS = {
     "look_again": ("looking again", "LookAgain"),
-    "train_more": ("training a scene further", "TrainMore"),
     "observe": ("an observation", "ObserveScene"),
 }
 """Actions that stand in versions and that nobody sends as edits: what they are, and by which call they are made."""

@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 from scipy.special import expit
 
 from fastsplat.service.query.edits.gaussian_filters import filtered
-from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.query.things.solid_gaussians import MIN_OPACITY
 from fastsplat.service.scene.types import F32
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
@@ -27,17 +26,17 @@ _MARGIN = 0.25
 
 
 def edited_rows(index: SceneIndex, edit: Edit) -> Rows:
-    """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or object, and those they enclose:
+    """int64 [K], ascending: the Gaussians that an edit is about. Those of the label or things, and those they enclose:
     of whose twelve nearest visible neighbors they have half the opacity or more. With a filter those that it takes: of
-    the label or object, where there is one, otherwise of the scene.
+    the label or things, where there are any, otherwise of the scene.
 
     Raises:
-        NotFoundError: no such label, object or thing here.
-        InvalidInputError: not exactly one of label, object_id and things; a filter that makes no sense.
+        NotFoundError: no such label or thing here.
+        InvalidInputError: not exactly one of label and things; a filter that makes no sense.
     """
     if edit.filter is not None:
         taken = filtered(index, edit.filter)
-        if edit.label is None and edit.object_id is None and not edit.things:
+        if edit.label is None and not edit.things:
             return np.flatnonzero(taken)
         rows = _named_rows(index, edit)
         return rows[taken[rows]]
@@ -69,11 +68,9 @@ def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
 
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
-    if (edit.label is not None) + (edit.object_id is not None) + bool(edit.things) != 1:
+    if (edit.label is not None) == bool(edit.things):
         raise InvalidInputError(
-            "an edit speaks of a label, of an object or of things",
-            field="label",
-            hint="Send exactly one of label, object_id and things.",
+            "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
         )
     if edit.label is not None:
         label_id = index.scene.dictionary.id_of(edit.label)
@@ -82,6 +79,5 @@ def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
                 f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
             )
         return np.flatnonzero(index.labeled((label_id,)))
-    things = edit.things or (thing_of_object(index.objects, str(edit.object_id)),)
-    index.things.check_all(things)
-    return np.flatnonzero(index.things.rows(things))
+    index.things.check_all(edit.things)
+    return np.flatnonzero(index.things.rows(edit.things))

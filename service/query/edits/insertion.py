@@ -39,7 +39,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
 
     Raises:
         NotFoundError: no such label, object or thing there.
-        InvalidInputError: not exactly one of label, object_id and things; a part; lengths of one scene are meters and
+        InvalidInputError: not exactly one of label and things; a part; lengths of one scene are meters and
             those of the other have no unit.
         LimitExceededError: more things than there are ids.
     """
@@ -53,7 +53,7 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
         )
     ids = edited_things(source, edit)
     check_no_parts(source.things.table, ids)
-    own = replace(edit, label=None, object_id=None, things=ids)
+    own = replace(edit, label=None, things=ids)
     rows = edited_rows(source, own)
     first = next_thing_id(here.things)
     if first + len(ids) - 1 > MAX_THING_ID:

@@ -14,16 +14,6 @@ from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.masks import pack_bits
 from fastsplat_contract.scenes import Edit
 
-_ISOLATION_COST = 32
-"""To look for the neighbors of a Gaussian takes about as long as rendering so many pixels."""
-
-
-def preview_cost(index: SceneIndex, edits: Sequence[Edit]) -> int:
-    """What a preview costs, in rendered pixels."""
-    filters = [edit.filter for edit in edits if edit.filter is not None]
-    isolating = sum(each.isolation_above is not None for each in filters)
-    return (1 + isolating * _ISOLATION_COST) * len(index.scene.gaussians)
-
 
 def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:
     """Which Gaussians of a version the edits would remove, each applied to what those before it leave.

@@ -87,7 +87,7 @@ def make_prompted_thing(
             )
         check_seen((thing_id,), edit.name, seen, before)
     else:
-        _check_missing(index, edit, taken, whole)
+        _check_missing(edit, taken, whole)
         losers = np.flatnonzero(taken[1:] >= _MOST * np.maximum(whole[1:], 1e-300)) + 1
         check_seen([thing_id for thing_id in losers.tolist() if taken[thing_id]], edit.name, seen, before)
     for field in ("aliases", "kinds"):
@@ -105,10 +105,10 @@ def make_prompted_thing(
     return with_look_alikes(replace(scene, things=replace(scene.things, table=(*others, named))), (new_id,))
 
 
-def _check_missing(index: SceneIndex, edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:
-    if edit.things or edit.label is not None or edit.object_id is not None:
+def _check_missing(edit: Edit, taken: NDArray[np.float64], whole: NDArray[np.float64]) -> None:
+    if edit.things or edit.label is not None:
         raise InvalidInputError(
-            "add takes no thing, label or object", field="things", hint="To cut a piece out of a thing, split it."
+            "add takes no thing or label", field="things", hint="To cut a piece out of a thing, split it."
         )
     same = taken[1:] / np.maximum(whole[1:] + taken.sum() - taken[1:], 1e-300)
     if len(same) and same.max() >= _SAME:

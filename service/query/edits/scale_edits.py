@@ -25,9 +25,9 @@ def scale_scene(index: SceneIndex, edit: Edit) -> Scene:
 
     Raises:
         NotFoundError: nothing is seen at a pixel; no such view.
-        InvalidInputError: no or too many known lengths, a label, an object or things, or two places that are one.
+        InvalidInputError: no or too many known lengths, a label or things, or two places that are one.
     """
-    if edit.label is not None or edit.object_id is not None or edit.things:
+    if edit.label is not None or edit.things:
         raise InvalidInputError("scale is of the whole scene", field="label", hint="Send known lengths alone.")
     earlier = index.scene.scaling or capture_scaling(index.scene.quality)
     lengths = [] if earlier is None else [*earlier.lengths]

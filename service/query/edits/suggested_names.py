@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, PACK_SOURCE, TAG_SOURCE
+from fastsplat.service.query.things.merged_suggestions import OWN_SOURCE, TAG_SOURCE
 from fastsplat.service.query.things.thing_index import SceneThings
 from fastsplat.service.scene.suggestions import MOST_SUGGESTED, Suggestion, ranked_suggestions
 from fastsplat.service.scene.things import checked_name
@@ -18,7 +18,7 @@ MAX_SUGGESTED = 1_000
 """Names in one edit."""
 _MAX_ALIASES = 20
 _MAX_SOURCE = 60
-_OWN = (OWN_SOURCE, TAG_SOURCE, PACK_SOURCE, "person")
+_OWN = (OWN_SOURCE, TAG_SOURCE, "person")
 """What the scene's own sources are called in answers."""
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.things.look_alikes import with_look_alikes
-from fastsplat.service.query.things.objects import thing_of_object
 from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
 from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import ConflictError, InvalidInputError, LimitExceededError, NotFoundError
@@ -38,7 +37,7 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
         before: the things as they were before the request that the edit is part of.
 
     Raises:
-        NotFoundError: no such thing, label or object here.
+        NotFoundError: no such thing or label here.
         InvalidInputError: a name or an alias that is none, or is missing or superfluous; too few things to merge.
         LimitExceededError: too many aliases.
         ConflictError: the edit would undo a name that a person gave after the things were looked at, or an alias is the
@@ -59,40 +58,35 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
 
 
 def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
-    """The ids of the things that an edit is about, in its order: those that it names, those that bear its label, or the
-    one that is its object.
+    """The ids of the things that an edit is about, in its order: those that it names, or those that bear its label.
 
     Raises:
-        NotFoundError: no such thing, label or object here.
-        InvalidInputError: not exactly one of things, label and object_id.
+        NotFoundError: no such thing or label here.
+        InvalidInputError: not exactly one of things and label.
     """
-    if (edit.label is not None) + (edit.object_id is not None) + bool(edit.things) != 1:
+    if (edit.label is not None) == bool(edit.things):
         raise InvalidInputError(
-            "an edit speaks of a label, of an object or of things",
-            field="label",
-            hint="Send exactly one of label, object_id and things.",
+            "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
         )
     things = index.things
-    if edit.things:
+    if edit.label is None:
         things.check_all(edit.things)
         return tuple(dict.fromkeys(edit.things))
     dictionary = index.scene.dictionary
-    label_id = None if edit.label is None else dictionary.id_of(edit.label)
-    if edit.label is not None and label_id is None:
+    label_id = dictionary.id_of(edit.label)
+    if label_id is None:
         raise NotFoundError(
             f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
         )
-    if label_id is not None:
-        everything = (*things.present, *things.present_parts)
-        ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
-        if not ids:
-            raise NotFoundError(
-                f"nothing in this version bears the label {str(edit.label)[:80]!r}",
-                field="label",
-                hint="List the scene's things.",
-            )
-        return ids
-    return (thing_of_object(index.objects, str(edit.object_id)),)
+    everything = (*things.present, *things.present_parts)
+    ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
+    if not ids:
+        raise NotFoundError(
+            f"nothing in this version bears the label {edit.label[:80]!r}",
+            field="label",
+            hint="List the scene's things.",
+        )
+    return ids
 
 
 def check_seen(ids: Sequence[int], name: str | None, seen: Things | None, before: Things) -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from fastsplat.service.query.language.judgement import Verdict
 from fastsplat.service.query.language.label_meanings import BASE, Comparison
 from fastsplat.service.query.language.name_matching import NameMatch
-from fastsplat_contract.queries import Relation, RelationSubject, Verdict
+from fastsplat_contract.queries import Relation, RelationSubject
 
 Related = tuple[Relation, RelationSubject | None]
 

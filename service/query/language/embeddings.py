@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from fastsplat.service.common.call_scheduling import SENTENCE_COST, charge
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.settings import QuerySettings
@@ -39,7 +38,6 @@ def embed_names(names: Sequence[str], encoder: TextEncoder, templates: Sequence[
     if not names:
         return np.zeros((0, 0), dtype=np.float32)
     sentences = [template.replace("{}", name) for name in names for template in templates]
-    charge(len(sentences) * SENTENCE_COST)
     pieces = []
     for start in range(0, len(sentences), _BATCH):
         check_cancelled()

@@ -84,7 +84,6 @@ class HistoryAnswers:
             label_set=(),
             coverage=None,
             presence=None,
-            threshold=None,
             phrase=None,
             things=(),
             matches=(),
@@ -96,7 +95,7 @@ class HistoryAnswers:
             asked = "" if since is None else f" since {_day(since.start)}"
             made = "" if self._history.made_at is None else f"; the scene is of {_day(self._history.made_at)}"
             nothing = f"Cannot say: no photos of another day are kept with this scene{asked}{made}."
-            return _saying(replace(about, verdict="undecided", relation="undecided"), "cannot_say", nothing)
+            return _saying(replace(about, relation="undecided"), "cannot_say", nothing)
         changes = self._changes(question)
         seen = {each for observation in fresh for each in observation.looked_at}
         days = enumerated(list(dict.fromkeys(_day(each.seen_at) for each in fresh))[-_MOST_TOLD:])
@@ -105,13 +104,12 @@ class HistoryAnswers:
             share = f"{len(seen)} of {total}" if len(seen) < total else f"{total}"
             things = f"{share} thing{'' if total == 1 else 's'}"
             none = f"{_nothing(question)}: photos of {days} looked at {things}."
-            return _saying(replace(about, verdict="absent", relation="absent"), "not_here", none)
+            return _saying(replace(about, relation="absent"), "not_here", none)
         told = " ".join(self._sentence(change) for change, _ in changes[:_MOST_TOLD])
         more = f" There are {len(changes) - _MOST_TOLD} more." if changes[_MOST_TOLD:] else ""
         return _saying(
             replace(
                 about,
-                verdict="exact",
                 relation="same",
                 things=tuple(change.thing_id for change, _ in changes if change.thing_id),
                 probability=min(change.probability for change, _ in changes),
@@ -205,7 +203,7 @@ class HistoryAnswers:
 
 
 def _saying(answer: Answer, outcome: Outcome, sentence: str) -> Answer:
-    return replace(answer, outcome=outcome, sentence=sentence, explanation=sentence)
+    return replace(answer, outcome=outcome, sentence=sentence)
 
 
 def _nothing(question: TimeQuestion) -> str:

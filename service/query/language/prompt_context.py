@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.query.language.calibration import calibration_for
 from fastsplat.service.query.language.embeddings import TextCache, embed_labels
 from fastsplat.service.query.language.probability import ScoreCalibration
 from fastsplat.service.query.language.relevancy import LERF_TEMPERATURE, Entries, entries
-from fastsplat.service.query.language.scene_labels import SceneLabels
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat_contract.errors import LimitExceededError, ModelUnavailableError
 
@@ -23,6 +23,23 @@ if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.types import TextEncoder
 
 _CACHED_CONTEXTS = 8
+
+
+@dataclass(frozen=True)
+class SceneLabels:
+    """What a ranking reads of a scene: its labels, and nothing that has a row for each Gaussian.
+
+    Attributes:
+        dictionary: N names: the scene's labels, then what is merely suggested, see `ThingNames`.
+        embeddings: float32 [M, E], M ≤ N, unit length, of the scene's labels; a copy, so that no file of the scene
+            stays mapped.
+        text_encoder, templates: what made them: name and digest of the encoder, and the sentences.
+    """
+
+    dictionary: Dictionary
+    embeddings: NDArray[np.float32]
+    text_encoder: tuple[str, str]
+    templates: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from fastsplat.service.query.language.calibration import calibration_key
 from fastsplat.service.query.language.common_things import are_other_things
 from fastsplat.service.query.language.embeddings import TextCaches, text_caches
 from fastsplat.service.query.language.english import NoQuestion, names_nothing, no_question
-from fastsplat.service.query.language.judgement import Judgement, Mask
+from fastsplat.service.query.language.judgement import Judgement, Mask, Ranked, Remarks
 from fastsplat.service.query.language.label_meanings import Comparison, LabelMeanings
 from fastsplat.service.query.language.meaning import MeaningModel, model_for, weighs_meanings
 from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
@@ -26,11 +26,9 @@ from fastsplat.service.query.language.probability import (
     named_belief,
     scored_belief,
 )
-from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts
+from fastsplat.service.query.language.prompt_context import PromptContext, PromptContexts, SceneLabels
 from fastsplat.service.query.language.query_text import TextQuery
 from fastsplat.service.query.language.relevancy import F64, Scores, relevancy_scores
-from fastsplat.service.query.language.scene_labels import SceneLabels
-from fastsplat.service.query.language.sentences import Remarks
 from fastsplat.service.query.language.text_similarity import text_similarity
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import RATHER, unnamed_probability
@@ -49,22 +47,6 @@ _PER_LABEL = 2_048
 """Bytes: its names, by which it is looked up, count, confidence."""
 _FARTHEST = -1.0
 """The score of what a question denies: nothing in common."""
-
-
-@dataclass(frozen=True)
-class Ranked:
-    """What is decided of a question, before it is put into words.
-
-    Attributes:
-        answer: without its outcome and its sentence.
-        standing: the ids of those of its labels that name what was asked for, or a kind of it, and do not merely serve
-            in its place.
-        remarks: what else the sentence says.
-    """
-
-    answer: Answer
-    standing: frozenset[int]
-    remarks: Remarks
 
 
 @dataclass(frozen=True)
@@ -237,21 +219,15 @@ class Ranker:
             verdict, probability = "undecided", None
         elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
-        threshold = context.exact if judged.verdict == "exact" else context.related
-        threshold = threshold if meant is None else meant.model.related
         shown = verdict if verdict != "possible" else judged.verdict
         relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",
             text=text,
-            verdict=verdict,
-            explanation="",
             probability=probability,
             label_set=() if belief is None else belief.label_set,
             coverage=None if belief is None else coverage,
-            decided_by="name" if judged.named else "score",
-            threshold=None if judged.named or (context.related is None and meant is None) else threshold,
             version="",
             gaussians=sum(self._counts),
             match_count=len(order),
@@ -272,7 +248,8 @@ class Ranker:
         compared = context.related is not None or meant is not None
         other = meant is None and (judged.verdict, relation) == ("related", "related")
         other = other and self._is_other(text, int(order[0]))
-        return Ranked(answer, frozenset(ids.tolist()), Remarks(unchecked, unread, other=other, calibrated=compared))
+        remarks = Remarks(unchecked, unread, other=other, calibrated=compared)
+        return Ranked(answer, verdict, judged.named, frozenset(ids.tolist()), remarks)
 
     def _is_other(self, text: str, row: int) -> bool:
         """Whether an entry that grammar makes no kind of the question is known to be another thing than it names. An

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.enclosures import may_hold
 from fastsplat.service.query.language.english import NoQuestion
+from fastsplat.service.query.language.judgement import Ranked, Remarks
 from fastsplat.service.query.things.absence import RATHER, Hollow, UnseenSpace
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
@@ -65,31 +66,6 @@ _CHOICES: Mapping[RefusalReason, str] = {
 """What makes a phrase decidable."""
 
 
-@dataclass(frozen=True)
-class Remarks:
-    """What a sentence says beside what the answer's members hold.
-
-    Attributes:
-        unchecked: words of the question that nothing here was checked for, see `NameMatch.unchecked`.
-        no_question: why the text is no question in English.
-        doubt: what is taken for something that a phrase speaks of, where that is not sure.
-        head: what alone a phrase was looked up by, because nothing here is that; "" otherwise.
-        by_shape: whether surfaces without a name answer, by their shape and place.
-        by_looks: whether things answer by their looks, whatever they are called.
-        other: whether what comes closest is known to be another thing than the one that was asked for.
-        calibrated: whether other words than names were compared.
-    """
-
-    unchecked: str = ""
-    no_question: NoQuestion = ""
-    doubt: str = ""
-    head: str = ""
-    by_shape: bool = False
-    by_looks: bool = False
-    other: bool = False
-    calibrated: bool = True
-
-
 def quoted(text: str) -> str:
     """A text of somebody in a sentence."""
     return f'"{text}"' if len(text) <= _MAX_QUOTED else f'"{text[: _MAX_QUOTED - 1]}…"'
@@ -101,29 +77,30 @@ def enumerated(items: Sequence[str], more: int = 0, joint: str = "and") -> str:
     return every[0] if len(every) == 1 else f"{', '.join(every[:-1])} {joint} {every[-1]}"
 
 
-def outcome_of(answer: Answer, not_seen: bool) -> Outcome:
+def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
     """Whether what was asked for is here; where it may be although nobody saw it, it is not said to be absent."""
-    if answer.verdict == "absent":
+    answer, verdict = ranked.answer, ranked.verdict
+    if verdict == "absent":
         return "not_seen" if not_seen else "not_here"
-    if answer.verdict == "undecided":
+    if verdict == "undecided":
         return "cannot_say"
     meant = (answer.relation, answer.relation_subject) in (("same", None), ("kind_of", "label"))
     sure = answer.probability is None or answer.probability >= RATHER
-    if answer.verdict == "exact" or (answer.verdict == "related" and meant and sure):
+    if verdict == "exact" or (verdict == "related" and meant and sure):
         return "here"
     return "probably_here"
 
 
-def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
+def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
     """The answer with its outcome and its sentence.
 
     Args:
-        answer: complete but for these.
-        remarks: what else there is to say.
+        ranked: what was decided.
         names: of the scene.
         unseen: how much of it no photo shows.
         in_words: see there.
     """
+    answer, remarks = ranked.answer, ranked.remarks
     held = (
         ()
         if answer.phrase is not None and not remarks.head
@@ -133,7 +110,8 @@ def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSp
     if remarks.other:
         closest = f"; the closest is {_belonging(answer.relevant_ids[:1], _labels(answer), names, in_words)}"
         answer = _without_closest(answer)
-    outcome = outcome_of(answer, unseen.hides or bool(held))
+        ranked = replace(ranked, answer=answer, verdict="absent")
+    outcome = outcome_of(ranked, unseen.hides or bool(held))
     if outcome == "not_seen":
         answer = replace(answer, probability=None)
     if outcome == "cannot_say":
@@ -145,16 +123,15 @@ def spoken(answer: Answer, remarks: Remarks, names: ThingNames, unseen: UnseenSp
         elif answer.phrase is not None:
             what = _decided(answer, answer.phrase, remarks, names, in_words)
         else:
-            what = _found(answer, remarks, names, in_words)
+            what = _found(ranked, names, in_words)
         said = f"{_OPENINGS[outcome]}{percent(answer.probability)}: {what}."
-    return replace(answer, outcome=outcome, sentence=said, explanation=said)
+    return replace(answer, outcome=outcome, sentence=said)
 
 
 def _without_closest(answer: Answer) -> Answer:
     """The answer that nothing is what was asked for: how likely the closest would serve says nothing of that."""
     matches = tuple(match._replace(relevant=False) for match in answer.matches)
-    answer = replace(answer, verdict="absent", relation="absent", probability=None, presence=None)
-    return replace(answer, things=(), matches=matches)
+    return replace(answer, relation="absent", probability=None, presence=None, things=(), matches=matches)
 
 
 def percent(probability: float | None) -> str:
@@ -170,11 +147,12 @@ def doubt_of(answer: Answer, names: ThingNames) -> str:
     return f"that it is {quoted(match.label)} is {'not sure' if names.is_borne(match.label_id) else 'only suggested'}"
 
 
-def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
+def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
     """What answers a name or a description."""
+    answer, verdict, remarks = ranked.answer, ranked.verdict, ranked.remarks
     question = quoted(answer.text)
     if remarks.by_shape:
-        taken = "" if answer.verdict == "exact" else f", taken for {question}"
+        taken = "" if verdict == "exact" else f", taken for {question}"
         return f"{in_words(answer.things)}{taken}, by shape and place"
     if remarks.by_looks:
         return f"{in_words(answer.things)}, taken for {question}, by its looks"
@@ -182,16 +160,16 @@ def _found(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWord
     labels = _labels(answer)
     remark = f"; {quoted(remarks.unchecked)} was not checked" if remarks.unchecked else ""
     if answer.relation == "same":
-        relation = f", the same as {question}" if answer.decided_by == "score" else ""
+        relation = f", the same as {question}" if not ranked.named else ""
     else:
         relation = f", {_RELATIONS[answer.relation, answer.relation_subject].format(text=question)}"
-    if answer.verdict == "possible" and not any(map(names.is_borne, ids)):
+    if verdict == "possible" and not any(map(names.is_borne, ids)):
         may_be = enumerated([quoted(label) for label in labels.values()][:MOST_NAMED], joint="or")
         sources = sorted({source for each in ids if each in names.table for source in names.table[each].sources})
         said_by = f", say{'' if sources[1:] else 's'} {enumerated(list(map(quoted, sources)))}" if sources else ""
         return f"{in_words(answer.things)} may be {may_be}{said_by}{relation}{remark}"
-    if answer.verdict in ("exact", "possible"):
-        doubt = "" if answer.verdict == "exact" else ", but that name is not sure"
+    if verdict in ("exact", "possible"):
+        doubt = "" if verdict == "exact" else ", but that name is not sure"
         return f"{_belonging(ids, labels, names, in_words)}{relation}{doubt}{remark}"
     first = _belonging(ids[:1], labels, names, in_words)
     then = f"; then {_belonging(ids[1:], labels, names, in_words)}" if ids[1:] else ""

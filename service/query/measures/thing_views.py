@@ -14,7 +14,7 @@ from fastsplat.service.query.things.solid_gaussians import masses
 from fastsplat.service.query.things.visibility import view_scores
 from fastsplat_contract.camera import PosedCamera
 
-CANDIDATES = 5
+_CANDIDATES = 5
 """Cameras that are looked through beyond those that are asked for: which they are is estimated without rendering."""
 _SIDE = 256
 _CUT_OFF = 0.4
@@ -52,7 +52,7 @@ def best_thing_views(index: SceneIndex, thing_ids: Sequence[int], count: int) ->
         return ()
     views, scores = view_scores(scene, [rows], masses(scene.gaussians.log_scales, scene.gaussians.logit_opacities))
     seen: list[ThingView] = []
-    for number in (-scores[0]).argsort(kind="stable")[: count + CANDIDATES] if len(views) else ():
+    for number in (-scores[0]).argsort(kind="stable")[: count + _CANDIDATES] if len(views) else ():
         check_cancelled()
         mask = things.mask(small_view(views[number]), thing_ids)
         if mask.any():

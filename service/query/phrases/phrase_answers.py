@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from fastsplat.service.query.language.judgement import Ranked, Remarks, Verdict
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.language.noun_phrases import noun_phrase
-from fastsplat.service.query.language.ranking import Ranked
-from fastsplat.service.query.language.sentences import Remarks, doubt_of, quoted
+from fastsplat.service.query.language.sentences import doubt_of, quoted
 from fastsplat.service.query.phrases.phrase_solving import READ, PhraseSolver, Solved
 from fastsplat.service.query.phrases.relations import F64, asker_at
 from fastsplat.service.query.phrases.surface_names import surface_kind, things_in_room, unnamed_surfaces
@@ -23,6 +23,8 @@ from fastsplat_contract.queries import Answer
 
 _NOT_MEANT = ("referent_absent", "not_read")
 """Of a question with several readings, one that is refused so was not meant."""
+_NOTHING, _CLOSE = ("absent", "undecided"), ("related", "possible")
+"""Verdicts."""
 Rank = Callable[[Sequence[str]], Sequence[Ranked]]
 """The answers to some texts, each as if it were a name."""
 
@@ -54,31 +56,27 @@ def answer_surface(plain: Ranked, scene: AskedScene) -> Ranked:
     """The answer to a name, or, where nothing bears it, the surfaces that "wall", "floor" or "table" calls: before what
     is merely related to it ("plate" to "wall")."""
     answer = plain.answer
-    kind = surface_kind(noun_phrase(answer.text)) if _is_unnamed(answer) else ""
+    kind = surface_kind(noun_phrase(answer.text)) if _is_unnamed(plain) else ""
     ids = unnamed_surfaces(kind, scene.things.present, scene.open_measures()) if kind else ()
     if not ids:
         return plain
     sure = kind != "horizontal surface"
-    about = replace(
-        _about(answer, scene.things, ids),
-        verdict="exact" if sure else "possible",
-        relation="same" if sure else "related",
-    )
-    return Ranked(about, frozenset(), Remarks(by_shape=True))
+    about = replace(_about(answer, scene.things, ids), relation="same" if sure else "related")
+    return Ranked(about, "exact" if sure else "possible", remarks=Remarks(by_shape=True))
 
 
 def answer_written(plain: Ranked, scene: AskedScene) -> Ranked:
     """The answer to a name, or, where nothing bears it, the things on which it is written: before what is merely
     related to several words ("oat milk" to "glass"). What says so may be it, or be about it."""
-    answer, words = plain.answer, noun_phrase(plain.answer.text)
-    nowhere = answer.verdict in ("absent", "undecided") or (_is_unnamed(answer) and " " in words)
+    words = noun_phrase(plain.answer.text)
+    nowhere = plain.verdict in _NOTHING or (_is_unnamed(plain) and " " in words)
     if not nowhere or not scene.written.bearing(words):
         return plain
     says = Says(words, False, f"where it says {quoted(words)}")
     question = ParsedQuestion("things", (Phrase("", "", conditions=(says,)),), "")
     found = answer_phrase(question, plain, scene, None)
-    may_be = replace(found.answer, verdict="possible", relation="related", probability=None)
-    return found if found.answer.verdict == "undecided" else replace(found, answer=may_be)
+    may_be = replace(found.answer, relation="related", probability=None)
+    return found if found.verdict == "undecided" else replace(found, answer=may_be, verdict="possible")
 
 
 def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: AskedScene) -> Ranked:
@@ -89,7 +87,7 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
     what is written on it, which one it is in an order, or how many there are.
     """
     answer, things = plain.answer, scene.things
-    if not scene.looks or not _is_unnamed(answer) or not _is_of_looks(question, plain):
+    if not scene.looks or not _is_unnamed(plain) or not _is_of_looks(question, plain):
         return plain
     by_label = {match.label_id: match.probability for match in answer.matches}
     unknown = 1.0 / (1 + len(things.present))
@@ -97,11 +95,11 @@ def answer_by_looks(question: ParsedQuestion | None, plain: Ranked, scene: Asked
     before = {each: unknown if likely is None else likely for each, likely in meant.items()}
     likely = scene.looks.likely(noun_phrase(answer.text), before)
     ids = tuple(sorted((each for each in likely if likely[each] >= RATHER), key=lambda each: -likely[each]))
-    related = answer.probability or 0.0 if answer.verdict in ("related", "possible") else 0.0
+    related = answer.probability or 0.0 if plain.verdict in _CLOSE else 0.0
     if not ids or likely[ids[0]] <= related:
         return plain
-    about = replace(_about(answer, things, ids), verdict="possible", relation="related", phrase=None)
-    return Ranked(replace(about, probability=likely[ids[0]]), frozenset(), Remarks(by_looks=True))
+    about = replace(_about(answer, things, ids), relation="related", phrase=None, probability=likely[ids[0]])
+    return Ranked(about, "possible", remarks=Remarks(by_looks=True))
 
 
 def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
@@ -114,11 +112,9 @@ def _is_of_looks(question: ParsedQuestion | None, plain: Ranked) -> bool:
     return bool(unnamed) and not more and question.asks != "count"
 
 
-def _is_unnamed(answer: Answer) -> bool:
+def _is_unnamed(plain: Ranked) -> bool:
     """Whether nothing bears the name that was asked for, nor a kind of it."""
-    return answer.verdict in ("absent", "undecided") or (
-        answer.verdict in ("related", "possible") and answer.relation == "related"
-    )
+    return plain.verdict in _NOTHING or (plain.verdict in _CLOSE and plain.answer.relation == "related")
 
 
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
@@ -151,7 +147,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     reading = question.readings[0]
     head = ranked[reading.group if solved.named.whole else reading.head] if reading.head else plain
     refusal = _refusal(question, solved)
-    nowhere = bool(reading.head) and head.answer.verdict == "absent" and refusal == Refusal("not_named", reading.head)
+    nowhere = bool(reading.head) and head.verdict == "absent" and refusal == Refusal("not_named", reading.head)
     if nowhere:
         refusal = None  # where nothing is that, nothing is that anywhere
     unnamed = plain.answer.searched.unnamed_things
@@ -168,14 +164,14 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
         refusal=refusal,
     )
     if refusal is not None:
-        if _is_of_the_meaning(refusal, question, plain.answer, solved.named):
+        if _is_of_the_meaning(refusal, question, plain, solved.named):
             return plain
         may_be = phrase.undecided or (solved.named.ids if reading.head else ())
-        return Ranked(replace(_about(plain.answer, things, may_be), phrase=phrase), frozenset(), Remarks())
+        return Ranked(replace(_about(plain.answer, things, may_be), phrase=phrase), "undecided")
     if nowhere:
         ordered = tuple(match._replace(relevant=False) for match in head.answer.matches)
         answer = replace(head.answer, text=text, phrase=phrase, matches=ordered, things=())
-        return Ranked(answer, frozenset(), replace(head.remarks, head=reading.head))
+        return Ranked(answer, "absent", head.named, remarks=replace(head.remarks, head=reading.head))
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
@@ -198,9 +194,9 @@ def _refusal(question: ParsedQuestion, solved: Solved) -> Refusal | None:
     return None
 
 
-def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Answer, named: Named) -> bool:
+def _is_of_the_meaning(refusal: Refusal, question: ParsedQuestion, plain: Ranked, named: Named) -> bool:
     """Whether a text was no question of places, and what it means as a whole answers it: "light with a match"."""
-    answered = plain.verdict in ("related", "possible") and plain.decided_by == "score" and not named.by_name
+    answered = plain.verdict in _CLOSE and not plain.named and not named.by_name
     unmeasured = refusal.reason in ("not_understood", "not_named", "not_measured")
     return answered and unmeasured and question.asks != "count"
 
@@ -236,11 +232,11 @@ def _named(name: str, ranked: Ranked, scene: AskedScene) -> Named:
         return Named(surfaces, by_name=bool(surfaces), likely=1.0, doubt=doubt)
     return Named(
         ids,
-        by_name=answer.decided_by == "name" and answer.verdict != "undecided",
+        by_name=ranked.named and ranked.verdict != "undecided",
         suggested=bool(ids) and not any(map(scene.things.is_borne, labels)),
         whole=answer.relation == "same" and bool(match.exact) and not match.unchecked,
         likely=answer.probability if ids and answer.probability is not None else 1.0,
-        doubt=doubt_of(answer, scene.things) if answer.verdict == "possible" and ids else "",
+        doubt=doubt_of(answer, scene.things) if ranked.verdict == "possible" and ids else "",
     )
 
 
@@ -271,15 +267,12 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
         answer,
         matches=() if nameless else ordered,  # the first one is the answer's name
         things=ids,
-        verdict="undecided",
         relation="undecided",
         relation_subject=None,
-        decided_by="name",
         probability=None,
         presence=None,
         label_set=(),
         coverage=None,
-        threshold=None,
     )
 
 
@@ -296,8 +289,8 @@ def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> R
     ids = answer.phrase.things
     decided = replace(
         _about(answer, things, ids),
-        verdict=("possible" if doubt or likely < RATHER else "exact") if ids else "absent",
         relation="same" if ids else "absent",
         probability=likely if ids and likely < 1.0 else None,
     )
-    return Ranked(decided, frozenset(), Remarks(doubt=doubt))
+    verdict: Verdict = ("possible" if doubt or likely < RATHER else "exact") if ids else "absent"
+    return Ranked(decided, verdict, remarks=Remarks(doubt=doubt))

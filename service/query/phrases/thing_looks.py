@@ -1,58 +1,28 @@
 """What things look like, compared with a text by an image-text model: evidence beside names, where no name answers.
 
-A model answers only where it was calibrated, as its cosines alone mean nothing: `benchmarks/calibration` writes
-`looks.json`.
+A model answers only where it was calibrated, as its cosines alone mean nothing.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from pathlib import Path
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from fastsplat.service.common.logistic import logistic
-from fastsplat.service.query.language.calibration import calibration_key
 from fastsplat.service.query.language.probability import Logistic
 from fastsplat.service.scene.types import Thing
 
 if TYPE_CHECKING:  # onnxruntime loads when it is used
     from fastsplat.service.perception.types import TextEncoder
 
-FILE = Path(__file__).with_name("looks.json")
-"""Written by benchmarks/calibration; the product ships no such model, and measured none."""
-
 _CLEAREST = 6.0
 """A log-likelihood ratio is clipped to this: a look makes nothing certain."""
 _LIKELIEST = 0.999
-
-
-class LooksCalibration(BaseModel):
-    """The calibration of one image-text model.
-
-    Attributes:
-        ratio: the logarithm of how much likelier a thing's score is if the text is true of it; its lead is over the
-            median of the scene's things.
-        date: ISO date.
-        figures: on rooms that set nothing.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    ratio: Logistic
-    date: str
-    figures: Mapping[str, float]
-
-
-def looks_calibration(name: str, sha256: str) -> LooksCalibration | None:
-    """The calibration of a model; None if it was not measured."""
-    return _calibrations().get(calibration_key(name, sha256))
 
 
 @dataclass(frozen=True)
@@ -61,11 +31,12 @@ class LooksModel:
 
     Attributes:
         encoder: its network of texts.
-        calibration: of the model.
+        ratio: the logarithm of how much likelier a thing's score is if the text is true of it; its lead is over the
+            median of the scene's things.
     """
 
     encoder: TextEncoder
-    calibration: LooksCalibration
+    ratio: Logistic
 
 
 @dataclass(frozen=True)
@@ -111,25 +82,15 @@ class ThingLooks:
         """
         if self.model is None or not self:
             return {}
-        ratio = ratios_of(self._rows @ self.model.encoder.encode([text])[0], self.model.calibration.ratio)
+        ratio = ratios_of(self._rows @ self.model.encoder.encode([text])[0], self.model.ratio)
         known = np.clip([before[each] for each in self._ids], 1 - _LIKELIEST, _LIKELIEST)
         together = logistic(np.log(known / (1 - known)) + ratio)
         return dict(zip(self._ids, together.tolist(), strict=True))
 
 
-def scores_of(cosines: NDArray[np.floating]) -> NDArray[np.float64]:
-    """float64 [K, 2]: of the cosines [K] of a scene's things with one text, and how far each leads over their median:
-    what texts and pictures have in common is in all of them."""
-    rows = np.asarray(cosines, np.float64)
-    return np.stack([rows, rows - np.median(rows)], axis=1)
-
-
 def ratios_of(cosines: NDArray[np.floating], ratio: Logistic) -> NDArray[np.float64]:
-    """float64 [K]: log-likelihood ratios of `scores_of`."""
-    weighed = scores_of(cosines) @ np.array([ratio.score, ratio.lead]) + ratio.offset
+    """float64 [K]: log-likelihood ratios of the cosines [K] of a scene's things with one text, and of how far each
+    leads over their median: what texts and pictures have in common is in all of them."""
+    rows = np.asarray(cosines, np.float64)
+    weighed = ratio.score * rows + ratio.lead * (rows - np.median(rows)) + ratio.offset
     return np.asarray(np.clip(weighed, -_CLEAREST, _CLEAREST))
-
-
-@cache
-def _calibrations() -> Mapping[str, LooksCalibration]:
-    return {key: LooksCalibration.model_validate(value) for key, value in json.loads(FILE.read_text()).items()}

@@ -14,8 +14,6 @@ OWN_SOURCE = "detector"
 """What the scene's own models and likenesses are called as a source."""
 TAG_SOURCE = "tag"
 """What the printed tags on things are called as a source."""
-PACK_SOURCE = "pack"
-"""What names that were learnt elsewhere are called as a source."""
 _PRIOR = 4.0
 """Confirmations that a source's own word counts for. Set, not measured."""
 _MOST = 0.99

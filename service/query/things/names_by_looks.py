@@ -44,14 +44,12 @@ class KnownThing:
     appearance: bytes = field(repr=False)
     said: tuple[SaidName, ...] = ()
     tags: tuple[tuple[str, float], ...] = ()
-    source: str = ""
-    """What it is called as a source, where it is of no scene of the project."""
 
 
 @dataclass(frozen=True)
 class NameFromScene:
     """A name that a thing may have, because it looks like what a person named so in another scene; `source` is not ""
-    where it bears its tag, or where the name was learnt elsewhere."""
+    where it bears its tag."""
 
     name: str
     probability: float
@@ -65,15 +63,6 @@ def described(things: Things | None, sizes: Sizes) -> Mapping[int, bytes]:
     ends = {thing_id: size.astype(np.float16).tobytes() for thing_id, size in sizes.items()}
     table = () if things is None else things.table
     return {thing.id: thing.appearance + ends.get(thing.id, b"") for thing in table if thing.appearance}
-
-
-def undescribed(described_as: bytes) -> tuple[bytes, NDArray[np.float64] | None]:
-    """Descriptor and size, None if it is not known, of what `described` made. A descriptor has an even count of
-    numbers: where it is odd, a size follows."""
-    if len(described_as) % 4 == 0 or len(described_as) <= _SIZE_BYTES:
-        return described_as, None
-    size = np.frombuffer(described_as[-_SIZE_BYTES:], np.float16).astype(np.float64)
-    return described_as[:-_SIZE_BYTES], size
 
 
 def names_by_looks(things: Sequence[Thing], known: Sequence[KnownThing], sizes: Sizes) -> Mapping[int, NameFromScene]:
@@ -108,7 +97,7 @@ def names_by_looks(things: Sequence[Thing], known: Sequence[KnownThing], sizes: 
         score = 2 * float(row[best]) - rival
         if score >= _SCORES[0]:
             probability = float(np.interp(score, _SCORES, _PROBABILITIES))
-            names[thing.id] = NameFromScene(there[best].name, probability, there[best].scene_id, there[best].source)
+            names[thing.id] = NameFromScene(there[best].name, probability, there[best].scene_id)
     return names
 
 

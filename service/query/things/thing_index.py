@@ -311,6 +311,7 @@ class SceneThings:
             last_seen=self.history.last_seen(thing.parent or thing.id),
             missing_since=self.history.missing_since(thing.parent or thing.id),
             seen_in=self.history.seen_in(thing.parent or thing.id),
+            label_id=self.scene.dictionary.id_of(thing.name) or 0 if thing.name else 0,
         )
 
 

@@ -1,8 +1,5 @@
-"""The public losses: arguments are checked once, then fused kernels compute what is float32 on the CPU, and torch the
-rest.
-
-What is float32 elsewhere (a GPU's) has value and gradients in one pass of torch, too.
-"""
+"""The public losses: arguments are checked once; float32 on the CPU is computed by fused kernels, elsewhere in one pass
+of torch, and other types by torch."""
 
 from __future__ import annotations
 

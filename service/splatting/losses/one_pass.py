@@ -1,7 +1,4 @@
-"""The losses in float32 on any device, value and gradients in one pass: what a GPU runs.
-
-Autograd of their torch twins would start twice as many kernels, and build the H×W×N logits.
-"""
+"""The losses in float32 on any device, value and gradients in one pass of torch: what a GPU runs."""
 
 from __future__ import annotations
 

@@ -1,9 +1,8 @@
 """gsplat 1.5.3 behind the same interface, for NVIDIA GPUs.
 
-What gsplat fixes at compile time and this adapter cannot change: alpha_min 1/255 and transmittance_min 1e-4 (other
-values are refused), an alpha clamp of 0.999 (`alpha_max` is not applied), a radius of at most 3.33 standard deviations,
-and float32 covariances, which lose needles. It does not report a median depth: that is composited here, where no
-gradient is taken. `viewmat` is differentiable.
+gsplat fixes alpha_min 1/255 and transmittance_min 1e-4 (other values are refused), an alpha clamp of 0.999, a radius of
+at most 3.33 standard deviations, and float32 covariances, which lose needles. The median depth is composited here,
+where no gradient is taken.
 """
 
 from __future__ import annotations
@@ -186,12 +185,8 @@ def _check(splats: Splats, settings: RasterSettings) -> None:
 
 
 def _usable(splats: Splats) -> tuple[Tensor | None, int]:
-    """Rows that gsplat may see, None for all, and how many of the others are not finite.
-
-    A step would spend more time on starting the kernels that take rows out of five tensors, and put their gradients
-    back, than on drawing. So one number says whether all rows are usable; only a norm that overflows says so wrongly,
-    and then every row is looked at.
-    """
+    """Rows that gsplat may see, None for all, and how many of the others are not finite. One number says whether all
+    rows are usable, since taking rows out costs more than drawing; only where it says no, every row is looked at."""
     lengths = torch.linalg.vector_norm(splats.quats.detach(), ord=torch.inf, dim=1)
     if len(lengths):
         norm = get_total_norm([getattr(splats, name).detach() for name in _PARTS])

@@ -1,9 +1,8 @@
 """The compiled kernels, and how they run in this process: number of threads and instruction set.
 
-A process reads two environment variables when it first uses the kernels: FASTSPLAT_RASTER_THREADS, 1 to 256 (default:
-    the
-CPUs that the process may use, 64 at most), and FASTSPLAT_RASTER_ISA, avx512, avx2 or baseline (default: the best that
-this machine has). The threads are the kernels' own, and results do not depend on their number.
+Two environment variables are read at first use: FASTSPLAT_RASTER_THREADS, 1 to 256 (default: the CPUs that the process
+may use, 64 at most), and FASTSPLAT_RASTER_ISA, avx512, avx2 or baseline (default: the best of this machine). Results do
+not depend on them.
 """
 
 from __future__ import annotations

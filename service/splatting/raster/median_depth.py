@@ -26,7 +26,6 @@ def median_depth(meta: Mapping[str, Any], height: int, width: int, *, alpha_min:
             [1, G, 3], opacities and depths [1, G], isect_offsets [1, tile rows, tile columns], flatten_ids [M],
             tile_size in pixels.
         height, width: of the image, pixels.
-        alpha_min: contributions below this are passed over.
         alpha_max: alpha is clamped to this.
     """
     starts, ids, side = meta["isect_offsets"][0], meta["flatten_ids"].long(), int(meta["tile_size"])

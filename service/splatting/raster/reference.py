@@ -1,8 +1,7 @@
-"""The oracle: plain torch in float64, autograd, one dense Gaussian × pixel matrix. Slow and readable on purpose; only
-tests and measurements use it.
+"""The oracle for tests: plain torch in float64, autograd, one dense Gaussian × pixel matrix.
 
-Sources: EWA splatting (Zwicker et al. 2001), 3D Gaussian splatting (Kerbl et al. 2023, section 4), and the derivation
-of its pieces in "Mathematical supplement for the gsplat library" (Ye & Kanazawa 2023).
+Sources: EWA splatting (Zwicker et al. 2001), 3DGS (Kerbl et al. 2023, section 4), gsplat's supplement (Ye & Kanazawa
+2023).
 """
 
 from __future__ import annotations

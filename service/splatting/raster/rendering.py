@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
+from fastsplat.service.scene.types import MAX_SH_DEGREE
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
@@ -32,7 +32,6 @@ def rasterize(
     Args:
         splats: G Gaussians with C channels; any C.
         viewmat: [4, 4], camera from world (OpenCV axes), rigid; its gradient is that of twelve free numbers.
-        camera: intrinsics and image size.
         background: [C], composited behind; None is zero.
         settings: cut-offs, the same forward and backward.
         backend: `reference` computes in float64, `cpu` and `cuda` in float32.
@@ -62,7 +61,6 @@ def rasterize_bands(
     `rasterize` on a zero background, without a gradient, and never the whole image in memory.
 
     Args:
-        splats, viewmat, camera, settings, backend: as for `rasterize`.
         max_values: bound on the numbers of a band's image (rows · W · C), except that a band has at least 16 rows.
             `cuda` renders the whole image first and hands out parts of it.
 
@@ -88,10 +86,7 @@ def accumulate_weights(
     Args:
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         values: [H, W, V], e.g. one-hot labels.
-        settings: cut-offs.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError, ResourceError, ModelUnavailableError, CancelledError: as `rasterize`.
@@ -119,20 +114,16 @@ def label_map(
 ) -> LabelMap:
     """The most probable class of every pixel: argmax_n (W·Σ w·code + b)_n, ties to the lower id. No gradient.
 
-    The composited code is not divided by alpha: that is what the training loss sees. Logits are held within ±1e30, as
-    in that loss. `cpu` never writes codes of up to 16 numbers (with the image's channels) to memory; `reference`
+    As in the training loss, the composited code is not divided by alpha, and logits are held within ±1e30. `reference`
     computes in float64, the others in float32.
 
     Args:
         splats: the last D of the C feature channels are the codes; channels before them come back as `image`.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         weight: [N + 1, D], row 0 is the undetected class; 0 <= D <= C.
         bias: [N + 1].
         alpha_min: pixels that the scene covers less than this are class 0.
         relevancy: [N + 1], of each class to a query; asks for its expectation in every pixel.
-        settings: cut-offs.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError: shapes that do not fit, or NaN or Inf in weight, bias or relevancy.
@@ -171,17 +162,13 @@ def label_sums(
 ) -> LabelSums:
     """Σ_p w_g(p)·1[labels(p) = n] for every Gaussian g and label n (FlashSplat's evidence; Shen et al. 2024).
 
-    Sparse, because a Gaussian is seen through few labels: memory grows with what is there, not with `classes`; use
-    `LabelSums.dense` for a matrix. The bits do not depend on the number of threads. No gradient.
+    Sparse: memory grows with what is there. The bits do not depend on the number of threads. No gradient.
 
     Args:
         splats: as for `rasterize`; features are not read, except that a non-finite row is culled.
         viewmat: [4, 4], camera from world.
-        camera: intrinsics and image size.
         labels: integers [H, W], below `classes`; pixels with a negative one count for nothing.
-        classes: bound on the labels.
         settings: cut-offs; `max_isects` bounds the entries of all Gaussians in all tiles as well.
-        backend: as for `rasterize`.
 
     Raises:
         InvalidInputError: shapes that do not fit, or a label that is not below `classes`.

@@ -31,9 +31,8 @@ _BAND_VALUES = 8 << 20
 class ShareMaps:
     """Draws argmax_n Σ_g w_g share[g, n], ties to the lower label, 0 where no sum is above 0. Threads may share it.
 
-    On `cpu` a tile adds up only the labels of its own Gaussians, so that a view takes one pass however many labels the
-    scene has. The others blend 32 labels at a time, of the Gaussians in view, in bands of rows. Memory beside the
-    result grows neither with the number of labels nor with the image.
+    On `cpu` a tile adds up only the labels of its own Gaussians; the others blend 32 labels at a time in bands of rows.
+    Memory beside the result grows neither with the number of labels nor with the image.
 
     Args:
         starts: int64 [G + 1]; Gaussian g has the entries starts[g]..starts[g + 1] of the other two.
@@ -67,7 +66,6 @@ class ShareMaps:
 
         Args:
             splats: G Gaussians; features are not read.
-            viewmat, camera, settings, backend: as for `rasterize`.
             alpha_min: pixels that the scene covers less than this are 0.
 
         Raises:

@@ -5,4 +5,16 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import pytest
+
+from fastsplat.service.splatting.raster.types import Backend
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(params=["reference", "cpu", "cuda"])
+def backend(request: pytest.FixtureRequest) -> Backend:
+    """Each backend; `cuda` on the CPU."""
+    if request.param == "cuda":
+        request.getfixturevalue("gsplat_on_cpu")
+    return request.param

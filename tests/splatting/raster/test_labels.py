@@ -14,13 +14,6 @@ from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSum
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 
-@pytest.fixture(params=["reference", "cpu", "cuda"])
-def backend(request: pytest.FixtureRequest) -> Backend:
-    if request.param == "cuda":
-        request.getfixturevalue("gsplat_on_cpu")
-    return request.param
-
-
 def head(classes: int, size: int, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
     g = torch.Generator().manual_seed(seed)
     return 3.0 * torch.randn(classes, size, generator=g), torch.randn(classes, generator=g)

@@ -12,13 +12,6 @@ from fastsplat.service.splatting.raster.types import Backend, RasterSettings
 from fastsplat_contract.errors import InvalidInputError, ResourceError
 
 
-@pytest.fixture(params=["reference", "cpu", "cuda"])
-def backend(request: pytest.FixtureRequest) -> Backend:
-    if request.param == "cuda":
-        request.getfixturevalue("gsplat_on_cpu")
-    return request.param
-
-
 def wide(channels: int = 5) -> View:
     """Needles and discs far off the axis, where a smaller image's field of view would clamp them differently."""
     return crowded(4, count=300, channels=channels, width=67, height=150)

@@ -17,13 +17,6 @@ from fastsplat.service.splatting.raster.types import Backend, LabelMap
 from fastsplat_contract.errors import InvalidInputError
 
 
-@pytest.fixture(params=["reference", "cpu", "cuda"])
-def backend(request: pytest.FixtureRequest) -> Backend:
-    if request.param == "cuda":
-        request.getfixturevalue("gsplat_on_cpu")
-    return request.param
-
-
 def shares_of(count: int, labels: int, most: int, spread: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """0 to `most` of `labels` labels of each Gaussian, `spread` apart, with their shares."""
     rng = np.random.default_rng(labels)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,18 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from torch import Tensor
 
 from fastsplat.service.capture.types import Capture, CaptureReport, View
 from fastsplat.service.common.dictionary import dictionary_of
+from fastsplat.service.common.progress import ProgressEvent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Splats
+from fastsplat.service.splatting.raster.types import Rendering, Splats
 from fastsplat.service.splatting.settings import TrainingSettings
+from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.camera import Camera, PosedCamera
+from fastsplat_contract.errors import CancelledError
 from fastsplat_contract.poses import look_at
 
 LABELS = ("floor", "ball", "block")
@@ -102,3 +107,59 @@ def quick() -> Callable[..., TrainingSettings]:
         return TrainingSettings(**(defaults | changes))
 
     return make
+
+
+def same_run(a: TrainedSplats, b: TrainedSplats) -> bool:
+    """Whether two runs ended with the same bits."""
+    pairs = [(getattr(a.gaussians, f.name), getattr(b.gaussians, f.name)) for f in dataclasses.fields(a.gaussians)]
+    pairs += [(a.head.weight, b.head.weight), (a.head.bias, b.head.bias)]
+    return all(x.shape == y.shape and (x == y).all() for x, y in pairs)
+
+
+def masked(capture: Capture, index: int, mask: np.ndarray) -> Capture:
+    """The capture whose view of this index is valid where the mask is not 0."""
+    path = capture.views[index].image_path.parent / f"valid_{index}.png"
+    Image.fromarray(mask.astype(np.uint8)).save(path)
+    views = list(capture.views)
+    views[index] = dataclasses.replace(views[index], valid_path=path)
+    return dataclasses.replace(capture, views=tuple(views))
+
+
+def stopping_at(iteration: int) -> Callable[[ProgressEvent], None]:
+    """A listener that cancels the run at this iteration."""
+
+    def stop(event: ProgressEvent) -> None:
+        if event.metrics.get("iteration", 0) >= iteration:
+            raise CancelledError("stop")
+
+    return stop
+
+
+def assert_gradients_agree(
+    backend: str, seed: int, features: Callable[[Tensor, Tensor], Tensor], loss: Callable[[Rendering], Tensor]
+) -> None:
+    """Of a loss of a rendering of 24×20 pixels: those of the backend are those of the reference in float64.
+
+    Args:
+        features: [N, C] by means [N, 3] and the pose.
+    """
+    random = torch.Generator().manual_seed(seed)
+    count, camera, viewmat = 40, Camera(24, 20, 22.0, 22.0, 12.0, 10.0), torch.eye(4)
+    viewmat[2, 3] = 2.5
+    values = (
+        torch.rand(count, 3, generator=random) - 0.5,
+        torch.randn(count, 4, generator=random),
+        0.05 + 0.2 * torch.rand(count, 3, generator=random),
+        0.2 + 0.6 * torch.rand(count, generator=random),
+    )
+
+    def gradients(name: str, dtype: torch.dtype) -> list[Tensor]:
+        leaves = [value.to(dtype).requires_grad_() for value in values]
+        pose = viewmat.to(dtype)
+        loss(rasterize(Splats(*leaves, features(leaves[0], pose)), pose, camera, backend=name)).backward()
+        return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
+
+    exact = gradients("reference", torch.float64)
+    assert len(exact) == 4
+    for ours, theirs in zip(gradients(backend, torch.float32), exact, strict=True):
+        assert float((ours - theirs).norm()) <= 2e-3 * float(theirs.norm())

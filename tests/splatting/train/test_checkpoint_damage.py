@@ -13,12 +13,14 @@ from fastsplat_contract.errors import ConflictError
 
 
 def test_a_flipped_bit_is_never_trained_on(tmp_path: Path) -> None:
-    tensors = {"means": torch.arange(30.0).reshape(10, 3), "ids": torch.arange(4)}
-    write_checkpoint(Checkpoint(7, 1.5, tensors), tmp_path, "fingerprint")
+    tensors = {"means": torch.arange(30.0).reshape(10, 3), "ids": torch.arange(4), "none": torch.zeros(0, 2)}
+    for iteration in (6, 7):
+        write_checkpoint(Checkpoint(iteration, 1.5, tensors), tmp_path, "fingerprint")
+    assert read_checkpoint(tmp_path / "none", "fingerprint") is None
     back = read_checkpoint(tmp_path, "fingerprint")
     assert back is not None and (back.iteration, back.elapsed_s) == (7, 1.5)
     assert all(torch.equal(back.tensors[name], tensors[name]) for name in tensors)
-    path = next(tmp_path.iterdir())
+    (path,) = tmp_path.iterdir()
     whole, rng = path.read_bytes(), random.Random(0)
     harmless = 0
     for _ in range(100):

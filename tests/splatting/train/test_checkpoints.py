@@ -13,42 +13,24 @@ import torch
 from PIL import Image
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.common.progress import silent
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.splatting.train import train
-from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError, ConflictError
-
-
-def _same(a: TrainedSplats, b: TrainedSplats) -> bool:
-    pairs = [(getattr(a.gaussians, f.name), getattr(b.gaussians, f.name)) for f in dataclasses.fields(a.gaussians)]
-    pairs += [(a.head.weight, b.head.weight), (a.head.bias, b.head.bias)]
-    return all(x.shape == y.shape and (x == y).all() for x, y in pairs)
-
-
-def _masked(capture: Capture, index: int, mask: np.ndarray) -> Capture:
-    path = capture.views[index].image_path.parent / f"valid_{index}.png"
-    Image.fromarray(mask.astype(np.uint8)).save(path)
-    views = list(capture.views)
-    views[index] = dataclasses.replace(views[index], valid_path=path)
-    return dataclasses.replace(capture, views=tuple(views))
+from tests.splatting.train.conftest import masked, same_run, stopping_at
 
 
 def test_a_cancelled_run_resumes_to_the_bit(world, quick, tmp_path: Path) -> None:
     settings = quick(iterations=30, densify_events=15, checkpoint_every_s=0, background="random", evaluations=30)
     whole = train(*world, settings, silent)
 
-    def stop_half_way(event: ProgressEvent) -> None:
-        if event.metrics.get("iteration", 0) >= 17:
-            raise CancelledError("stop")
-
     with pytest.raises(CancelledError):
-        train(*world, settings, stop_half_way, tmp_path)
+        train(*world, settings, stopping_at(17), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["training.safetensors"]
     iterations: list[float] = []
     resumed = train(*world, settings, lambda event: iterations.append(event.metrics.get("iteration", 17)), tmp_path)
     assert min(iterations) >= 15
-    assert _same(whole, resumed)
+    assert same_run(whole, resumed)
 
 
 def test_a_finished_run_is_not_trained_again(world, quick, tmp_path: Path) -> None:
@@ -56,7 +38,7 @@ def test_a_finished_run_is_not_trained_again(world, quick, tmp_path: Path) -> No
     iterations: list[float] = []
     again = train(*world, quick(), lambda event: iterations.append(event.metrics.get("iteration", 20)), tmp_path)
     assert set(iterations) == {20}
-    assert _same(first, again)
+    assert same_run(first, again)
 
 
 def test_a_checkpoint_of_other_settings_or_of_garbage_is_refused(world, quick, tmp_path: Path) -> None:
@@ -80,7 +62,7 @@ def _recolored(capture: Capture, labelling: Labelling) -> tuple[Capture, Labelli
 def _masked_in_a_corner(capture: Capture, labelling: Labelling) -> tuple[Capture, Labelling]:
     mask = np.full((48, 64), 255)
     mask[0, 0] = 0
-    return _masked(capture, 2, mask), labelling
+    return masked(capture, 2, mask), labelling
 
 
 def _relabeled(capture: Capture, labelling: Labelling) -> tuple[Capture, Labelling]:
@@ -102,7 +84,7 @@ def test_a_checkpoint_of_other_inputs_is_refused(make_world, quick, tmp_path: Pa
     capture, labelling = make_world(views=6)
     settings = quick(iterations=2)
     first = train(capture, labelling, settings, silent, tmp_path / "checkpoint")
-    assert _same(first, train(capture, labelling, settings, silent, tmp_path / "checkpoint"))
+    assert same_run(first, train(capture, labelling, settings, silent, tmp_path / "checkpoint"))
     with pytest.raises(ConflictError, match="another"):
         train(*change(capture, labelling), settings, silent, tmp_path / "checkpoint")
 
@@ -111,9 +93,9 @@ def test_a_checkpoint_of_an_older_format_is_not_continued_and_the_log_says_so(
     world, quick, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     fresh = train(*world, quick(iterations=4), silent)
-    metadata = {"version": "1", "fingerprint": "f", "iteration": "3", "elapsed_s": (1.0).hex()}
+    metadata = {"version": "0", "fingerprint": "f", "iteration": "3", "elapsed_s": (1.0).hex()}
     (tmp_path / "training.safetensors").write_bytes(safetensors.torch.save({"x": torch.zeros(3)}, metadata))
-    assert _same(fresh, train(*world, quick(iterations=4), silent, tmp_path))
+    assert same_run(fresh, train(*world, quick(iterations=4), silent, tmp_path))
     assert "anew" in caplog.text
     with safetensors.safe_open(tmp_path / "training.safetensors", "pt") as file:
-        assert file.metadata()["version"] == "6"
+        assert file.metadata()["version"] == "1"

@@ -23,12 +23,12 @@ from fastsplat.service.splatting.depth_regularization import (
 )
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Rendering, Splats
+from fastsplat.service.splatting.raster.types import Rendering
 from fastsplat.service.splatting.schedule import depth_regularized
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views
-from fastsplat_contract.camera import Camera
+from tests.splatting.train.conftest import assert_gradients_agree
 
 
 def _blend(weights: Tensor, depths: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -113,32 +113,15 @@ def test_anchors_are_the_points_in_view_whose_pixel_has_their_color(world) -> No
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
 def test_gradients_of_all_terms_agree_with_the_reference_in_float64(backend: str, gsplat_on_cpu: object) -> None:
-    random = torch.Generator().manual_seed(3)
-    count, camera, viewmat = 40, Camera(24, 20, 22.0, 22.0, 12.0, 10.0), torch.eye(4)
-    viewmat[2, 3] = 2.5
     anchors = DepthAnchors(torch.tensor([4, 9, 15]), torch.tensor([6, 12, 20]), torch.tensor([2.4, 2.6, 2.5]))
-    target = torch.rand(20, 24, 3, generator=random)
-    values = (
-        torch.rand(count, 3, generator=random) - 0.5,
-        torch.randn(count, 4, generator=random),
-        0.05 + 0.2 * torch.rand(count, 3, generator=random),
-        0.2 + 0.6 * torch.rand(count, generator=random),
-    )
+    target = torch.rand(20, 24, 3, generator=torch.Generator().manual_seed(3))
 
-    def gradients(name: str, dtype: torch.dtype) -> list[Tensor]:
-        leaves = [value.to(dtype).requires_grad_() for value in values]
-        pose = viewmat.to(dtype)
-        splats = Splats(*leaves, squared_depths(leaves[0], pose))
-        out = rasterize(splats, pose, camera, backend=name)
-        loss = surface_loss(out.alpha, out.depth, out.image[..., 0], target.to(dtype), None, 1.0, 1.0)
-        exact = replace(anchors, depths=anchors.depths.to(dtype))
-        (loss + anchor_error(out.alpha, out.depth, exact)).backward()
-        return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
+    def loss(out: Rendering) -> Tensor:
+        exact = replace(anchors, depths=anchors.depths.to(out.depth.dtype))
+        surface = surface_loss(out.alpha, out.depth, out.image[..., 0], target.to(out.depth.dtype), None, 1.0, 1.0)
+        return surface + anchor_error(out.alpha, out.depth, exact)
 
-    exact = gradients("reference", torch.float64)
-    assert len(exact) == 4
-    for ours, theirs in zip(gradients(backend, torch.float32), exact, strict=True):
-        assert float((ours - theirs).norm()) <= 2e-3 * float(theirs.norm())
+    assert_gradients_agree(backend, 3, squared_depths, loss)
 
 
 def test_the_terms_enter_between_the_steps_of_the_labels(quick) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.progress import ProgressEvent, silent
+from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting import optimization
 from fastsplat.service.splatting import train as train_module
@@ -37,6 +37,7 @@ from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import Frame, TrainingView, load_views
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError
+from tests.splatting.train.conftest import stopping_at
 
 _CORRECTION = torch.tensor([0.7, -0.2, 0.1], dtype=torch.float64)
 
@@ -152,12 +153,8 @@ def test_a_run_with_corrections_resumes_to_the_bit(
     whole = train(capture, world[1], settings, silent)
     assert whole.photometric
 
-    def stop(event: ProgressEvent) -> None:
-        if event.metrics.get("iteration", 0) >= stop_at:
-            raise CancelledError("stop")
-
     with pytest.raises(CancelledError):
-        train(capture, world[1], settings, stop, tmp_path / "run")
+        train(capture, world[1], settings, stopping_at(stop_at), tmp_path / "run")
     assert _same(train(capture, world[1], settings, silent, tmp_path / "run"), whole)
 
 

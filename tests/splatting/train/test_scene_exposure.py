@@ -13,14 +13,11 @@ from PIL import Image
 from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
-from fastsplat.service.common.dictionary import Dictionary
 from fastsplat.service.common.progress import silent
-from fastsplat.service.perception.types import Labelling
 from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting.gaussians import color_parameters, splats_of
 from fastsplat.service.splatting.objective import render_frame
 from fastsplat.service.splatting.photometric import correct, to_light, zero_mean
-from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, continued_corrections
 from fastsplat.service.splatting.scene_exposure import display_ev, exposed
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
@@ -98,23 +95,6 @@ def test_a_scene_is_darkened_as_far_as_photos_show_it_below_white_and_no_further
     assert display_ev(plain, photos, mistaken, "cpu") == display_ev(plain, photos, torch.zeros(12, 3), "cpu")
 
 
-def test_a_run_goes_on_with_the_mean_exposure_of_photos_that_differ(scene, views) -> None:
-    """However dark the scene was shown; one of photos that agree is left as it is."""
-    settings = TrainingSettings(iterations=300, time_budget_s=None)
-    corrections = zero_mean(_corrections(torch.linspace(-0.6, 0.6, 12)))
-    photos = _photographed(color_parameters(exposed(scene, _ev(-0.5))), views, corrections)
-    begin, start = continued_corrections(exposed(scene, _ev(-0.9)), photos, settings)
-    assert (start[CORRECTIONS] - corrections).abs().max() < 0.05
-    mean = exposed(scene, _ev(-0.5))
-    for view in views[:3]:
-        pictures = _image(color_parameters(begin), view), _image(color_parameters(mean), view)
-        assert (pictures[0] - pictures[1]).abs().mean() < 0.01
-    alike = _photographed(color_parameters(scene), views, torch.zeros(12, 3))
-    for darkened in (scene, exposed(scene, _ev(-0.9))):
-        begin, start = continued_corrections(darkened, alike, settings)
-        assert begin is darkened and FITS in start
-
-
 def _bright(capture: Capture, folder: Path) -> Capture:
     """Two photos of three overexposed by 1.2 EV, the others dark."""
     made = []
@@ -125,18 +105,6 @@ def _bright(capture: Capture, folder: Path) -> Capture:
         Image.fromarray((correct(pixels, correction).clamp(0, 1) * 255).round().byte().numpy()).save(path)
         made.append(dataclasses.replace(view, image_path=path))
     return dataclasses.replace(capture, views=tuple(made))
-
-
-def test_photos_that_differ_are_corrected_from_the_first_step_of_more_training(
-    world, scene, quick: Callable[..., TrainingSettings], tmp_path: Path
-) -> None:
-    settings = quick(iterations=1, held_out_every=0)
-    trained = train(_bright(world[0], tmp_path), Labelling(Dictionary(()), ()), settings, silent, begin=scene)
-    exposures = torch.tensor([row[0] for row in trained.photometric.values()])
-    bright = torch.arange(12) % 3 > 0
-    assert float((exposures[bright].mean() - exposures[~bright].mean() - 1.8).abs()) < 0.2
-    alike = train(world[0], Labelling(Dictionary(()), ()), settings, silent, begin=scene)
-    assert not alike.photometric
 
 
 def test_a_trained_scene_is_not_burnt_out_by_the_exposure_of_most_of_its_photos(

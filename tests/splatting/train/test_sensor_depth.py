@@ -7,18 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from fastsplat.service.capture.formats.depth_maps import load_depth, resample_depth, save_depth
 from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.gaussians import splats_of
 from fastsplat.service.splatting.objective import sensor_depth_error
 from fastsplat.service.splatting.raster.rendering import rasterize
-from fastsplat.service.splatting.raster.types import Splats
 from fastsplat.service.splatting.schedule import depth_regularized
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.training_views import load_views
 from fastsplat_contract.camera import Camera
+from tests.splatting.train.conftest import assert_gradients_agree
 
 
 def test_the_error_is_the_mean_logarithm_over_measured_valid_covered_pixels() -> None:
@@ -41,29 +40,15 @@ def test_gradients_are_finite_where_nothing_counts() -> None:
 
 @pytest.mark.parametrize("backend", ["cpu", "cuda"])
 def test_gradients_agree_with_the_reference_in_float64(backend: str, gsplat_on_cpu: object) -> None:
-    random = torch.Generator().manual_seed(4)
-    count, camera, viewmat = 40, Camera(24, 20, 22.0, 22.0, 12.0, 10.0), torch.eye(4)
-    viewmat[2, 3] = 2.5
+    random = torch.Generator().manual_seed(5)
     measured = 2.0 + torch.rand(20, 24, generator=random)
     measured[torch.rand(20, 24, generator=random) < 0.3] = 0.0
-    values = (
-        torch.rand(count, 3, generator=random) - 0.5,
-        torch.randn(count, 4, generator=random),
-        0.05 + 0.2 * torch.rand(count, 3, generator=random),
-        0.2 + 0.6 * torch.rand(count, generator=random),
+    assert_gradients_agree(
+        backend,
+        4,
+        lambda means, pose: torch.ones_like(means[:, :1]),
+        lambda out: sensor_depth_error(out.alpha, out.depth, measured.to(out.depth.dtype)),
     )
-
-    def gradients(name: str, dtype: torch.dtype) -> list[Tensor]:
-        leaves = [value.to(dtype).requires_grad_() for value in values]
-        splats = Splats(*leaves, torch.ones(count, 1, dtype=dtype))
-        out = rasterize(splats, viewmat.to(dtype), camera, backend=name)
-        sensor_depth_error(out.alpha, out.depth, measured.to(dtype)).backward()
-        return [leaf.grad.double() for leaf in leaves if leaf.grad is not None]
-
-    exact = gradients("reference", torch.float64)
-    assert len(exact) == 4
-    for ours, theirs in zip(gradients(backend, torch.float32), exact, strict=True):
-        assert float((ours - theirs).norm()) <= 2e-3 * float(theirs.norm())
 
 
 def test_maps_are_resampled_without_mixing_two_surfaces() -> None:

@@ -19,6 +19,6 @@ def test_the_time_left_follows_the_last_steps_and_not_the_first(quick, monkeypat
     for number in range(200):
         elapsed_s += 0.1 if number < 100 else 1.0  # as when images and Gaussians have grown
         state.iteration = number + 1
-        recorder.after_step(state, Step(number / 1_000, (number + 1) / 1_000, elapsed_s, 0.1, torch.zeros(1)))
+        recorder.after_step(state, Step(number / 1_000, (number + 1) / 1_000, elapsed_s, 0.1))
     assert events[-1].metrics["iterations_per_second"] == pytest.approx(1.0)
     assert events[-1].metrics["seconds_left"] == pytest.approx(800.0)

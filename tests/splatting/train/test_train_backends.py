@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from fastsplat.service.common.progress import ProgressEvent, silent
-from fastsplat.service.splatting.raster import cuda
+from fastsplat.service.common.progress import silent
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat.service.splatting.train import train
 from fastsplat.service.splatting.types import TrainedSplats
-from fastsplat_contract.errors import CancelledError, ModelUnavailableError
+from fastsplat_contract.errors import CancelledError
 from tests.splatting.gsplat_front_end import needs_gpu
+from tests.splatting.train.conftest import stopping_at
 
 _SHORT: dict[str, Any] = {
     "iterations": 24, "time_budget_s": None, "max_gaussians": 160, "evaluations": 0, "background": "random",
@@ -44,16 +43,11 @@ def test_every_backend_learns_what_cpu_learns(world, by_cpu: TrainedSplats, back
 
 
 def test_a_run_goes_on_from_its_checkpoint(world, quick, backend: str, tmp_path: Path) -> None:
-    settings = quick(iterations=8, max_gaussians=120, backend=backend, checkpoint_every_s=0.0)
-
-    def stop(event: ProgressEvent) -> None:
-        if event.metrics.get("iteration", 0) >= 4:
-            raise CancelledError("enough")
-
+    settings = quick(iterations=8, max_gaussians=120, backend=backend, checkpoint_every_s=0.0, evaluations=4)
     with pytest.raises(CancelledError):
-        train(*world, settings.model_copy(update={"evaluations": 4}), stop, tmp_path)
+        train(*world, settings, stopping_at(4), tmp_path)
     assert (tmp_path / "training.safetensors").exists()
-    assert train(*world, settings.model_copy(update={"evaluations": 4}), silent, tmp_path).quality["iterations"] == 8
+    assert train(*world, settings, silent, tmp_path).quality["iterations"] == 8
 
 
 def test_masked_pixels_and_scenes_without_labels_train(make_world, quick, backend: str) -> None:
@@ -67,11 +61,3 @@ def test_a_run_for_evidence_gathers_it(world, quick, backend: str) -> None:
     found = train(*world, settings, silent)
     assert found.evidence is not None and len(found.evidence.starts) == len(found.gaussians) + 1
     assert found.evidence.counts.sum() > 0
-
-
-def test_without_a_gpu_training_on_cuda_is_refused_at_once(world, quick, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert cuda.DEVICE == "cuda"
-    with pytest.raises(ModelUnavailableError, match="GPU") as error:
-        train(*world, quick(backend="cuda"), silent)
-    assert error.value.field == "backend"

@@ -18,16 +18,9 @@ from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.splatting.settings import LearningRates
-from fastsplat.service.splatting.state import SplatState, Step
 from fastsplat.service.splatting.train import train
-from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat_contract.errors import CancelledError, InvalidInputError, TrainingDivergedError
-
-
-def _same(a: TrainedSplats, b: TrainedSplats) -> bool:
-    pairs = [(getattr(a.gaussians, f.name), getattr(b.gaussians, f.name)) for f in dataclasses.fields(a.gaussians)]
-    pairs += [(a.head.weight, b.head.weight), (a.head.bias, b.head.bias)]
-    return all(x.shape == y.shape and (x == y).all() for x, y in pairs)
+from tests.splatting.train.conftest import masked, same_run
 
 
 def test_a_run_learns_colour_and_meaning(world, quick) -> None:
@@ -75,21 +68,8 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(world, quic
     first, again, other = (
         train(*world, s, silent) for s in (settings, settings, settings.model_copy(update={"seed": 1}))
     )
-    assert _same(first, again)
-    assert not _same(first, other)
-
-
-def test_another_strategy_takes_the_place_of_relocation(world, quick) -> None:
-    steps: list[Step] = []
-
-    class Fixed:
-        def step_post_backward(self, state: SplatState, step: Step) -> None:
-            assert state.iteration == len(steps) + 1 and len(step.radii) == state.count == 150
-            steps.append(step)
-
-    trained = train(*world, quick(iterations=12, densify_events=12, cull_opacity=0), silent, strategy=Fixed())
-    assert len(steps) == 12 and len(trained.gaussians) == 150
-    assert [step.progress for step in steps] == [step.progress_before for step in steps[1:]] + [1.0]
+    assert same_run(first, again)
+    assert not same_run(first, other)
 
 
 def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
@@ -106,16 +86,8 @@ def test_held_out_views_never_touch_the_result(make_world, quick) -> None:
         for view, m in zip(capture.views, labelling.label_maps, strict=True)
     )
     after = train(capture, Labelling(labelling.dictionary, maps), settings, silent)
-    assert _same(before, after)
+    assert same_run(before, after)
     assert after.quality["psnr"] < before.quality["psnr"]
-
-
-def _masked(capture: Capture, index: int, mask: np.ndarray) -> Capture:
-    path = capture.views[index].image_path.parent / f"valid_{index}.png"
-    Image.fromarray(mask.astype(np.uint8)).save(path)
-    views = list(capture.views)
-    views[index] = dataclasses.replace(views[index], valid_path=path)
-    return dataclasses.replace(capture, views=tuple(views))
 
 
 def _seeing_nothing(capture: Capture, index: int) -> Capture:
@@ -136,7 +108,7 @@ def test_a_held_out_view_that_shows_nothing_does_not_spoil_the_figures(
     capture, labelling = make_world(views=8)
     index = held_out_every // 2
     spoilt = (
-        _masked(capture, index, np.zeros((48, 64)))
+        masked(capture, index, np.zeros((48, 64)))
         if kind == "masked"
         else _seeing_nothing(make_world(views=8)[0], index)
     )
@@ -158,7 +130,7 @@ def test_a_held_out_view_that_shows_nothing_does_not_spoil_the_figures(
 
 def test_training_views_that_show_nothing_are_trained_on_without_harm(make_world, quick) -> None:
     capture, labelling = make_world(views=3)
-    trained = train(_masked(capture, 1, np.zeros((48, 64))), labelling, quick(), silent)
+    trained = train(masked(capture, 1, np.zeros((48, 64))), labelling, quick(), silent)
     assert trained.held_out == () and all(np.isfinite(value) for value in trained.quality.values())
 
 
@@ -166,20 +138,18 @@ def test_pixels_without_content_never_touch_the_result(make_world, quick) -> Non
     capture, labelling = make_world(views=5)
     mask = np.full((48, 64), 255, np.uint8)
     mask[:, :10] = 0
-    mask_path = capture.views[0].image_path.parent / "valid.png"
-    Image.fromarray(mask).save(mask_path)
-    views = tuple(dataclasses.replace(view, valid_path=mask_path) for view in capture.views)
-    capture = dataclasses.replace(capture, views=views)
+    for index in range(5):
+        capture = masked(capture, index, mask)
     settings = quick(iterations=6, start_scale=1, ssim_weight=0)
     before = train(capture, labelling, settings, silent)
-    for view in views:
+    for view in capture.views:
         pixels = np.asarray(Image.open(view.image_path)).copy()
         pixels[:, :10] = 255
         Image.fromarray(pixels).save(view.image_path)
     for label_map in labelling.label_maps:
         label_map[:, :10] = 2
     after = train(capture, labelling, settings, silent)
-    assert _same(before, after)
+    assert same_run(before, after)
     assert before.quality["psnr"] == after.quality["psnr"]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from pydantic import BaseModel
 
 from fastsplat.service.scene.morton import morton_order
 from fastsplat.service.scene.types import SH_C0
-from fastsplat.service.splatting.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
 from fastsplat.service.splatting.densify import MAX_COPIES, planned_count, relocate_and_grow, rotate, split_in_place
 from fastsplat.service.splatting.initial import StartPoints, start_gaussians, start_points
 from fastsplat.service.splatting.quality import psnr, ssim
@@ -239,17 +237,6 @@ def test_quality_measures_know_equal_and_masked_pictures() -> None:
     assert psnr(target.clamp(0, 0.8) + 0.1, target.clamp(0, 0.8)) == pytest.approx(20, abs=1e-4)
     assert psnr(image, target, valid) == math.inf and ssim(image, target, valid) == pytest.approx(1)
     assert ssim(image, target) < 0.99
-
-
-def test_a_checkpoint_keeps_every_bit_and_leaves_no_other_file(tmp_path: Path) -> None:
-    tensors = {"a": torch.randn(5, 3), "empty": torch.zeros(0, 2)}
-    for iteration in (1, 2):
-        write_checkpoint(Checkpoint(iteration, 0.1 + iteration, tensors), tmp_path, "f")
-    assert [path.name for path in tmp_path.iterdir()] == ["training.safetensors"]
-    found = read_checkpoint(tmp_path, "f")
-    assert found is not None and (found.iteration, found.elapsed_s) == (2, 2.1)
-    assert all(torch.equal(found.tensors[name], value) for name, value in tensors.items())
-    assert read_checkpoint(tmp_path / "none", "f") is None
 
 
 @pytest.mark.parametrize("count", [2, 3, 4, 700])

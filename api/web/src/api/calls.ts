@@ -24,25 +24,11 @@ import type {
 const PAGE_SIZE = 100;
 
 /** Every scene of the caller's project, newest first. */
-export function listScenes(): Promise<SceneSummary[]> {
-  return scenesOf("");
-}
-
-/** The captures of the place of a scene, itself among them, the newest photos first. */
-export function listCaptures(sceneId: string): Promise<SceneSummary[]> {
-  return scenesOf(sceneId);
-}
-
-/** Puts a scene where another capture of the same place is, by its own photos. */
-export function alignTo(sceneId: string, other: string): Promise<SceneVersion> {
-  return postJson<SceneVersion>(`v1/scenes/${encodeURIComponent(sceneId)}:alignTo`, { other });
-}
-
-async function scenesOf(place: string): Promise<SceneSummary[]> {
+export async function listScenes(): Promise<SceneSummary[]> {
   const scenes: SceneSummary[] = [];
   let token = "";
   do {
-    const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token, place });
+    const query = new URLSearchParams({ page_size: String(PAGE_SIZE), page_token: token });
     const page = await getJson<SceneList>(`v1/scenes?${query}`);
     scenes.push(...page.scenes);
     token = page.next_page_token;
@@ -138,7 +124,7 @@ export function pick(
 
 /** Which thing each Gaussian belongs to: uint16 by row, 0 for none. */
 export async function thingsOfGaussians(sceneId: string, version: string, signal?: AbortSignal): Promise<Uint16Array> {
-  const path = `v1/scenes/${encodeURIComponent(sceneId)}/things.bin?${new URLSearchParams({ version })}`;
+  const path = exportPath(sceneId, "things", version);
   return new Uint16Array(await (await send(path, signal ? { signal } : {})).arrayBuffer());
 }
 

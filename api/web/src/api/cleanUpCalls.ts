@@ -1,9 +1,9 @@
 import { postJson } from "./http";
-import type { Edit, SceneObject } from "./types";
+import type { Edit, SceneThing } from "./types";
 
 /** Which Gaussians a removal takes: those for which all that is said here is true. */
 export interface GaussianFilter {
-  box?: SceneObject["box"];
+  box?: SceneThing["box"];
   outside: boolean;
   opacity_below?: number;
   isolation_above?: number;

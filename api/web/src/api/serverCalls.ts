@@ -4,7 +4,6 @@ import type {
   KeyList,
   KnownName,
   KnownNameList,
-  KnownNamesCheck,
   NewKey,
   Operation,
   OperationList,
@@ -68,11 +67,6 @@ export async function revokeKey(keyId: string): Promise<void> {
 
 export function listKnownNames(signal?: AbortSignal): Promise<KnownName[]> {
   return all("v1/known-names", (page: KnownNameList) => page.names, signal);
-}
-
-/** How well names are known again in scenes left out in turn. */
-export function checkKnownNames(): Promise<KnownNamesCheck> {
-  return postJson<KnownNamesCheck>("v1/known-names:check", {});
 }
 
 export async function deleteKnownName(nameId: string): Promise<void> {

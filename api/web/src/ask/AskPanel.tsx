@@ -1,8 +1,7 @@
 import type { ComponentChildren } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import type { Match, SceneObject } from "../api/types";
-import { ThingPicture } from "../look/ThingPicture";
+import type { Match, SceneThing } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { percent } from "../texts/figures";
@@ -37,7 +36,7 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
   const answer = state.answer.value;
 
   useEffect(() => () => window.clearTimeout(timer.current), []);
-  const flyTo = ({ box, best_views: views }: SceneObject) => onFly(centerOf(box), boxSize(box), views);
+  const flyTo = ({ box, best_views: views }: SceneThing) => box && onFly(centerOf(box), boxSize(box), views);
   const flyToThing = (id: number) => {
     const box = state.things.value?.find((thing) => thing.id === id)?.box;
     if (box) onFly(centerOf(box), boxSize(box));
@@ -55,7 +54,6 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
     window.clearTimeout(timer.current);
     timer.current = window.setTimeout(() => ask(text), TYPING_MS);
   };
-  const unnamed = new Set(state.things.value?.filter((thing) => !thing.name).map((thing) => thing.id));
   const labels = knownNames(state.things.value ?? []).slice(0, SHOWN_LABELS);
   return (
     <section class="ask" aria-labelledby="ask-title">
@@ -69,11 +67,7 @@ export function AskPanel({ state, onAsk, onFly, lookAgain }: Properties) {
       </div>
       {answer && (
         <>
-          <ObjectChips
-            objects={answer.objects ?? []}
-            onFly={flyTo}
-            picture={({ thing_id: id }) => unnamed.has(id) && <ThingPicture state={state} thing={id} />}
-          />
+          <ObjectChips objects={answer.objects ?? []} onFly={flyTo} />
           <FollowUps state={state} answer={answer} onAsk={type} onThing={flyToThing} lookAgain={lookAgain} />
           {answer.outcome !== "cannot_say" && (
             <Others

@@ -1,6 +1,4 @@
-import type { ComponentChildren } from "preact";
-
-import type { Answer, SceneObject } from "../api/types";
+import type { Answer, SceneThing } from "../api/types";
 import { texts } from "../texts";
 import { Chip } from "../ui/Chip";
 import type { IconName } from "../ui/Icon";
@@ -77,20 +75,18 @@ export function Verdict({ answer }: { answer: Pick<Answer, "outcome" | "sentence
   );
 }
 
-/** The objects of an answer, to fly to; `picture` shows one that no name tells from others. */
+/** The objects of an answer, to fly to. */
 export function ObjectChips({
   objects,
   onFly,
-  picture = () => null,
 }: {
-  objects: readonly SceneObject[];
-  onFly: (object: SceneObject) => void;
-  picture?: (object: SceneObject) => ComponentChildren;
+  objects: readonly SceneThing[];
+  onFly: (object: SceneThing) => void;
 }) {
   if (objects.length === 0) return null;
   const numbered = objects.map((object, index) => {
-    const alike = objects.filter(({ label }) => label === object.label);
-    const before = objects.slice(0, index).filter(({ label }) => label === object.label);
+    const alike = objects.filter(({ name }) => name === object.name);
+    const before = objects.slice(0, index).filter(({ name }) => name === object.name);
     return { object, number: before.length + 1, alone: alike.length === 1 };
   });
   return (
@@ -100,12 +96,11 @@ export function ObjectChips({
         {numbered.map(({ object, number, alone }) => (
           <Chip
             key={object.id}
-            label={texts.ask.flyTo(object.label, number)}
-            before={picture(object)}
+            label={texts.ask.flyTo(object.name, number)}
             behind={!alone && number}
             onClick={() => onFly(object)}
           >
-            {object.label}
+            {object.name}
           </Chip>
         ))}
       </ul>

@@ -12,7 +12,6 @@ function describeEdit(edit: Edit): string {
   if (edit.action === "name") return texts.change.named(what, edit.name ?? "");
   if (edit.action === "look_again") return texts.change.lookedAgain(edit.texts);
   if (edit.action === "align") return texts.change.alignedTo(edit.alignment?.frame ?? "");
-  if (edit.action === "train_more") return texts.change.trainedFurther;
   if (edit.action === "observe") return texts.change.observed;
   if (edit.action === "scale")
     return texts.change.scaledBy([...edit.known_lengths, ...edit.known_sizes].map((known) => known.meters));

@@ -1,34 +1,31 @@
 import { useState } from "preact/hooks";
 
 import { listObservations, observe } from "../api/photoCalls";
-import type { Observation, Operation } from "../api/types";
+import type { Observation } from "../api/types";
 import type { SceneState } from "../state/sceneState";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
 import { ErrorNote, Loading } from "../ui/parts";
 import { useLoaded } from "../ui/useLoaded";
 import { ChangePictures } from "./ChangePictures";
-import { SceneOrder } from "./SceneOrder";
 import "./improve.css";
 
 interface Props {
   state: SceneState;
-  /** Called when photos have joined the scene. */
-  onDone: () => void;
 }
 
 /** Photos of another day compared with the scene: what is gone, moved, new or changed, kept with it until undone. */
-export function CompareToday({ state, onDone }: Props) {
+export function CompareToday({ state }: Props) {
   const [open, setOpen] = useState(false);
   return (
     <details class="improve" onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary>{texts.observe.title}</summary>
-      {open && <Comparing state={state} onDone={onDone} />}
+      {open && <Comparing state={state} />}
     </details>
   );
 }
 
-function Comparing({ state, onDone }: Props) {
+function Comparing({ state }: Props) {
   const { sceneId } = state;
   const version = state.version.value;
   const { value, error } = useLoaded((signal) => listObservations(sceneId, version, signal), [sceneId, version]);
@@ -64,7 +61,7 @@ function Comparing({ state, onDone }: Props) {
       {value && value.length > 0 && (
         <ol class="observations">
           {value.map((each) => (
-            <Told key={each.id} state={state} observation={each} onDone={onDone} />
+            <Told key={each.id} state={state} observation={each} />
           ))}
         </ol>
       )}
@@ -72,7 +69,7 @@ function Comparing({ state, onDone }: Props) {
   );
 }
 
-function Told({ state, observation, onDone }: Props & { observation: Observation }) {
+function Told({ state, observation }: Props & { observation: Observation }) {
   const made = state.versions.value.find((each) => each.version === observation.id);
   const when = momentText(observation.seen_at);
   return (
@@ -106,33 +103,11 @@ function Told({ state, observation, onDone }: Props & { observation: Observation
           </li>
         ))}
       </ul>
-      {state.isCurrent.value && observation.photos.some((photo) => photo.view) && (
-        <SceneOrder
-          sceneId={state.sceneId}
-          call="trainMore"
-          words={texts.join}
-          body={() => ({ observations: [observation.id] })}
-          result={outcome}
-          onDone={onDone}
-        />
-      )}
       {made?.current && state.isCurrent.value && (
         <button type="button" disabled={state.busy.value} onClick={() => void state.undo(texts.observe.undone)}>
           {texts.observe.undo}
         </button>
       )}
     </li>
-  );
-}
-
-function outcome({ train_more: result }: Operation) {
-  if (!result) return null;
-  return (
-    <>
-      <p>{texts.join.joined(result.joined.length)}</p>
-      {result.left_out.map((why) => (
-        <p key={why}>{texts.observe.leftOut(why)}</p>
-      ))}
-    </>
   );
 }

@@ -4,8 +4,6 @@ import { useRef, useState } from "preact/hooks";
 import { cancelOperation, getOperation, newRequestId } from "../api/calls";
 import { postJson } from "../api/http";
 import type { Operation } from "../api/types";
-import { FinishButton } from "../jobs/FinishButton";
-import { JobPreview } from "../jobs/JobPreview";
 import { texts } from "../texts";
 import { ErrorNote } from "../ui/parts";
 import { sentence } from "../ui/sentence";
@@ -15,20 +13,21 @@ import "./improve.css";
 const PAUSE_MS = 2_000;
 
 interface FollowProps {
-  words: { title: string; help: string; submit: string; running: string };
+  words: { title: string; running: string };
   /** What came of it, once there is something to say. */
   result: (operation: Operation) => ComponentChildren;
   onDone: () => void;
 }
 
 interface Props extends FollowProps {
+  words: FollowProps["words"] & { help: string; submit: string };
   sceneId: string;
   /** The call that queues the job, as in `v1/scenes/{scene_id}:{call}`. */
   call: string;
   /** Its body, without the request id. */
   body: (form: FormData) => object;
-  /** The fields of the form; there may be none. */
-  children?: ComponentChildren;
+  /** The fields of the form. */
+  children: ComponentChildren;
 }
 
 /** A form that orders a job for a finished scene; the job is followed to its end. */
@@ -69,7 +68,8 @@ export function SceneOrder({ sceneId, call, body, children, ...follow }: Props) 
   );
 }
 
-function Outcome({ operationId, words, result, onDone }: FollowProps & { operationId: string }) {
+/** A job on a finished scene, followed to its end. */
+export function Outcome({ operationId, words, result, onDone }: FollowProps & { operationId: string }) {
   const announced = useRef(false);
   const [busy, setBusy] = useState(false);
   const [problem, setProblem] = useState<unknown>(null);
@@ -85,10 +85,10 @@ function Outcome({ operationId, words, result, onDone }: FollowProps & { operati
     [operationId],
     (operation) => (operation?.done ? null : PAUSE_MS),
   );
-  const act = (call: (id: string) => Promise<void>) => {
+  const cancel = () => {
     setBusy(true);
     setProblem(null);
-    call(operationId)
+    cancelOperation(operationId)
       .then(reload, setProblem)
       .finally(() => setBusy(false));
   };
@@ -104,15 +104,11 @@ function Outcome({ operationId, words, result, onDone }: FollowProps & { operati
       </div>
       {stage && <progress max={1} value={stage.fraction} aria-label={words.title} />}
       {stage && <p class="hint">{stage.message}</p>}
-      {value.preview && <JobPreview operationId={operationId} info={value.preview} />}
       {problem !== null && <ErrorNote error={problem} />}
       {!value.done && (
-        <span class="buttons">
-          <FinishButton operation={value} busy={busy} act={act} />
-          <button type="button" disabled={busy} onClick={() => act(cancelOperation)}>
-            {texts.cancel}
-          </button>
-        </span>
+        <button type="button" disabled={busy} onClick={cancel}>
+          {texts.cancel}
+        </button>
       )}
     </div>
   );

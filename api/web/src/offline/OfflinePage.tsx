@@ -1,6 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 
-import type { SceneObject } from "../api/types";
+import type { SceneThing } from "../api/types";
 import { KnownLabels, ObjectChips, QuestionForm, Verdict } from "../ask/askParts";
 import { texts } from "../texts";
 import { boxSize, centerOf } from "../viewer/boxes";
@@ -21,8 +21,8 @@ export function OfflinePage({ data }: { data: SceneData }) {
   const flyTo = useRef<FlyTo>(() => undefined);
   const answer = reply?.answer ?? null;
 
-  const lookAt = ({ box, best_views: views }: SceneObject) =>
-    flyTo.current({ middle: centerOf(box), size: boxSize(box), views });
+  const lookAt = ({ box, best_views: views }: SceneThing) =>
+    box && flyTo.current({ middle: centerOf(box), size: boxSize(box), views });
   const ask = (text: string) => {
     const next = replyTo(text, data);
     setTyped(text);

@@ -12,11 +12,10 @@ import { SceneTools, ThingTools } from "../change/ThingTools";
 import { ToolNote } from "../change/ToolNote";
 import { VersionsPanel } from "../change/VersionsPanel";
 import { CleanUpPanel } from "../improve/CleanUpPanel";
-import { Captures } from "../improve/Captures";
 import { CompareToday } from "../improve/CompareToday";
 import { LookAgain } from "../improve/LookAgain";
+import { NamerPanel } from "../improve/NamerPanel";
 import { NextPhotos } from "../improve/NextPhotos";
-import { TrainMore } from "../improve/TrainMore";
 import { PhotoLook } from "../look/PhotoLook";
 import { PhotosPanel } from "../photos/PhotosPanel";
 import type { SceneState } from "../state/sceneState";
@@ -24,7 +23,6 @@ import { SharedThing } from "../take/SharedThing";
 import { SharePanel } from "../take/SharePanel";
 import { TakeAway } from "../take/TakeAway";
 import { texts } from "../texts";
-import { NamerPanel } from "../things/NamerPanel";
 import { ThingList } from "../things/ThingList";
 import { ThingPanel } from "../things/ThingPanel";
 import { ErrorNote } from "../ui/parts";
@@ -92,7 +90,7 @@ export function ScenePanel(properties: Properties) {
             count: state.things.value?.filter((thing) => thing.kind === "thing").length,
             content: <Things {...properties} reload={reload} />,
           },
-          { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} reload={reload} /> },
+          { name: "photos", title: texts.scene.tabs.photos, content: <Photos {...properties} /> },
           { name: "share", title: texts.scene.tabs.share, content: <Share {...properties} /> },
         ]}
       >
@@ -147,7 +145,7 @@ function Things({ state, scene, onFly, reload }: Properties & { reload: () => vo
   );
 }
 
-function Photos({ state, scene, onStand, reload }: Properties & { reload: () => void }) {
+function Photos({ state, scene, onStand }: Properties) {
   return (
     <>
       <SceneFacts scene={scene} />
@@ -155,10 +153,8 @@ function Photos({ state, scene, onStand, reload }: Properties & { reload: () => 
       {!isShared && (
         <>
           <PhotosPanel sceneId={scene.id} ready />
-          <CompareToday state={state} onDone={reload} />
-          <Captures state={state} />
+          <CompareToday state={state} />
           <NextPhotos sceneId={scene.id} version={state.version.value} onFly={onStand} />
-          <TrainMore sceneId={scene.id} onDone={reload} />
         </>
       )}
     </>

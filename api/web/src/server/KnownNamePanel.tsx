@@ -1,7 +1,7 @@
 import { useState } from "preact/hooks";
 
 import { sceneAddress } from "../address/router";
-import { checkKnownNames, deleteKnownName, listKnownNames } from "../api/serverCalls";
+import { deleteKnownName, listKnownNames } from "../api/serverCalls";
 import { texts } from "../texts";
 import { momentText } from "../texts/figures";
 import { ErrorNote } from "../ui/parts";
@@ -10,7 +10,6 @@ import { useLoaded } from "../ui/useLoaded";
 /** What people named in the project's scenes and is suggested in others. */
 export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
   const { value, error, reload } = useLoaded(listKnownNames, []);
-  const checked = useLoaded(checkKnownNames, []).value;
   const [failure, setFailure] = useState<unknown>(null);
   const problem = error ?? failure;
   return (
@@ -27,13 +26,6 @@ export function KnownNamePanel({ canDelete }: { canDelete: boolean }) {
               <a href={sceneAddress(name.scene_id, { text: name.name })}>{name.name}</a>
             </span>
             <span class="hint">{momentText(name.named_at)}</span>
-            {checked?.kinds
-              .filter((kind) => kind.borne + kind.suggested > 0 && kind.name.toLowerCase() === name.name.toLowerCase())
-              .map((kind) => (
-                <span key={kind.name} class="hint">
-                  {texts.server.knownAgain(kind.right, kind.borne, kind.suggested)}
-                </span>
-              ))}
             {canDelete && (
               <button
                 type="button"

@@ -77,7 +77,6 @@ export const changeTexts = {
     object: "an object",
     named: (what: string, name: string) => `Named ${what} “${name}”`,
     added: (name: string) => `Added ${name ? `“${name}”` : "a thing"}`,
-    trainedFurther: "Trained further",
     observed: "Photos of another day",
     alignedTo: (frame: string) => (frame ? `Put into the frame ${frame}` : "Put into the frame of a map"),
     lookedAgain: (words: readonly string[]) => `Looked again for ${words.join(", ")}`,

@@ -71,18 +71,6 @@ export const jobsTexts = {
       CANCELLED: "It was cancelled.",
     },
   },
-  trainMore: {
-    title: "Train further",
-    help: "More steps for this scene with its photos, on top of what it has learnt. Things and names stay; the present version can be restored.",
-    preset: "How thoroughly",
-    presets: { draft: "Draft: half a minute", balanced: "Balanced: two minutes", best: "Best: eight minutes" },
-    submit: "Train further",
-    running: "Training.",
-    better: (before: number, after: number) =>
-      `Photos that training did not see are reproduced with ${after.toFixed(1)} dB in place of ${before.toFixed(1)}.`,
-    beside:
-      "The scene was edited meanwhile in a way that contradicts its photos: the new version stands beside it, see the versions.",
-  },
   lookAgain: {
     title: "Look for more names",
     help: "The server looks at the scene again for what you name, and names the things that it finds. It takes a while.",
@@ -106,25 +94,6 @@ export const jobsTexts = {
     show: "Show in the scene",
     undo: "Undo this comparison",
     undone: "The comparison is undone.",
-  },
-  join: {
-    title: "More photos of this place",
-    help: "These photos join the scene: what they show is trained, and added where the scene has nothing. All else stays as it is. What they show to have changed does not join.",
-    submit: "Let them join",
-    running: "Training what these photos show.",
-    joined: (photos: number) => `${photos} photos have joined the scene.`,
-  },
-  captures: {
-    title: "Another capture of this place",
-    help: "A scene of the same place, of another day, is put where that one is, by its own photos. Both are then listed here by date, and a question can be asked of the newest that saw the spot.",
-    list: "Captures of this place, the newest first",
-    of: (day: string, name: string) => (name ? `${day} · ${name}` : day),
-    shown: "on show",
-    other: "The other scene",
-    choose: "Choose a scene",
-    submit: "Put this scene where that one is",
-    aligned: "This scene is where the other one is.",
-    none: "There is no other finished scene: make one of photos of another day.",
   },
   nextPhotos: {
     title: "Where to stand next",

@@ -14,7 +14,7 @@ export const namerTexts = {
     agree: (host: string) => `Agree to send pictures to ${host}`,
     takeBack: "Take the agreement back",
     ask: (model: string) => `Ask ${model}`,
-    asking: "Asking…",
+    running: "Asking.",
     told: (suggested: number, shown: number, refused: number) =>
       `${plural(suggested, "name", "names")} suggested for ${plural(shown, "thing", "things")}.` +
       (refused ? ` ${plural(refused, "name was", "names were")} refused.` : ""),

@@ -32,7 +32,7 @@ export const serverTexts = {
       segmenter: "Cuts things out",
       tagger: "Proposes names",
       reader: "Reads what is written",
-      image_text: "Finds things by their looks",
+      image_text: "Embeds what things look like",
       lexicon: "Knows synonyms and kinds",
     },
     modelStates: { ready: "ready", missing: "not in the model directory", unset: "not configured" },
@@ -62,9 +62,7 @@ export const serverTexts = {
     kinds: {
       create_scene: "New scene",
       look_again: "Look again",
-      train_more: "Train further",
       ask_namer: "Names from a model",
-      withdraw_photos: "Withdraw photos",
     },
     states: {
       QUEUED: "Waiting",
@@ -98,8 +96,6 @@ export const serverTexts = {
     names: "Known names",
     namesHelp:
       "What people named in the scenes of this project. It is suggested for things of other scenes that look alike.",
-    knownAgain: (right: number, borne: number, suggested: number) =>
-      `Elsewhere: found ${right} of ${borne}, right ${right} of ${suggested}`,
     noNames: "Nobody has named anything yet.",
     forget: "Forget",
     forgetOf: (name: string) => `Forget ${name}`,

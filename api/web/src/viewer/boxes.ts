@@ -1,7 +1,7 @@
-import type { SceneObject } from "../api/types";
+import type { SceneThing } from "../api/types";
 import type { Vec } from "./vectors";
 
-type Box = SceneObject["box"];
+type Box = NonNullable<SceneThing["box"]>;
 
 export function centerOf(box: Box): Vec {
   const { x, y, z } = box.center.position;

@@ -1,7 +1,6 @@
 """What the recordings of all apps share: ARKit's axes, intrinsics, and how JSON of strangers is read.
 
-ARKit's world has y up, along gravity (ARWorldAlignment.gravity), and meters; its cameras have x right, y up, z backward
-(https://developer.apple.com/documentation/arkit/arcamera/transform). Ours is z up, cameras are OpenCV's.
+ARKit's world has y up and meters; its cameras have x right, y up, z backward. Ours is z up, cameras are OpenCV's.
 """
 
 from __future__ import annotations

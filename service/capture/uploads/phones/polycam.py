@@ -47,7 +47,6 @@ def read_polycam(
     """Cameras, poses and depth maps of a recording.
 
     Args:
-        root: the upload's folder.
         folder: of the poses, as `find_polycam` says.
         sizes: (width, height) of the upload's images as stored, by path.
         settings: limits of each document, and how many frames are used.

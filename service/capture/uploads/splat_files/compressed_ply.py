@@ -1,8 +1,5 @@
-"""SuperSplat's compressed PLY: chunks of 256 Gaussians with bounds, and 16 bytes a Gaussian within them.
-
-The layout is PlayCanvas's (documented with SuperSplat and splat-transform): an element `chunk` of float bounds, an
-element `vertex` of four packed integers, and optionally an element `sh` of one byte a coefficient.
-"""
+"""SuperSplat's compressed PLY (PlayCanvas's layout): an element `chunk` of float bounds of 256 Gaussians, an element
+`vertex` of four packed integers, and optionally an element `sh` of one byte a coefficient."""
 
 from __future__ import annotations
 

@@ -63,12 +63,9 @@ def is_splat_file(path: Path) -> bool:
 
 
 def read_splat_file(path: Path, name: str, limits: SplatLimits) -> SplatFile:
-    """The Gaussians of a 3DGS PLY, a compressed PLY or an SPZ file.
-
-    Infinite logits become opacities of 0 and 1, infinitely thin Gaussians very thin ones.
+    """The Gaussians of a 3DGS PLY, a compressed PLY or an SPZ file; infinite logits become opacities of 0 and 1.
 
     Args:
-        path: the file.
         name: what messages call it.
         limits: checked before memory is taken.
 
@@ -133,12 +130,11 @@ def describe_invisible(name: str, file: SplatFile) -> tuple[str, ...]:
 
 
 def read_splat_ply(path: Path, name: str, header: PlyHeader, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there.
+    """The Gaussians of a plain 3DGS PLY, in the file's order, numbers as they stand there (logits, logarithms of
+    scales, quaternions w x y z of any length, f_rest channel by channel).
 
-    Properties may come in any order and scalar type; unknown ones are ignored. Where nerfstudio wrote colors as bytes
-    (red, green, blue in place of f_dc), they become the constant coefficient: (color − 0.5) / Y_00. Stored is what was
-    optimized: opacities as logits, scales as natural logarithms, quaternions w x y z of any length, f_rest channel by
-    channel.
+    Properties may come in any order and scalar type; unknown ones are ignored. Colors as bytes (nerfstudio's red,
+    green, blue) become f_dc: (color − 0.5) / Y_00.
 
     Raises:
         InvalidInputError: a property that every Gaussian needs is missing, or the file is too short.

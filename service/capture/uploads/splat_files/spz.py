@@ -1,9 +1,5 @@
-"""Niantic's SPZ, versions 2 and 3: a gzip stream of fixed-point columns (the layout published with its reference
-library).
-
-SPZ has the axes right, up, back. Its reference converters turn them into those of 3DGS PLY files, right, down, front,
-and so does this reader: y and z change their signs.
-"""
+"""Niantic's SPZ, versions 2 and 3: a gzip stream of fixed-point columns with the axes right, up, back. As its reference
+converters do, y and z change their signs to those of 3DGS PLY files."""
 
 from __future__ import annotations
 
@@ -35,9 +31,7 @@ U8 = NDArray[np.uint8]
 
 
 def read_spz(path: Path, name: str, limits: SplatLimits) -> SplatRows:
-    """The Gaussians of an SPZ file, in the file's order, with the axes of 3DGS PLY files.
-
-    Opacities become logits, ±inf where the byte is 0 or 255.
+    """The Gaussians of an SPZ file, in its order, with the axes of 3DGS PLY files; logits ±inf for the bytes 0 and 255.
 
     Raises:
         InvalidInputError: not an SPZ file of version 2 or 3, with extensions, or not of the size that its header says.

@@ -1,0 +1,69 @@
+import { useState } from "preact/hooks";
+
+import { agreeToNamer, askNamer } from "../api/namerCalls";
+import { mayDo } from "../api/roles";
+import { serverStatus } from "../api/serverCalls";
+import type { Operation } from "../api/types";
+import type { SceneState } from "../state/sceneState";
+import { texts } from "../texts";
+import { ErrorNote } from "../ui/parts";
+import { useLoaded } from "../ui/useLoaded";
+import { Outcome } from "./SceneOrder";
+
+/** The server's namer: to which host pictures would go, the project's agreement, and what it said. */
+export function NamerPanel({ state }: { state: SceneState }) {
+  const { value: status, reload } = useLoaded(serverStatus, []);
+  const [started, setStarted] = useState<Operation | null>(null);
+  const [failure, setFailure] = useState<unknown>(null);
+  const namer = status?.namer;
+  const unnamed = state.things.value?.some((thing) => !thing.name);
+  if (!namer || (!unnamed && !started)) return null;
+  const { host, model, agreed } = namer;
+  const agree = (to: string) => {
+    setFailure(null);
+    agreeToNamer(to).then(reload, setFailure);
+  };
+  const ask = () => {
+    setFailure(null);
+    askNamer(state.sceneId).then(setStarted, setFailure);
+  };
+  return (
+    <section class="things" aria-labelledby="namer-title">
+      <h2 id="namer-title">{texts.namer.title}</h2>
+      <p class="hint">{agreed ? texts.namer.agreed(host, model) : texts.namer.asks(host, model)}</p>
+      {!agreed && !mayDo(status.role, "admin") && <p class="hint">{texts.namer.adminAgrees}</p>}
+      <div class="buttons">
+        {agreed && (
+          <button type="button" disabled={state.busy.value} onClick={ask}>
+            {texts.namer.ask(model)}
+          </button>
+        )}
+        {mayDo(status.role, "admin") && (
+          <button type="button" onClick={() => agree(agreed ? "" : host)}>
+            {agreed ? texts.namer.takeBack : texts.namer.agree(host)}
+          </button>
+        )}
+      </div>
+      {started && (
+        <Outcome
+          key={started.id}
+          operationId={started.id}
+          words={texts.namer}
+          result={outcome}
+          onDone={() => void state.refresh()}
+        />
+      )}
+      {failure !== null && <ErrorNote error={failure} />}
+    </section>
+  );
+}
+
+function outcome({ ask_namer: told }: Operation) {
+  return (
+    told && (
+      <p>
+        {texts.namer.told(told.suggested, told.shown, told.refused)} {told.problem}
+      </p>
+    )
+  );
+}

@@ -1,0 +1,77 @@
+"""Job requests to ask the server's namer about a finished scene: checked and queued here, and done by a worker."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from fastsplat.service.application.admin.quotas import Quotas
+from fastsplat.service.application.admin.server_capabilities import namer_status
+from fastsplat.service.application.answering.open_scenes import OpenScenes
+from fastsplat.service.application.base.validate import check_request_id
+from fastsplat.service.application.jobs.running_jobs import RunningJobs
+from fastsplat.service.application.jobs.scene_orders import place_order
+from fastsplat.service.common.settings import environment_variable
+from fastsplat.service.settings import NamerSettings, Settings
+from fastsplat.service.store.ordered_jobs import order_job
+from fastsplat.service.store.store import Store
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
+from fastsplat_contract.name_suggestions import NamerStatus
+from fastsplat_contract.operations import Operation
+
+
+class OwnNamer:
+    """The server's namer for one project. Every method is safe from any thread."""
+
+    def __init__(self, store: Store, settings: Settings, scenes: OpenScenes, quotas: Quotas, project: str) -> None:
+        self._store, self._settings, self._scenes = store, settings, scenes
+        self._quotas, self._project = quotas, project
+        self._jobs = RunningJobs(store, settings)
+
+    def agree(self, host: str) -> NamerStatus:
+        """Agree to its host, or with "" to none; returns what holds then.
+
+        Raises:
+            ModelUnavailableError: the server has no namer.
+            InvalidInputError: its host is another one: what was agreed to elsewhere does not hold for it.
+        """
+        status = self._status()
+        if host and host != status.host:
+            raise InvalidInputError(
+                f"the server's namer is not at {host[:200]!r}", field="host", limit=f"{status.host}, or empty"
+            )
+        self._store.projects.agree(self._project, host)
+        return replace(status, agreed=bool(host))
+
+    def order(self, scene_id: str, request_id: str = "") -> Operation:
+        """Queue a job that asks it about all things without a name, and suggests what it says as one version; where it
+        says nothing usable there is none. Durable once this returns.
+
+        Args:
+            scene_id: which scene.
+            request_id: the same id returns the same operation; "" for none.
+
+        Raises:
+            NotFoundError, NotReadyError: there is no such scene, or it is not ready.
+            ModelUnavailableError: the server has no namer.
+            PermissionDeniedError: the project did not agree to its host.
+            ConflictError, QuotaError: as `place_order`.
+        """
+        check_request_id(request_id)
+        self._scenes.finished(scene_id)
+        status = self._status()
+        if not status.agreed:
+            raise PermissionDeniedError(
+                f"the project did not agree that pictures of its things go to {status.host}",
+                field="namer",
+                hint="An admin of the project agrees once, on the page or by AgreeToNamer.",
+            )
+        job = order_job("ask_namer", scene_id, request_id, {}, self._project)
+        return self._jobs.operation(place_order(job, self._store, self._quotas))
+
+    def _status(self) -> NamerStatus:
+        status = namer_status(self._store, self._settings, self._project)
+        if status is None:
+            raise ModelUnavailableError(
+                "this server has no namer", field="namer", hint=f"Set {environment_variable(NamerSettings, 'url')}."
+            )
+        return status

@@ -1,0 +1,71 @@
+"""Networks that embed texts, one a run, several runs side by side."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fastsplat.service.perception.onnx_session import check_contract, file_sha256, open_session
+from fastsplat.service.perception.text.tokens import load_tokenizer
+
+
+def embed_side_by_side(
+    run: Callable[[str], NDArray[np.float32]], texts: Sequence[str], threads: int
+) -> NDArray[np.float32]:
+    """float32 [B, E], in the order of the texts: one a run, as many runs at a time as there are threads. Sentences are
+    short, so that a second thread inside a run gains nothing.
+
+    Args:
+        run: float32 [E] of a text, from any thread.
+        texts: one or more.
+        threads: runs at a time; 0: all cores.
+    """
+    side_by_side = min(threads or os.cpu_count() or 1, len(texts))
+    if side_by_side == 1:
+        return np.stack([run(text) for text in texts])
+    # Threads of this call alone: they have the priority of who calls, which kept ones would not.
+    with ThreadPoolExecutor(side_by_side, thread_name_prefix="text-encoder") as pool:
+        return np.stack(list(pool.map(run, texts)))
+
+
+class TextTower(ABC):
+    """An encoder of texts; texts are cut at `max_tokens`.
+
+    Args:
+        contract: see `check_contract`.
+
+    Raises:
+        ModelUnavailableError: on opening, when a file is missing or does not keep the contract.
+    """
+
+    def __init__(
+        self, model: Path, tokenizer: Path, *, name: str, threads: int, max_tokens: int, **contract: Any
+    ) -> None:
+        self._tokenizer = load_tokenizer(tokenizer, name=name, max_tokens=max_tokens)
+        self._session = open_session(model, name=name, threads=1)
+        self._threads = threads
+        check_contract(self._session, name=name, **contract)
+        self._inputs = {node.name for node in self._session.get_inputs()}
+        self.name = name
+        self.sha256 = file_sha256(model)
+
+    def encode(self, texts: Sequence[str]) -> NDArray[np.float32]:
+        """float32 [B, E] of unit length."""
+        return embed_side_by_side(self._encode, texts, self._threads)
+
+    def _encode(self, text: str) -> NDArray[np.float32]:
+        ids = np.asarray([self._tokenizer.encode(text).ids], np.int64)
+        feed = {"input_ids": ids, "attention_mask": np.ones_like(ids), "token_type_ids": np.zeros_like(ids)}
+        embedding = self._embedding({key: value for key, value in feed.items() if key in self._inputs})
+        return np.asarray(embedding / np.linalg.norm(embedding), np.float32)
+
+    @abstractmethod
+    def _embedding(self, feed: dict[str, NDArray[np.int64]]) -> NDArray[np.float32]:
+        """[E] of one text."""

@@ -1,0 +1,66 @@
+"""`fastsplat status --here`: well, or why not."""
+
+from __future__ import annotations
+
+import http.server
+import os
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from fastsplat.cli.main import app
+from fastsplat.service.settings import load_settings
+from fastsplat.service.store.store import open_store
+from fastsplat.workers.process_group import machine_id
+
+
+@pytest.fixture
+def health(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Result]]:
+    def call(role: str, port: int = 1) -> Result:
+        monkeypatch.setenv("FASTSPLAT_HTTP_PORT", str(port))
+        load_settings.cache_clear()
+        return CliRunner().invoke(app, ["status", "--here", role])
+
+    monkeypatch.setenv("FASTSPLAT_DATA_DIR", str(tmp_path))
+    yield call
+    load_settings.cache_clear()
+
+
+def test_a_worker_is_well_while_its_heartbeat_is_fresh(health: Callable[..., Result], tmp_path: Path) -> None:
+    store = open_store(tmp_path)
+    store.workers.update_heartbeat("elsewhere", "another machine", 1)
+    stalled = health("worker")
+    assert stalled.exit_code == 1 and "had a heartbeat" in stalled.stderr
+    store.workers.update_heartbeat("here", machine_id(), os.getpid())
+    assert health("worker").exit_code == 0
+    store.workers.mark_stopped("here")
+    assert health("worker").exit_code == 1
+    store.close()
+
+
+@pytest.mark.parametrize("status", [200, 503])
+def test_the_api_is_well_when_it_says_so(health: Callable[..., Result], status: int) -> None:
+    paths = []
+
+    class Answer(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            paths.append(self.path)
+            self.send_response(status)
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None: ...
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Answer) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        result = health("api", server.server_port)
+        server.shutdown()
+    assert paths == ["/readyz"]
+    assert result.exit_code == (status != 200) and bool(result.stderr) == (status != 200)
+
+
+def test_an_api_that_is_not_there_is_not_well(health: Callable[..., Result]) -> None:
+    result = health("api")
+    assert result.exit_code == 1 and "does not answer" in result.stderr

@@ -1,0 +1,102 @@
+"""How heavy each room is: a ratchet. `python -m tests.test_weight` prints the table as the tree is now.
+
+A commit that makes a room larger than its row raises the row, where a reviewer sees it. The sums at the foot only go
+down: a room that must grow takes its lines from another.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from fastsplat.cli.main import app
+from fastsplat_contract.calls import CALLS
+
+ROOT = Path(__file__).parent.parent
+
+ROWS: Mapping[str, tuple[int, int]] = {}
+"""Lines of a room and of its tests, at most."""
+SUMS = {"product": 0, "tests": 0, "page": 0, "C++": 0, "calls": 0, "commands": 0}
+"""What all rooms together may hold."""
+
+_PRODUCT = ("api", "cli", "client", "fastsplat", "service", "workers")
+
+
+def _room(path: Path) -> str:
+    """The room of a file of the product, or of a test: a folder of the product or of `service`."""
+    parts = path.parts[1:] if path.parts[0] == "tests" else path.parts
+    if path.parts[0] == "service":
+        return parts[1] if len(parts) > 2 else "service"
+    return "client" if parts[0] == "contract" else parts[0] if len(parts) > 1 else "tests"
+
+
+def _weights() -> tuple[dict[str, tuple[int, int]], dict[str, int]]:
+    """The table and its foot, as the tree is now."""
+    product, tests = Counter[str](), Counter[str]()
+    others = Counter[str]()
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for path in map(Path, listed.splitlines()):
+        if not (ROOT / path).is_file() or "_pb2" in path.name:
+            continue
+        if path.suffix == ".py" and path.parts[0] in (*_PRODUCT, "tests"):
+            (tests if path.parts[0] == "tests" else product)[_room(path)] += _lines(path)
+        elif path.suffix in (".cpp", ".h"):
+            others["C++"] += _lines(path)
+        elif path.suffix in (".ts", ".tsx", ".css") and path.is_relative_to("api/web/src"):
+            others["page"] += _lines(path)
+    rows = {room: (product[room], tests[room]) for room in sorted({*product, *tests})}
+    sums = {"product": product.total(), "tests": tests.total(), **others}
+    return rows, sums | {"calls": len(CALLS), "commands": _commands(typer.main.get_command(app))}
+
+
+def _commands(command: Any) -> int:
+    """How many commands a command or group of commands is."""
+    inner = getattr(command, "commands", None)
+    return 1 if inner is None else sum(map(_commands, inner.values()))
+
+
+def _lines(path: Path) -> int:
+    return (ROOT / path).read_bytes().count(b"\n")
+
+
+def test_no_room_is_heavier_than_its_row() -> None:
+    rows, _ = _weights()
+    assert rows.keys() == ROWS.keys()
+    assert not {room: now for room, now in rows.items() if now[0] > ROWS[room][0] or now[1] > ROWS[room][1]}
+
+
+@pytest.mark.parametrize("what", SUMS)
+def test_the_whole_is_no_heavier_than_its_sum(what: str) -> None:
+    _, sums = _weights()
+    assert sums[what] <= SUMS[what]
+
+
+def test_sums_only_go_down() -> None:
+    """Over all commits of this file that are here."""
+    path = Path(__file__).relative_to(ROOT)
+    commits = subprocess.run(
+        ["git", "log", "--format=%h", "--", path], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout.split()
+    for commit in commits:
+        text = subprocess.run(
+            ["git", "show", f"{commit}:{path}"], cwd=ROOT, capture_output=True, text=True, check=True
+        ).stdout
+        before = next(
+            ast.literal_eval(node.value)
+            for node in ast.parse(text).body
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SUMS"
+        )
+        assert not {name: commit for name, most in before.items() if SUMS.get(name, 0) > most}
+
+
+if __name__ == "__main__":
+    for room, (product, tests) in (table := _weights())[0].items():
+        print(f'    "{room}": ({product}, {tests}),')
+    print(f"SUMS = {table[1]}")
