@@ -200,13 +200,7 @@ HANDLERS: Mapping[str, Handler[Any, Any]] = {
             example=job_watching_examples.PLACED,
         ),
         Handler(calls.RENDER_VIEW, lambda service, asked: service.answers.picture(asked), computes=True, renders=True),
-        Handler(calls.DOWNLOAD_CAMERAS, lambda service, asked: service.camera_file(asked.scene_id, asked.format)),
         Handler(calls.EXPORT_SCENE, lambda service, asked: service.exports.file(asked), computes=True, renders=True),
-        Handler(
-            calls.DOWNLOAD_THING_IDS,
-            lambda service, asked: service.answers.thing_ids(asked.scene_id, asked.version),
-            computes=True,
-        ),
         Handler(
             calls.LIST_PHOTOS,
             lambda service, asked: service.photos.all(asked.scene_id, asked.version, asked.page_size, asked.page_token),

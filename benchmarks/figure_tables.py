@@ -20,9 +20,6 @@ PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
 _REGION = re.compile(r"(<!-- figures: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
-NOT_YET = "Not measured yet."
-"""What stands in the place of a table whose files may be missing, and are."""
-
 Row = Sequence[str]
 Document = Mapping[str, Any]
 
@@ -35,13 +32,11 @@ class Table:
         files: the result files that it is made of, by their names without the ending.
         head: titles of its columns.
         rows: makes the rows from the files' contents, in the order of `files`.
-        later: whether the files may be missing, because what they hold is measured once, at the end.
     """
 
     files: tuple[str, ...]
     head: tuple[str, ...]
     rows: Callable[..., Iterator[Row]]
-    later: bool = False
 
 
 def write_tables(text: str, results: Path = RESULTS) -> str:
@@ -60,8 +55,6 @@ def render(table: Table, results: Path = RESULTS) -> str:
     Raises:
         KeyError, OSError: as `write_tables`.
     """
-    if table.later and not all((results / f"{name}.json").is_file() for name in table.files):
-        return f"{NOT_YET}\n"
     documents = [json.loads((results / f"{name}.json").read_text()) for name in table.files]
     lines = [table.head, ["---"] * len(table.head), *table.rows(*documents)]
     said = "; ".join(_source(name, document) for name, document in zip(table.files, documents, strict=True))
@@ -340,7 +333,6 @@ TABLES: Mapping[str, Table] = {
             *("stated names right", "named of what the detector knows", "opacity outside of the box"),
         ),
         _rooms,
-        later=True,
     ),
     "absence": Table(("absence",), ("", "measured (95 % interval)", "wanted"), _absence),
     "names": Table(("names",), ("probability", "mean", "right"), _names),

@@ -38,8 +38,8 @@ class JsonLines(logging.Formatter):
         return _KEY.sub(r"fsk_\1_***", _PASSWORD.sub(r"\1:***@", text))
 
 
-def log_to_stderr(role: str, level: int = logging.INFO) -> None:
+def log_to_stderr(role: str) -> None:
     """Send every logger of this process to stderr as JSON lines."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(JsonLines(role))
-    logging.basicConfig(level=level, handlers=[handler], force=True)
+    logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)

@@ -21,8 +21,8 @@ Written by `python -m docs.settings_page` from the classes of the settings; a te
 
 A setting is an environment variable of the server and of its workers. The same variable with `_FILE` behind its name
 names a file that holds the value. A group can be one variable with a JSON object, such as
-`FASTSPLAT_QUOTAS='{"scenes": 50}'`. A variable with our prefix that names no setting is refused when a process starts,
-also one that was a setting in an earlier release and is a constant now: unset it."""
+`FASTSPLAT_QUOTAS='{"scenes": 50}'`. A variable with our prefix that names no setting is refused when a process
+starts."""
 
 _UNITS = ((2**30, "GiB"), (2**20, "MiB"))
 

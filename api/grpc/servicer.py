@@ -1,10 +1,9 @@
-"""The RPCs that do more than ask and answer: uploads, streams, waiting, files that go on where they broke off."""
+"""The RPCs that do more than ask and answer: uploads, streams, waiting, photos."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator, AsyncIterator
+from collections.abc import AsyncIterator
 from contextlib import aclosing
-from pathlib import Path
 from typing import TypeVar
 
 from grpc import aio
@@ -15,7 +14,7 @@ from fastsplat.api.grpc.upload import MAX_MESSAGE_BYTES, StreamSink
 from fastsplat.api.operation_waits import Operations
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.errors import CancelledError, InvalidInputError
+from fastsplat_contract.errors import CancelledError
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.pieces import CHUNK_BYTES, messages_of_query
 from fastsplat_contract.proto_codec import from_proto, to_proto
@@ -78,41 +77,18 @@ class SceneServicer:
             async for message in answers:
                 yield message
 
-    async def DownloadScenePly(self, request: pb.DownloadScenePlyRequest, context: Context) -> AsyncIterator[pb.Chunk]:
-        """The whole scene as a 3DGS PLY."""
-        async with guarded(context, "DownloadScenePly"):
-            if request.offset and not request.version:
-                raise InvalidInputError(
-                    "an offset without a version", field="version", hint="Name the version whose file broke off."
-                )
-            path, _ = await self._threads.call(
-                lambda: self._service.answers.scene_ply(request.scene_id, request.version)
-            )
-            async with aclosing(self._file(path, request.offset)) as file:
-                async for chunk in file:
-                    yield chunk
-
     async def DownloadPhoto(self, request: pb.DownloadPhotoRequest, context: Context) -> AsyncIterator[pb.Chunk]:
         """A photo of one of the scene's cameras."""
         async with guarded(context, "DownloadPhoto"):
             path, _ = await self._threads.call(
                 lambda: self._service.photos.path(request.scene_id, request.view, request.version)
             )
-            async with aclosing(self._file(path, 0)) as file:
-                async for chunk in file:
-                    yield chunk
-
-    async def _file(self, path: Path, offset: int) -> AsyncGenerator[pb.Chunk]:
-        size = path.stat().st_size
-        if not 0 <= offset <= size:
-            raise InvalidInputError(f"an offset of {offset} bytes", field="offset", limit=f"0 to {size} bytes")
-        file = await self._threads.call(lambda: path.open("rb"))
-        try:
-            file.seek(offset)
-            while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
-                yield pb.Chunk(data=data)
-        finally:
-            file.close()
+            file = await self._threads.call(lambda: path.open("rb"))
+            try:
+                while data := await self._threads.call(lambda: file.read(CHUNK_BYTES)):
+                    yield pb.Chunk(data=data)
+            finally:
+                file.close()
 
 
 def _message(operation: Operation) -> pb.Operation:

@@ -14,7 +14,7 @@ from fastsplat.api.examples.localize_examples import LOCALIZE_FORM, OBSERVE_FORM
 from fastsplat.api.examples.scene_examples import FORM, OPERATION, VIEW
 from fastsplat.api.handlers import HANDLERS
 from fastsplat.api.rest.problem_answers import MEDIA_TYPE as PROBLEM
-from fastsplat.service.application.exporting.camera_files import camera_file
+from fastsplat.service.application.exporting.camera_files import camera_list
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, NotFoundError, OverloadedError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.server_info import ServerInfo
@@ -100,7 +100,7 @@ def _with_examples(status: str, response: Mapping[str, Any]) -> Iterator[tuple[s
             yield media_type, {**content, "example": to_plain(_ANSWERS[kind])}
         elif media_type == "application/json":
             health = "additionalProperties" in content["schema"]
-            example = {"status": "ok"} if health else json.loads(camera_file((VIEW,), "json"))
+            example = {"status": "ok"} if health else json.loads(camera_list((VIEW,)))
             yield media_type, {**content, "example": example}
         else:
             yield media_type, content

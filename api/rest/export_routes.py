@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
 from fastsplat.api.rest.files import immutable_file
-from fastsplat.api.rest.responses import PROBLEMS, file_response, while_connected
+from fastsplat.api.rest.responses import PROBLEMS, UNCHANGED, file_response, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.threads import Threads
@@ -22,7 +22,6 @@ _Things = Annotated[list[int], Query(description=description_of(ExportRequest, "
 _Cell = Annotated[float, Query(ge=0, description=description_of(ExportRequest, "cell"))]
 _Coarse = Annotated[bool, Query(description=description_of(ExportRequest, "coarse"))]
 _MEDIA_TYPES = tuple(dict.fromkeys(facts.media_type for facts in FORMATS.values()))
-_UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
 
 
 def export_routes(service: SceneService, threads: Threads) -> APIRouter:
@@ -49,7 +48,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
         responses={
             **file_response(FORMATS["ply"].media_type, description="3DGS PLY"),
             206: {"description": "the range asked for"},
-            **_UNCHANGED,
+            **UNCHANGED,
         },
     )
     async def scene_ply(request: Request, scene_id: str, version: Version = "", thing: _Things = []) -> Response:
@@ -64,7 +63,7 @@ def export_routes(service: SceneService, threads: Threads) -> APIRouter:
     @router.get(
         "/scenes/{scene_id}/scene.{format}",
         response_class=Response,
-        responses={**file_response(*_MEDIA_TYPES, description="the file"), **_UNCHANGED},
+        responses={**file_response(*_MEDIA_TYPES, description="the file"), **UNCHANGED},
     )
     async def export_scene(
         request: Request,

@@ -8,7 +8,7 @@ from fastapi import APIRouter, Query, Request
 from starlette.responses import Response
 
 from fastsplat.api.rest.files import immutable_file
-from fastsplat.api.rest.responses import PROBLEMS, file_response, while_connected
+from fastsplat.api.rest.responses import PROBLEMS, UNCHANGED, file_response, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of
 from fastsplat.api.threads import Threads
@@ -27,7 +27,7 @@ def photo_routes(service: SceneService, threads: Threads) -> APIRouter:
         responses={
             **file_response(_JPEG, description="the photo"),
             206: {"description": "the range asked for"},
-            304: {"description": "the copy that If-None-Match names is the same"},
+            **UNCHANGED,
         },
     )
     async def photo(

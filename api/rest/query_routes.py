@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Annotated, Any, Literal
 
@@ -10,13 +10,14 @@ from fastapi import APIRouter, Query, Request
 from fastapi import Path as PathParameter
 from starlette.responses import Response
 
-from fastsplat.api.rest.responses import PROBLEMS, file_response, json_of_call, while_connected
+from fastsplat.api.rest.responses import PROBLEMS, UNCHANGED, file_response, json_of_call, while_connected
 from fastsplat.api.rest.routes import Version
 from fastsplat.api.rest.standard_http import etag_of, not_modified
+from fastsplat.api.rest.table_routes import query_parameters, with_parameters
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat_contract.masks import Mask3dEncoding
-from fastsplat_contract.members import description_of
+from fastsplat_contract.json_codec import from_plain
+from fastsplat_contract.members import description_of, members
 from fastsplat_contract.pictures import PictureFormat, PictureKind, PictureRequest, RenderIn
 from fastsplat_contract.queries import QueryIn, QueryOut, QueryRequest
 
@@ -25,75 +26,56 @@ _MEDIA_TYPES: dict[PictureFormat, str] = {
     "npy": "application/octet-stream",
     "jpeg": "image/jpeg",
 }
-_UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
+_OF_VIEWS: dict[PictureFormat, str] = {"png": "view_picture", "npy": "view_array"}
 
 _Text = Annotated[str, Query(description="the question")]
-_View = Annotated[str, Query(description="name of one of the scene's cameras")]
+_IN_ADDRESS = {
+    member.name: {"texts": "text", "scene_id": "scene"}.get(member.name, member.name)
+    for member in members(QueryRequest)
+    if member.name not in ("cameras", "views", "mask2d_encoding", "asker")
+}
+"""What of a question stands in the address of `GET /query`, by the name that it has there."""
 
 
 def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     """Questions, pictures and files of finished scenes."""
     router = APIRouter(responses=PROBLEMS)
 
-    async def own_view(request: Request, picture: PictureRequest) -> Response:
-        """A picture that never changes for one version: a client's copy is not made anew."""
-        version = await threads.call(lambda: service.versions.resolve(picture.scene_id, picture.version))
-        exact = replace(picture, version=version)
-        headers = {"ETag": etag_of(exact), "Cache-Control": "private, no-cache"}
-        if (unchanged := not_modified(request, headers)) is not None:
-            return unchanged
-        content = await while_connected(
-            request, threads.answer(lambda: service.answers.picture(exact), background=True)
-        )
-        return Response(content, media_type=_MEDIA_TYPES[picture.format], headers=headers)
+    def own_view(extension: PictureFormat) -> Callable[..., Awaitable[Response]]:
+        async def endpoint(
+            request: Request,
+            scene_id: str,
+            kind: Annotated[PictureKind, PathParameter(description=description_of(RenderIn, "kind"))],
+            view: Annotated[str, Query(description=description_of(RenderIn, "view"))],
+            text: Annotated[str | None, Query(description=description_of(RenderIn, "text"))] = None,
+            version: Version = "",
+            depth_scale: Annotated[float, Query(ge=0, description=description_of(RenderIn, "depth_scale"))] = 0.0,
+        ) -> Response:
+            """What one of the scene's own cameras sees."""
+            exact, headers = await tagged(extension, scene_id, version, kind, view, text, depth_scale)
+            if (unchanged := not_modified(request, headers)) is not None:
+                return unchanged
+            more: Any = {"view": view, "version": exact, "format": extension, "depth_scale": depth_scale}
+            return await drawn(request, PictureRequest(scene_id, kind, text, **more), headers)
 
-    async def tagged(name: str, scene_id: str, version: str, *question: str) -> tuple[str, dict[str, str]]:
+        return endpoint
+
+    async def drawn(request: Request, picture: PictureRequest, headers: dict[str, str] | None = None) -> Response:
+        work = threads.answer(lambda: service.answers.picture(picture), background=True)
+        return Response(await while_connected(request, work), headers=headers, media_type=_MEDIA_TYPES[picture.format])
+
+    async def tagged(name: str, scene_id: str, version: str, *question: object) -> tuple[str, dict[str, str]]:
         """The version that is meant, and the headers of an answer that never changes for it."""
         exact = await threads.call(lambda: service.versions.resolve(scene_id, version))
         return exact, {"ETag": etag_of(name, scene_id, exact, *question), "Cache-Control": "private, no-cache"}
 
-    @router.get("/query", response_model=QueryOut)
-    async def query(
-        request: Request,
-        text: Annotated[list[str], Query(description="the question; several are allowed")],
-        scene: Annotated[str, Query(description="scene id; empty: all ready scenes of the project, newest first")] = "",
-        version: Version = "",
-        outputs: Annotated[
-            list[Literal["mask3d", "objects"]], Query(description="what to compute beside the ranking")
-        ] = [],
-        negatives: Annotated[list[str], Query(description="canonical negatives; none: the server's")] = [],
-        templates: Annotated[list[str], Query(description="sentences with one {}; none: the server's")] = [],
-        coverage: Annotated[
-            float | None,
-            Query(
-                description=description_of(QueryIn, "coverage"),
-                json_schema_extra={"exclusiveMinimum": 0, "exclusiveMaximum": 1},
-            ),
-        ] = None,
-        max_matches: Annotated[
-            int, Query(ge=-1, lt=2**31, description="best entries to return; 0: the server's default, -1: all")
-        ] = 0,
-        mask3d_encoding: Annotated[
-            Mask3dEncoding, Query(description=description_of(QueryIn, "mask3d_encoding"))
-        ] = "bits",
-        asker_view: Annotated[
-            str | None, Query(description="name of one of the scene's cameras where you stand")
-        ] = None,
-    ) -> Response:
+    async def query(request: Request, **sent: Any) -> Response:
         """Ranked labels for a text, in one scene or in all of the project."""
-        question = QueryRequest(
-            scene,
-            tuple(text),
-            outputs=frozenset(outputs),
-            version=version,
-            negatives=tuple(negatives),
-            templates=tuple(templates),
-            coverage=coverage,
-            max_matches=max_matches,
-            mask3d_encoding=mask3d_encoding,
-            asker_view=asker_view,
-        )
+        question = from_plain(QueryRequest, {member: sent[name] for member, name in _IN_ADDRESS.items()})
         return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
+
+    parameters = query_parameters(QueryRequest, _IN_ADDRESS, scene="")
+    router.add_api_route("/query", with_parameters(query, parameters), methods=["GET"], response_model=QueryOut)
 
     @router.post("/v1/scenes/{scene_id}:query", response_model=QueryOut)
     async def query_scene(request: Request, scene_id: str, body: QueryIn) -> Response:
@@ -102,45 +84,10 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         run = partial(threads.answer, background="mask2d" in body.outputs)
         return await json_of_call(request, run, lambda: service.answers.query(question))
 
-    @router.get(
-        "/v1/scenes/{scene_id}/{kind}.png",
-        response_class=Response,
-        responses={**file_response("image/png", description="the picture"), **_UNCHANGED},
-    )
-    async def view_picture(
-        request: Request,
-        scene_id: str,
-        kind: Annotated[PictureKind, PathParameter(description=description_of(RenderIn, "kind"))],
-        view: _View,
-        text: Annotated[str | None, Query(description="the question; overlay, relevancy and mask need one")] = None,
-        version: Version = "",
-        depth_scale: Annotated[float, Query(ge=0, description=description_of(RenderIn, "depth_scale"))] = 0.0,
-    ) -> Response:
-        """A picture from one of the scene's own cameras."""
-        picture = PictureRequest(scene_id, kind, text, view=view, version=version, depth_scale=depth_scale)
-        return await own_view(request, picture)
-
-    @router.get(
-        "/v1/scenes/{scene_id}/{kind}.npy",
-        response_class=Response,
-        responses={**file_response(_MEDIA_TYPES["npy"], description="numpy's file format"), **_UNCHANGED},
-    )
-    async def view_array(
-        request: Request,
-        scene_id: str,
-        kind: Annotated[
-            Literal["label_map", "thing_map", "depth", "normals", "confidence"],
-            PathParameter(
-                description="label_map: uint16 label ids; thing_map: uint16 ids of things; depth: float32 camera z in "
-                "scene units, 0 nothing; normals: float32 [H, W, 3], world frame; confidence: float32, 0 to 1"
-            ),
-        ],
-        view: _View,
-        version: Version = "",
-    ) -> Response:
-        """Labels, things, depth, normals or confidence from one of the scene's own cameras, as an array."""
-        picture = PictureRequest(scene_id, kind, view=view, version=version, format="npy")
-        return await own_view(request, picture)
+    for extension, name in _OF_VIEWS.items():
+        path, endpoint = f"/v1/scenes/{{scene_id}}/{{kind}}.{extension}", own_view(extension)
+        responses = {**file_response(_MEDIA_TYPES[extension], description="the picture"), **UNCHANGED}
+        router.add_api_route(path, endpoint, name=name, response_class=Response, responses=responses)
 
     @router.post(
         "/v1/scenes/{scene_id}:render",
@@ -149,11 +96,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
     )
     async def render(request: Request, scene_id: str, body: RenderIn) -> Response:
         """A picture from a free viewpoint, or from one of the scene's own cameras."""
-        picture = PictureRequest(scene_id, **vars(body))
-        content = await while_connected(
-            request, threads.answer(lambda: service.answers.picture(picture), background=True)
-        )
-        return Response(content, media_type=_MEDIA_TYPES[body.format])
+        return await drawn(request, PictureRequest(scene_id, **vars(body)))
 
     @router.get(
         "/v1/scenes/{scene_id}/mask3d.bin",
@@ -163,7 +106,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
                 "application/octet-stream",
                 description="the mask; G stands in X-Gaussian-Count, the version in X-Scene-Version",
             ),
-            **_UNCHANGED,
+            **UNCHANGED,
         },
     )
     async def mask3d(
@@ -188,26 +131,5 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
             media_type="application/octet-stream",
             headers={**headers, "X-Gaussian-Count": str(answer.gaussians), "X-Scene-Version": answer.version},
         )
-
-    @router.get(
-        "/v1/scenes/{scene_id}/things.bin",
-        response_class=Response,
-        responses={
-            **file_response(
-                "application/octet-stream",
-                description="little-endian uint16 ids of things by Gaussian, 0 for none; the version stands in "
-                "X-Scene-Version",
-            ),
-            **_UNCHANGED,
-        },
-    )
-    async def thing_ids(request: Request, scene_id: str, version: Version = "") -> Response:
-        """Which thing each Gaussian belongs to."""
-        exact, headers = await tagged("things.bin", scene_id, version)
-        if (unchanged := not_modified(request, headers)) is not None:
-            return unchanged
-        ids = await while_connected(request, threads.answer(lambda: service.answers.thing_ids(scene_id, exact)))
-        headers["X-Scene-Version"] = exact
-        return Response(ids, media_type="application/octet-stream", headers=headers)
 
     return router

@@ -30,6 +30,8 @@ _GZIP_LEVEL = 4
 
 PROBLEMS: dict[int | str, dict[str, Any]] = {"4XX": PROBLEM_RESPONSE, "5XX": PROBLEM_RESPONSE}
 """What OpenAPI says of every route's errors."""
+UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "the copy that If-None-Match names is the same"}}
+"""What OpenAPI says of a route that is not asked again for what the client has."""
 
 
 def file_response(*media_types: str, description: str) -> dict[int | str, dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
@@ -14,21 +13,16 @@ from fastsplat.api.rest.responses import (
     PROBLEMS,
     accepted,
     file_response,
-    json_of_call,
     json_response,
     while_connected,
 )
 from fastsplat.api.rest.standard_http import etag_of, not_modified
 from fastsplat.api.rest.upload import BODY_SCHEMA, receive_scene
 from fastsplat.api.threads import Threads
-from fastsplat.service.application.exporting.camera_files import MEDIA_TYPES
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
 from fastsplat_contract.json_codec import to_json
-from fastsplat_contract.members import description_of
 from fastsplat_contract.operations import Operation
-from fastsplat_contract.queries import CameraFormat
-from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.server_info import ServerInfo
 
 _STEP_HEADER = "X-Fastsplat-Step"
@@ -50,7 +44,7 @@ def server_routes(info: ServerInfo) -> APIRouter:
 
 
 def scene_routes(service: SceneService, settings: Settings, threads: Threads) -> APIRouter:
-    """Scenes: post, cameras."""
+    """Scenes: post."""
     router = APIRouter(prefix="/v1", responses=PROBLEMS)
 
     @router.post("/scenes", status_code=202, response_model=Operation, openapi_extra=BODY_SCHEMA)
@@ -58,34 +52,6 @@ def scene_routes(service: SceneService, settings: Settings, threads: Threads) ->
         """Upload a capture and queue its training; the operation is durable once it is returned."""
         operation = await receive_scene(request, service, settings, threads)
         return accepted(operation, settings.root_path)
-
-    @router.get(
-        "/scenes/{scene_id}/cameras",
-        response_class=Response,
-        responses={
-            200: {
-                "content": {
-                    "application/json": {"schema": {"type": "object"}},
-                    "application/zip": {"schema": {"type": "string", "format": "binary"}},
-                },
-                "description": "the file",
-            }
-        },
-    )
-    async def cameras(
-        request: Request,
-        scene_id: str,
-        format: Annotated[
-            CameraFormat,
-            Query(description=description_of(DownloadCamerasRequest, "format")),
-        ] = "json",
-    ) -> Response:
-        """The scene's own cameras as a file."""
-        if MEDIA_TYPES[format] == "application/json":
-            file = partial(service.camera_file, scene_id, format)
-            return await json_of_call(request, threads.call, file, encode=lambda content: content)
-        content = await while_connected(request, threads.call(lambda: service.camera_file(scene_id, format)))
-        return Response(content, media_type=MEDIA_TYPES[format])
 
     return router
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 from dataclasses import fields
 from inspect import Parameter, Signature
 from types import GenericAlias, NoneType
@@ -81,8 +81,7 @@ def _endpoint(
 
     endpoint.__name__ = re.sub(r"(?<=.)(?=[A-Z])", "_", call.rpc).lower()
     endpoint.__doc__ = call.about
-    vars(endpoint)["__signature__"] = Signature([*_parameters(call, body)], return_annotation=Response)
-    return endpoint
+    return with_parameters(endpoint, _parameters(call, body))
 
 
 def _members(call: Call[Any, Any]) -> tuple[Member, ...]:
@@ -103,28 +102,46 @@ def _body(call: Call[Any, Any]) -> Any:
 
 
 def _parameters(call: Call[Any, Any], body: Any) -> Iterator[Parameter]:
-    def parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter:
-        return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
-
-    yield parameter("request", Request)
     in_path = re.findall(r"{(\w+)}", call.route)
     for name in in_path:
-        yield parameter(name, str)
+        yield _parameter(name, str)
     if body is not None:
-        yield parameter("body", body | None, None) if call.body_optional else parameter("body", body)
+        yield _parameter("body", body | None, None) if call.body_optional else _parameter("body", body)
         return
-    defaults = {field.name: field.default for field in fields(call.request)} if _members(call) else {}
-    for member in _members(call):
-        if member.name not in in_path:
-            kind: Any = member.kind | None if member.optional else member.kind
-            default: Any = defaults[member.name] if member.default else ...
-            if member.many:
-                kind, default = GenericAlias(list, member.kind), list(default)
-            query = Query(default, description=member.description, json_schema_extra=_bounds(call, member.name))
-            yield parameter(member.name, kind, query)
+    members_asked = (member.name for member in _members(call) if member.name not in in_path)
+    yield from query_parameters(call.request, {name: name for name in members_asked})
 
 
-def _bounds(call: Call[Any, Any], name: str) -> Any:
-    """What the request's type adds to the JSON schema of a field."""
-    marks = get_args(get_type_hints(call.request, include_extras=True)[name])
-    return next((mark.json_schema_extra for mark in marks if isinstance(mark, FieldInfo)), None)
+def with_parameters(
+    endpoint: Callable[..., Awaitable[Response]], parameters: Iterable[Parameter]
+) -> Callable[..., Awaitable[Response]]:
+    """The endpoint, which FastAPI will call with the request and these parameters by their names."""
+    signature = Signature([_parameter("request", Request), *parameters], return_annotation=Response)
+    vars(endpoint)["__signature__"] = signature
+    return endpoint
+
+
+def query_parameters(kind: Any, names: Mapping[str, str], **defaults: Any) -> Iterator[Parameter]:
+    """What stands in a query string for members of a request, as the request's type says it.
+
+    Args:
+        kind: the request.
+        names: of the parameters, by member.
+        **defaults: by parameter, where the type has none.
+    """
+    own = {field.name: field.default for field in fields(kind)} if names else {}
+    hints = get_type_hints(kind, include_extras=True) if names else {}
+    for member in members(kind) if names else ():
+        if (name := names.get(member.name)) is None:
+            continue
+        value: Any = member.kind | None if member.optional else member.kind
+        default: Any = own[member.name] if member.default else defaults.get(name, ...)
+        if member.many:
+            value, default = GenericAlias(list, member.kind), list(default) if member.default else ...
+        marks = get_args(hints[member.name])  # what the type adds to the JSON schema
+        extra = next((mark.json_schema_extra for mark in marks if isinstance(mark, FieldInfo)), None)
+        yield _parameter(name, value, Query(default, description=member.description, json_schema_extra=extra))
+
+
+def _parameter(name: str, kind: Any, default: Any = Parameter.empty) -> Parameter:
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=kind)

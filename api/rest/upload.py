@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import AsyncIterator, Callable, Sequence
 from typing import Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ConfigDict, ValidationError, create_model
 from starlette.requests import Request
 
 from fastsplat.api.access.caller import caller_project
@@ -20,6 +20,7 @@ from fastsplat.service.application.uploading.uploads import UploadFile, UploadSe
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from fastsplat_contract.json_codec import json_schema_of
+from fastsplat_contract.members import Member, members
 from fastsplat_contract.operations import Operation, SceneOptions
 
 _FILE_FIELDS = ("capture", "images", "files")
@@ -83,23 +84,21 @@ BODY_SCHEMA: dict[str, Any] = {
 """What OpenAPI says of the form, which no FastAPI parameter describes because the route reads the stream itself."""
 
 
-class _Texts(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+def _text(member: Member) -> Any:
+    """What a form has of an option, with its default, for pydantic: the service decides what makes sense."""
+    return (
+        (list[str], []) if member.many else ((member.kind if member.kind in (int, float, bool) else str) | None, None)
+    )
 
-    name: str = ""
-    request_id: str = ""
-    labels: list[str] = []
-    uploads: list[str] = []
-    time_budget_s: float | None = None
-    max_gaussians: int | None = None
-    preset: str = ""
-    priority: int = 0
-    up: str = ""
-    movers: str = ""
-    privacy: str = ""
-    lens: str = ""
-    nadir_deg: float | None = None
-    strict: bool = False
+
+_TEXTS: Any = create_model(
+    "_TEXTS",
+    __config__=ConfigDict(extra="forbid", allow_inf_nan=False),
+    name=(str, ""),
+    request_id=(str, ""),
+    uploads=(list[str], []),
+    **{member.name: _text(member) for member in members(SceneOptions)},
+)
 
 
 async def receive_scene(request: Request, service: SceneService, settings: Settings, threads: Threads) -> Operation:
@@ -249,13 +248,13 @@ class _FormSink:
         return self._session
 
 
-def _form(texts: dict[str, list[str]]) -> _Texts:
+def _form(texts: dict[str, list[str]]) -> Any:
     for field, values in texts.items():
         if field not in ("labels", "uploads") and len(values) > 1:
             raise InvalidInputError(f"{field[:80]} is there {len(values)} times", field=field[:80])
     single = {field: values if field in ("labels", "uploads") else values[0] for field, values in texts.items()}
     try:
-        return _Texts.model_validate(single)
+        return _TEXTS.model_validate(single)
     except ValidationError as error:
         first = error.errors()[0]
         raise InvalidInputError(first["msg"], field=str(first["loc"][0])[:80]) from None

@@ -107,6 +107,7 @@ def measure(
         "peak_mb": round(trained.peak_mb, 1),
         **({"own_seconds": watch.rows()} if profiled else {}),
         "split": dataset.split,
+        "notes": dataset.notes,
         **provenance(
             start,
             settings={

@@ -34,13 +34,11 @@ def gaussian_truth(
     means: NDArray[np.floating],
     surfaces: Sequence[TrueSurface],
     labels: int,
-    *,
-    relative_tolerance: float = _RELATIVE_TOLERANCE,
 ) -> NDArray[np.int32]:
     """int32 [G]: the true class of each Gaussian's centre, `NO_TRUTH` where no view's surface is there.
 
     A view votes for a Gaussian when the centre falls on a pixel whose true depth differs from the centre's by at most
-    `relative_tolerance` of it; the vote is that pixel's label. Most votes win, ties go to the lower class.
+    2 % of it; the vote is that pixel's label. Most votes win, ties go to the lower class.
 
     Args:
         means: [G, 3], world frame, the frame of the views' poses.
@@ -59,7 +57,7 @@ def gaussian_truth(
         inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
         rows, columns, visible = row[inside].astype(np.intp), column[inside].astype(np.intp), front[inside]
         true_z = surface.depth[rows, columns]
-        near = (true_z > 0) & (np.abs(z[visible] - true_z) <= relative_tolerance * true_z)
+        near = (true_z > 0) & (np.abs(z[visible] - true_z) <= _RELATIVE_TOLERANCE * true_z)
         classes = surface.labels[rows[near], columns[near]].astype(np.int64)
         votes.append(visible[near] * (labels + 1) + classes)
     pairs, counts = np.unique(np.concatenate(votes), return_counts=True)

@@ -38,7 +38,7 @@ from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.operations import Operation, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.pictures import PictureKind, PictureRequest, Tint
-from fastsplat_contract.queries import Answer, CameraFormat, Output, QueryOut, QueryRequest
+from fastsplat_contract.queries import Answer, Output, QueryOut, QueryRequest
 from fastsplat_contract.scenes import (
     DictionaryEntry,
     Scene,
@@ -317,10 +317,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
     def confidence(self, scene_id: str, viewpoint: str | PosedCamera, *, version: str = "") -> NDArray[np.float32]:
         """float32 [H, W]: how far depth and normal can be relied on, 0 to 1; 0 where nothing is."""
         return np.asarray(self._array(scene_id, "confidence", viewpoint, version), dtype=np.float32)
-
-    def cameras(self, scene_id: str, file_format: CameraFormat = "json") -> bytes:
-        """The scene's own cameras as a file: JSON, nerfstudio's transforms.json, or a zip of COLMAP's text model."""
-        return self.call(calls.DOWNLOAD_CAMERAS, requests.DownloadCamerasRequest(scene_id, file_format))
 
     def download_scene(self, scene_id: str, target: Path, *, version: str = "") -> str:
         """The whole scene as a 3DGS PLY file, taken up where it broke off; returns the file's tag."""

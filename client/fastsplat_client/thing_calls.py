@@ -13,6 +13,7 @@ from fastsplat_contract import calls, requests
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.detection_messages import Detection, DetectionList
 from fastsplat_contract.edit_previews import EditPreview, PreviewEditRequest
+from fastsplat_contract.exports import ExportRequest
 from fastsplat_contract.goal_messages import Goal
 from fastsplat_contract.measure_messages import Measurement, MeasureRequest
 from fastsplat_contract.name_suggestions import AgreeIn, NamerStatus, SuggestedName
@@ -39,7 +40,7 @@ class ThingCalls(TableCalls):
 
     def thing_ids(self, scene_id: str, *, version: str = "") -> NDArray[np.uint16]:
         """uint16 [G]: which thing each Gaussian belongs to, by row; 0 for none."""
-        content = self.call(calls.DOWNLOAD_THING_IDS, requests.DownloadThingIdsRequest(scene_id, version))
+        content = self.call(calls.EXPORT_SCENE, ExportRequest(scene_id, "things", version))
         return np.frombuffer(content, dtype="<u2").astype(np.uint16)
 
     def pick(

@@ -42,10 +42,7 @@ from fastsplat_contract.requests import (
     CreateSceneHeader,
     DeleteKnownNameRequest,
     DeleteSceneRequest,
-    DownloadCamerasRequest,
     DownloadPhotoRequest,
-    DownloadScenePlyRequest,
-    DownloadThingIdsRequest,
     EditSceneRequest,
     EstimateJobRequest,
     FinishOperationRequest,
@@ -212,18 +209,10 @@ STREAM_QUERY = Call(
 RENDER_VIEW = Call(
     "RenderView", "queries", PictureRequest, bytes, SHOW, f"POST {_SCENE}:render", "One picture, in chunks.",
     also=(f"GET {_SCENE}/{{kind}}.png", f"GET {_SCENE}/{{kind}}.npy"), pieces_out="Chunk")
-DOWNLOAD_CAMERAS = Call(
-    "DownloadCameras", "scenes", DownloadCamerasRequest, bytes, SHOW, f"GET {_SCENE}/cameras",
-    "The scene's own cameras as a file, in chunks.", pieces_out="Chunk")
-DOWNLOAD_SCENE_PLY = Call(
-    "DownloadScenePly", "queries", DownloadScenePlyRequest, bytes, FETCH, f"GET {_SCENE}/scene.ply",
-    "The whole scene as a standard 3DGS PLY, in chunks.", pieces_out="Chunk")
 EXPORT_SCENE = Call(
     "ExportScene", "queries", ExportRequest, bytes, FETCH, f"GET {_SCENE}/scene.{{format}}",
-    "The scene as a file for other programs, in chunks; see ExportFormat.", pieces_out="Chunk")
-DOWNLOAD_THING_IDS = Call(
-    "DownloadThingIds", "queries", DownloadThingIdsRequest, bytes, SHOW, f"GET {_SCENE}/things.bin",
-    "Which thing each Gaussian belongs to: little-endian uint16 by row, 0 for none, in chunks.", pieces_out="Chunk")
+    "The scene as a file for other programs, in chunks; see ExportFormat.",
+    also=(f"GET {_SCENE}/scene.ply",), pieces_out="Chunk")
 
 LIST_PHOTOS = Call(
     "ListPhotos", "queries", ListPhotosRequest, PhotoList, SHOW, f"GET {_SCENE}/photos",

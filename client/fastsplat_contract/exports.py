@@ -11,7 +11,10 @@ from pydantic import Field
 from fastsplat_contract.scenes import Version
 from fastsplat_contract.wire import Many, Request
 
-ExportFormat = Literal["ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map"]
+ExportFormat = Literal[
+    "ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map",
+    "camera_list", "transforms", "colmap", "things",
+]  # fmt: skip
 """The rows of `FORMATS`."""
 
 
@@ -78,6 +81,22 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "meters with z up",
         cell="the width of its cells",
         whole="a map",
+    ),
+    "camera_list": FormatFacts("cameras.json", "application/json", '{"cameras": [PosedCamera, ...]}', whole="cameras"),
+    "transforms": FormatFacts(
+        "transforms.json", "application/json", "nerfstudio's transforms.json, OpenGL axes", whole="cameras"
+    ),
+    "colmap": FormatFacts(
+        "colmap.zip",
+        "application/zip",
+        "a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt",
+        whole="cameras",
+    ),
+    "things": FormatFacts(
+        "things.bin",
+        "application/octet-stream",
+        "which thing each Gaussian belongs to, little-endian uint16 by row, 0 for none",
+        whole="ids",
     ),
 }
 """All that is known of a format but what writes it, which is in the service."""

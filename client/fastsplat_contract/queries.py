@@ -22,7 +22,6 @@ Outcome = Literal["here", "probably_here", "not_here", "not_seen", "cannot_say"]
 Relation = Literal["same", "kind_of", "part_of", "related", "absent", "undecided"]
 RelationSubject = Literal["label", "question"]
 AnswerMethod = Literal["lexicon", "encoder", "names"]
-CameraFormat = Literal["json", "transforms", "colmap"]
 
 
 def check_coverage(coverage: float) -> float:

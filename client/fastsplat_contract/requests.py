@@ -13,9 +13,8 @@ from pydantic import Field
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.name_suggestions import AskNamerIn, SuggestIn
 from fastsplat_contract.operations import OperationState, PresetName, RetryIn, SceneOptions
-from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import EditIn, OfScene, RedoIn, RestoreIn, SceneUpdate, UndoIn, Version
-from fastsplat_contract.wire import Int64, Many, Request
+from fastsplat_contract.wire import Many, Request
 
 MAX_VIEWS = 16
 _FROM_0 = {"minimum": 0}
@@ -207,34 +206,6 @@ class WaitOperationRequest(Request, OfOperation):
 @dataclass(frozen=True)
 class WatchOperationRequest(Request, OfOperation):
     """Which job to watch."""
-
-
-@dataclass(frozen=True)
-class DownloadCamerasRequest(Request, OfScene):
-    """A scene's own cameras as a file."""
-
-    format: Annotated[
-        CameraFormat,
-        Field(
-            description='json: {"cameras": [PosedCamera, ...]}; transforms: nerfstudio\'s transforms.json, OpenGL '
-            "axes; colmap: a zip of COLMAP's cameras.txt, images.txt and an empty points3D.txt"
-        ),
-    ] = "json"
-
-
-@dataclass(frozen=True)
-class DownloadScenePlyRequest(Request, OfVersion):
-    """A version of a scene as PLY, or the rest of that."""
-
-    offset: Annotated[
-        Int64,
-        Field(description="bytes to leave out at the beginning, to go on where a download broke; needs a version"),
-    ] = 0
-
-
-@dataclass(frozen=True)
-class DownloadThingIdsRequest(Request, OfVersion):
-    """Of which scene the ids of things."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,6 @@ from fastsplat.service.application.base.validate import (
 from fastsplat.service.application.editing.observing import Observations
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.versions import Versions
-from fastsplat.service.application.exporting.camera_files import camera_file
 from fastsplat.service.application.exporting.scene_exports import Exports
 from fastsplat.service.application.jobs.estimates import JobEstimates
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
@@ -62,7 +61,6 @@ from fastsplat_contract.keys import Role
 from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.operations import Operation, OperationList, OperationState, SceneOptions
 from fastsplat_contract.photo_verdicts import PhotoVerdictList
-from fastsplat_contract.queries import CameraFormat
 from fastsplat_contract.scenes import LabelList, Scene, SceneList, SceneUpdate
 from fastsplat_contract.server_status import ServerStatus
 
@@ -328,16 +326,6 @@ class SceneService:
         size = check_page_size(page_size, self._settings.store)
         quality = self._store.scenes.scene(scene_id).quality
         return photo_page(self._store.photos.of_scene(scene_id), quality, size, page_token, scene_id)
-
-    def camera_file(self, scene_id: str, file_format: CameraFormat) -> bytes:
-        """The scene's own cameras as a file, see `service.application.exporting.camera_files`.
-
-        Raises:
-            NotFoundError, NotReadyError: as `Answers.query`.
-            InvalidInputError: no such format, or one that cannot hold the cameras' names.
-        """
-        self._scenes.version(scene_id, "")
-        return camera_file(scene_of(self._store.scenes.scene(scene_id)).cameras, file_format)
 
     def list_scenes(self, page_size: int = 0, page_token: str = "") -> SceneList:
         """Scenes, newest first, in pages; dictionary, cameras and quality are left to `get_scene`.

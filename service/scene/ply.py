@@ -24,8 +24,6 @@ def write_ply(
     gaussians: Gaussians,
     path: Path,
     rows: NDArray[np.bool_] | NDArray[np.integer] | None = None,
-    *,
-    codes: bool = False,
 ) -> None:
     """Write a binary little-endian PLY, float32: x y z nx ny nz f_dc_* f_rest_* opacity scale_* rot_*.
 
@@ -36,19 +34,18 @@ def write_ply(
         gaussians: all Gaussians of a scene.
         path: replaced as a whole, never half written.
         rows: bool [G] mask or ids of the Gaussians to write; they keep the scene's row order. None writes all.
-        codes: append the semantic codes as code_0.. after the standard properties; viewers ignore or reject those.
 
     Raises:
         InvalidInputError: `rows` has the wrong length or names a Gaussian that is not there.
     """
     ids = _rows(rows, len(gaussians))
-    names = _property_names(gaussians.sh.shape[1], gaussians.codes.shape[1] if codes else 0)
+    names = _property_names(gaussians.sh.shape[1])
     beside = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp")
     try:
         with beside.open("wb") as file:
             file.write(ply_header(len(ids), [("float", name) for name in names]))
             for start in range(0, len(ids), _CHUNK_ROWS):
-                file.write(_table(gaussians, ids[start : start + _CHUNK_ROWS], codes).tobytes())
+                file.write(_table(gaussians, ids[start : start + _CHUNK_ROWS]).tobytes())
             file.flush()
             os.fsync(file.fileno())
         beside.replace(path)
@@ -72,7 +69,7 @@ def ply_header(rows: int, properties: Iterable[tuple[str, str]], comments: Itera
 def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:
     """Gaussians of a 3DGS PLY; properties may come in any order, unknown ones of a scalar type are skipped.
 
-    code_0.. become the codes, else D = 0. Nothing is allocated before the file's size has vouched for its row count.
+    They have no codes. Nothing is allocated before the file's size has vouched for its row count.
 
     Raises:
         InvalidInputError: not a whole binary little-endian 3DGS PLY, or numbers that are not finite.
@@ -96,8 +93,8 @@ def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:
     check_size(path, header, vertices)
     if size != (expected := header.size + count * vertices.layout.itemsize):
         raise refuse(f"has {size} bytes where its header asks for {expected}")
-    sh_count, code_count = _check_properties(path, vertices.layout)
-    names = [name for name in _property_names(sh_count, code_count) if name not in ("nx", "ny", "nz")]
+    sh_count = _check_properties(path, vertices.layout)
+    names = [name for name in _property_names(sh_count) if name not in ("nx", "ny", "nz")]
     values = np.empty((count, len(names)), dtype=np.float32)
     for rows, table in read_element(path, header, vertices):
         for column, name in enumerate(names):
@@ -112,18 +109,17 @@ def read_ply(path: Path, *, max_gaussians: int = 20_000_000) -> Gaussians:
         log_scales=values[:, after + 1 : after + 4].copy(),
         logit_opacities=values[:, after].copy(),
         sh=np.concatenate([values[:, None, 3:6], rest], axis=1),
-        codes=values[:, after + 8 :].copy(),
+        codes=np.zeros((count, 0), np.float32),
     )
 
 
-def _property_names(sh_count: int, code_count: int) -> list[str]:
+def _property_names(sh_count: int) -> list[str]:
     names = ["x", "y", "z", "nx", "ny", "nz"]
     names += [f"f_dc_{i}" for i in range(3)] + [f"f_rest_{i}" for i in range(3 * (sh_count - 1))]
-    names += ["opacity"] + [f"scale_{i}" for i in range(3)] + [f"rot_{i}" for i in range(4)]
-    return names + [f"code_{i}" for i in range(code_count)]
+    return [*names, "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
 
 
-def _table(gaussians: Gaussians, rows: NDArray[np.intp], codes: bool) -> F32:
+def _table(gaussians: Gaussians, rows: NDArray[np.intp]) -> F32:
     """float32 [R, P], the columns in the order of `_property_names`."""
     count = len(rows)
     sh = gaussians.sh[rows]
@@ -136,8 +132,6 @@ def _table(gaussians: Gaussians, rows: NDArray[np.intp], codes: bool) -> F32:
         gaussians.log_scales[rows],
         gaussians.quats[rows],
     ]
-    if codes:
-        columns.append(gaussians.codes[rows])
     return np.concatenate(columns, axis=1).astype("<f4", copy=False)
 
 
@@ -154,19 +148,18 @@ def _rows(rows: NDArray[np.bool_] | NDArray[np.integer] | None, count: int) -> N
     return ids.astype(np.intp)
 
 
-def _check_properties(path: Path, layout: np.dtype[np.void]) -> tuple[int, int]:
-    """K and D, once every property a Gaussian needs is there as float."""
+def _check_properties(path: Path, layout: np.dtype[np.void]) -> int:
+    """K, once every property a Gaussian needs is there as float."""
     names = layout.names or ()
     rest = sum(name.startswith("f_rest_") for name in names)
-    codes = sum(name.startswith("code_") for name in names)
     if rest not in _COUNT_OF_REST:
         raise _bad(path, f"has {rest} f_rest properties, expected {', '.join(map(str, _COUNT_OF_REST))}")
-    for name in _property_names(_COUNT_OF_REST[rest], codes):
+    for name in _property_names(_COUNT_OF_REST[rest]):
         if name in ("nx", "ny", "nz"):
             continue
         if name not in names or layout[name] != np.dtype("<f4"):
             raise _bad(path, f"has no float property {name}, which every Gaussian needs")
-    return _COUNT_OF_REST[rest], codes
+    return _COUNT_OF_REST[rest]
 
 
 def _bad(path: Path, what: str) -> InvalidInputError:

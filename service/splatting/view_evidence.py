@@ -35,8 +35,7 @@ def view_evidence(
     undetected_weight: float = 1.0,
     backend: Backend = "cpu",
 ) -> Evidence:
-    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel, so that what was
-    added with `merged` can be taken away with `without`.
+    """What one view's label map says of each Gaussian: Σ_p w·1[label(p) = n], rounded to 1/4096 pixel.
 
     Args:
         labels: int [H, W], 0..classes − 1.

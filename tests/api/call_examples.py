@@ -18,7 +18,6 @@ from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.pictures import PictureRequest, Tint
 from fastsplat_contract.places import Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
-from fastsplat_contract.requests import DownloadCamerasRequest
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
 from fastsplat_contract.thing_prompts import Pixel, PixelBox, ThingPrompt
@@ -107,12 +106,9 @@ EXAMPLES = (
     _render("rgb", coarse=True, tints=(Tint((1,), RED, 0.5),)),
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
-    *(Example("DownloadCameras", DownloadCamerasRequest("", name)) for name in ("json", "transforms")),
-    Example("DownloadScenePly"),
-    Example("DownloadThingIds"),
     _export("spz", coarse=True),
     *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
-    *(_export(name) for name in ("cameras", "points", "spz")),
+    *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "things")),
     _export("points", cell=0.2),
     _export("map", "upright", cell=0.1),
     Example("ListPhotos"),
@@ -153,16 +149,24 @@ EXAMPLES = (
     ),
     *(
         _bad(name, {}, "scene", "NOT_FOUND", "nothing")
-        for name in ("DownloadScenePly", "DownloadThingIds", "ListPhotos", "ListNextPhotos", "ListDetections")
+        for name in ("ExportScene", "ListPhotos", "ListNextPhotos", "ListDetections")
     ),
     *(
         _bad(name, {}, "operation", "NOT_FOUND", "nothing")
-        for name in ("GetOperation", "CancelOperation", "RetryOperation", "FinishOperation", "GetPreview")
+        for name in (
+            "GetOperation",
+            "CancelOperation",
+            "RetryOperation",
+            "FinishOperation",
+            "GetPreview",
+            "WaitOperation",
+        )
     ),
     _bad("WaitOperation", {}, "operation", "NOT_FOUND", "nothing"),
     _bad("DeleteKnownName", {}, "name_id", "NOT_FOUND", "nothing"),
     _bad("FinishOperation", {}, "", "NOT_READY", "cancelled"),
     *(_bad(name, {}, "", "NOT_FOUND", "cancelled") for name in ("GetPreview", "GetPlacedCameras", "GetJobLog")),
+    *(_bad("UpdateScene", SceneUpdate("desk", told), "scene", "NOT_FOUND", "nothing") for told in (None, "made")),
     _bad("UpdateScene", SceneUpdate("x" * 10_000), "name", "LIMIT_EXCEEDED"),
     *(_bad("UpdateScene", SceneUpdate(name), "name") for name in ("two\nlines", "a\x00b")),
     _bad("UpdateScene", SceneUpdate("table", "another"), "expected_name", "CONFLICT"),
@@ -237,7 +241,7 @@ EXAMPLES = (
     ),
     _bad("RenderView", PictureRequest("", "rgb", view="none"), "view", "NOT_FOUND"),
     _bad("RenderView", _camera(width=2_000_000_000), "camera.width/height", "LIMIT_EXCEEDED"),
-    _bad("DownloadCameras", DownloadCamerasRequest("", "colmap"), "format"),  # the name of one has blanks
+    _bad("ExportScene", ExportRequest("", "colmap"), "format"),  # the name of one has blanks
     *(
         _bad("ExportScene", ExportRequest("", name, things=(4_000,)), "things[0]", "NOT_FOUND")
         for name in ("ply", "sog")

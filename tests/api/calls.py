@@ -68,7 +68,6 @@ def in_process(service: SceneService, name: str, ids: Ids, request: Request) -> 
 
 _WRITTEN: Mapping[str, Any] = {
     "WaitOperation": lambda service, sent: service.get_operation(sent.operation_id),
-    "DownloadScenePly": lambda service, sent: service.answers.scene_ply(sent.scene_id, sent.version)[0].read_bytes(),
     "DownloadPhoto": lambda service, sent: service.photos.path(sent.scene_id, sent.view)[0].read_bytes(),
 }
 """Calls of which each protocol makes more than their answer."""
@@ -84,7 +83,7 @@ def over_rest(faces: Faces, name: str, ids: Ids, request: Request) -> Any:
         response = faces.rest.request(method, path, json=fields)
     else:
         renamed = {"thing" if name == "ExportScene" and key == "things" else key: fields[key] for key in fields}
-        sent = {key: value for key, value in renamed.items() if value not in (None, "") and key != "offset"}
+        sent = {key: value for key, value in renamed.items() if value not in (None, "")}
         response = faces.rest.request(method, path, params=sent)
     return _read(call, response)
 

@@ -19,6 +19,7 @@ from tests.api.guarded import Guarded, guarded_server
 from tests.api.made_scene import ENCODER, add_scene, write_words
 from tests.api.pem import write_pem
 from tests.api.served import Faces, served
+from tests.api.upright_scene import add_upright_scene
 from tests.color_segmenter import ADAPTER, write_color_segmenter
 
 MAX_UPLOAD_BYTES = 3_000_000
@@ -56,6 +57,12 @@ def service(api_settings: Settings) -> Iterator[SceneService]:
 def scene_id(service: SceneService, api_settings: Settings) -> str:
     """The made scene."""
     return add_scene(service, api_settings)
+
+
+@pytest.fixture(scope="session")
+def upright_id(service: SceneService, api_settings: Settings) -> str:
+    """The scene whose z axis is up."""
+    return add_upright_scene(service, api_settings)
 
 
 @pytest.fixture(scope="session")

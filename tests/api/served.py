@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,8 +16,12 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 
 from fastsplat.api.server import Ports, serve
+from fastsplat.service.application.service import SceneService
+from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client.rpc_stub import SceneServiceStub
+from fastsplat_contract.errors import NotFoundError
+from fastsplat_contract.queries import QueryOut, QueryRequest
 
 
 @dataclass(frozen=True)
@@ -96,3 +101,44 @@ def rpc_refusal(error: grpc.RpcError) -> Refusal:
     details = dict(info.metadata)
     assert details.pop("request_id")
     return Refusal(error.code().name, info.reason, status.message, details)
+
+
+class OwnQuestions:
+    """A service that answers questions in a way of its own, and all else as another one."""
+
+    def __init__(self, service: SceneService) -> None:
+        self._service = service
+        self.begun, self.stopped = threading.Event(), threading.Event()
+
+    @property
+    def answers(self) -> OwnQuestions:
+        return self
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._service, name)
+
+
+class EndlessQuestions(OwnQuestions):
+    """A service whose questions end only by being stopped."""
+
+    def query(self, request: QueryRequest) -> QueryOut:
+        self.begun.set()
+        try:
+            while True:
+                check_cancelled()
+                time.sleep(0.005)
+        finally:
+            self.stopped.set()
+
+
+class SlowScenes:
+    """A service whose one call takes as long as the test wants."""
+
+    def __init__(self) -> None:
+        self.release = threading.Event()
+        self.running = threading.Semaphore(0)
+
+    def get_scene(self, scene_id: str) -> None:
+        self.running.release()
+        self.release.wait(60)
+        raise NotFoundError("no scene")

@@ -7,7 +7,6 @@ import json
 import shutil
 import socket
 import threading
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -21,7 +20,6 @@ from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.upload_manifest import read_manifest
-from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuestion
 from fastsplat_contract.camera import PosedCamera
@@ -36,7 +34,7 @@ from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import Faces, served, serving
+from tests.api.served import EndlessQuestions, Faces, OwnQuestions, served, serving
 from tests.waiting import with_growing_limit
 
 
@@ -212,33 +210,9 @@ def test_an_address_without_a_port_is_none(address: str) -> None:
         Settings(grpc_address=address)
 
 
-class _Endless:
-    """A service whose questions go on until nobody waits for them."""
-
-    def __init__(self, service: SceneService) -> None:
-        self._service = service
-        self.begun, self.stopped = threading.Event(), threading.Event()
-
-    @property
-    def answers(self) -> _Endless:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
-
-    def query(self, request: QueryRequest) -> QueryOut:
-        self.begun.set()
-        try:
-            while True:
-                check_cancelled()
-                time.sleep(0.01)
-        finally:
-            self.stopped.set()
-
-
 @pytest.mark.parametrize("way", ["REST", "gRPC"])
 def test_work_stops_when_its_caller_has_given_up(service: SceneService, api_settings: Settings, way: str) -> None:
-    endless = _Endless(service)
+    endless = EndlessQuestions(service)
     with served(endless, api_settings) as faces:
         if way == "REST":
             with client_of(faces) as client:
@@ -261,20 +235,10 @@ def _give_up(ask: Callable[[float], object], begun: threading.Event) -> None:
     assert with_growing_limit(attempt, 0.1)
 
 
-class _Watched:
+class _Watched(OwnQuestions):
     """A service that tells when a question began, and how its last one ended."""
 
-    def __init__(self, service: SceneService) -> None:
-        self._service = service
-        self.begun, self.over = threading.Event(), threading.Event()
-        self.error: BaseException | None = None
-
-    @property
-    def answers(self) -> _Watched:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
+    error: BaseException | None = None
 
     def query(self, request: QueryRequest) -> QueryOut:
         self.begun.set()
@@ -284,7 +248,7 @@ class _Watched:
             self.error = error
             raise
         finally:
-            self.over.set()
+            self.stopped.set()
 
 
 @pytest.mark.parametrize("protocol", ["REST", "gRPC"])
@@ -297,7 +261,7 @@ def test_a_deadline_ends_the_rendering_of_many_views(
     request = QueryRequest(scene_id, ("mug",), cameras=(large,) * 11, outputs=frozenset({"mask2d"}))
     with served(watched, api_settings) as faces, client_of(faces) as client:
         _give_up(lambda limit_s: client.ask(request, timeout_s=limit_s, protocol=protocol), watched.begun)
-        assert watched.over.wait(60)
+        assert watched.stopped.wait(60)
     assert isinstance(watched.error, CancelledError)
 
 

@@ -15,16 +15,15 @@ from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.settings import LimitSettings, Settings, UploadSettings
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.proto_codec import to_proto
-from fastsplat_contract.queries import QueryOut, QueryRequest
+from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Color, Edit, SceneVersion
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import turned
-from tests.api.served import Faces, Refusal, rest_refusal, rpc_refusal, served
+from tests.api.served import EndlessQuestions, Faces, Refusal, rest_refusal, rpc_refusal, served
 
 
 def _refused(faces: Faces, request: QueryRequest, protocol: str) -> Refusal:
@@ -54,32 +53,12 @@ def test_too_many_sentences_or_pixels_are_refused_before_any_work(
     assert pixels.details["limit"] == f"{2**27} pixels" and not opened
 
 
-class _Slow:
-    """A service whose questions end only by being stopped."""
-
-    def __init__(self, service: SceneService) -> None:
-        self._service = service
-
-    @property
-    def answers(self) -> _Slow:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
-
-    def query(self, request: QueryRequest) -> QueryOut:
-        never = threading.Event()
-        while not never.wait(0.005):
-            check_cancelled()
-        raise AssertionError
-
-
 @pytest.mark.parametrize("protocol", ["REST", "gRPC"])
 def test_the_server_itself_ends_what_takes_too_long(
     service: SceneService, api_settings: Settings, scene_id: str, protocol: str
 ) -> None:
     limits = LimitSettings(answer_s=0.2)
-    with served(_Slow(service), api_settings.model_copy(update={"limits": limits})) as faces:
+    with served(EndlessQuestions(service), api_settings.model_copy(update={"limits": limits})) as faces:
         refusal = _refused(faces, QueryRequest(scene_id, ("mug",)), protocol)
     assert refusal.reason == "DEADLINE_EXCEEDED" and refusal.code in (504, "DEADLINE_EXCEEDED")
     assert refusal.details["limit"] == "0.2 s"

@@ -23,19 +23,13 @@ from fastsplat.service.capture.uploads.splat_files.limits import SplatLimits
 from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import NotFoundError, SceneFileError
+from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.exports import FILE_NAMES, FORMATS, ExportFormat, ExportRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.api.upright_scene import add_upright_scene
-
-
-@pytest.fixture(scope="module")
-def upright_id(service: SceneService, api_settings: Settings) -> str:
-    return add_upright_scene(service, api_settings)
 
 
 def _rpc(faces: Faces, scene_id: str, name: str, things: tuple[int, ...] = ()) -> bytes:
@@ -113,19 +107,12 @@ def test_a_map_is_the_same_bytes_by_every_way_and_whole(faces: Faces, service: S
     assert (refusal.code, refusal.details["field"]) == (400, "things")
 
 
-def test_the_cell_of_points_goes_every_way(faces: Faces, service: SceneService, scene_id: str) -> None:
-    truth = service.exports.file(ExportRequest(scene_id, "points", cell=0.2))
-    assert len(truth) < len(service.exports.file(ExportRequest(scene_id, "points")))
-    with client_of(faces) as client:
-        assert client.export(scene_id, "points", cell=0.2) == truth
-    for name, cell in (("points", -1.0), ("points", float("nan")), ("spz", 0.2)):
-        refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.{name}", params={"cell": cell}))
-        assert refusal.code == 400 and "cell" in refusal.details["field"]
-        value = pb.ExportFormat.Value(f"EXPORT_FORMAT_{name.upper()}")
-        asked = pb.ExportSceneRequest(scene_id=scene_id, format=value, cell=cell)
-        with pytest.raises(grpc.RpcError) as caught:
-            list(faces.rpc.ExportScene(asked))
-        assert caught.value.code() == grpc.StatusCode.INVALID_ARGUMENT
+def test_a_cell_of_points_is_a_number_above_zero_that_leaves_fewer(service: SceneService, scene_id: str) -> None:
+    fewer, every = (service.exports.file(ExportRequest(scene_id, "points", cell=cell)) for cell in (0.2, 0.0))
+    assert len(fewer) < len(every)
+    for cell in (-1.0, float("nan")):
+        with pytest.raises(InvalidInputError, match="cell"):
+            service.exports.file(ExportRequest(scene_id, "points", cell=cell))
 
 
 def test_foxglove_files_hold_the_stored_photos_and_the_time_of_the_version(

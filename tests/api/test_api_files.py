@@ -7,13 +7,12 @@ import json
 import zipfile
 from pathlib import Path
 
-import grpc
 import numpy as np
 import pycolmap
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.exporting.camera_files import camera_file
+from fastsplat.service.application.exporting.camera_files import colmap
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.file_digests import DIGESTS, write_digests
 from fastsplat_client import Client
@@ -21,14 +20,13 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import from_plain
 from fastsplat_contract.pictures import PictureRequest
-from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.made_scene import LABELS, turned
-from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.served import Faces, rest_refusal
 
 
 def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService, scene_id: str) -> None:
-    path, version = service.answers.scene_ply(scene_id)
+    path, _ = service.answers.scene_ply(scene_id)
     truth, url = path.read_bytes(), f"/v1/scenes/{scene_id}/scene.ply"
     whole = faces.rest.get(url)
     tag = whole.headers["etag"]
@@ -43,26 +41,17 @@ def test_a_download_continues_where_it_broke(faces: Faces, service: SceneService
     assert faces.rest.get(url, headers={"Range": "lines=1-2"}).content == truth
     beyond = rest_refusal(faces.rest.get(url, headers={"Range": f"bytes={len(truth)}-"}))
     assert (beyond.code, beyond.reason) == (416, "RANGE_NOT_SATISFIABLE")
-
-    message = pb.DownloadScenePlyRequest(scene_id=scene_id, version=version, offset=100)
-    assert b"".join(chunk.data for chunk in faces.rpc.DownloadScenePly(message)) == truth[100:]
-    for bad in ({"offset": 100}, {"version": version, "offset": len(truth) + 1}, {"version": version, "offset": -1}):
-        with pytest.raises(grpc.RpcError) as caught:
-            list(faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id, **bad)))
-        assert rpc_refusal(caught.value).code == "INVALID_ARGUMENT"
+    assert b"".join(chunk.data for chunk in faces.rpc.ExportScene(pb.ExportSceneRequest(scene_id=scene_id))) == truth
 
 
 def test_a_file_with_a_flipped_bit_is_not_sent(faces: Faces, service: SceneService, scene_id: str) -> None:
-    path, version = service.answers.scene_ply(scene_id)
+    path, _ = service.answers.scene_ply(scene_id)
     whole = path.read_bytes()
     write_digests(path.parent)
     try:
         path.write_bytes(bytes([*whole[:-1], whole[-1] ^ 1]))
         refusal = rest_refusal(faces.rest.get(f"/v1/scenes/{scene_id}/scene.ply"))
         assert (refusal.code, refusal.reason, refusal.details["field"]) == (500, "SCENE_DAMAGED", "scene.ply")
-        with pytest.raises(grpc.RpcError) as caught:
-            list(faces.rpc.DownloadScenePly(pb.DownloadScenePlyRequest(scene_id=scene_id, version=version)))
-        assert rpc_refusal(caught.value).reason == "SCENE_DAMAGED"
     finally:
         path.write_bytes(whole)
         (path.parent / DIGESTS).unlink()
@@ -162,7 +151,7 @@ def _poses(service: SceneService, scene_id: str) -> dict[str, PosedCamera]:
 
 
 def test_cameras_as_json_can_be_sent_back(faces: Faces, client: Client, service: SceneService, scene_id: str) -> None:
-    listed = json.loads(client.cameras(scene_id))["cameras"]
+    listed = json.loads(client.export(scene_id, "camera_list"))["cameras"]
     poses = _poses(service, scene_id)
     assert [camera["name"] for camera in listed] == list(poses)
     for camera in listed:
@@ -173,7 +162,7 @@ def test_cameras_as_json_can_be_sent_back(faces: Faces, client: Client, service:
 
 
 def test_cameras_as_transforms_have_opengl_axes(client: Client, service: SceneService, scene_id: str) -> None:
-    frames = json.loads(client.cameras(scene_id, "transforms"))["frames"]
+    frames = json.loads(client.export(scene_id, "transforms"))["frames"]
     for frame, posed in zip(frames, _poses(service, scene_id).values(), strict=True):
         pose = np.array(frame["transform_matrix"])
         assert frame["file_path"] == posed.name and (frame["w"], frame["fl_x"]) == (48, 45.0)
@@ -184,7 +173,7 @@ def test_cameras_as_transforms_have_opengl_axes(client: Client, service: SceneSe
 def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
     other = PosedCamera(Camera(64, 48, 50.0, 51.0, 31.5, 24.25), turned(-0.4).world_from_camera, "b/2.png")
     cameras = [PosedCamera(turned(0.3).camera, turned(0.3).world_from_camera, "1.png"), other]
-    with zipfile.ZipFile(io.BytesIO(camera_file(cameras, "colmap"))) as archive:
+    with zipfile.ZipFile(io.BytesIO(colmap(cameras))) as archive:
         archive.extractall(tmp_path)
     model = pycolmap.Reconstruction(tmp_path)
     assert len(model.images) == len(model.cameras) == 2
@@ -195,14 +184,4 @@ def test_cameras_as_colmap_are_read_by_colmap(tmp_path: Path) -> None:
         lens = model.cameras[image.camera_id]
         assert (lens.width, lens.height) == (posed.camera.width, posed.camera.height)
         assert lens.params.tolist() == [posed.camera.fx, posed.camera.fy, posed.camera.cx, posed.camera.cy]
-    assert camera_file(cameras, "colmap") == camera_file(cameras, "colmap")
-
-
-def test_a_camera_out_is_a_camera_in(faces: Faces, client: Client, scene_id: str) -> None:
-    message = faces.rpc.GetScene(pb.GetSceneRequest(scene_id=scene_id)).cameras[1]
-    request = pb.RenderViewRequest(scene_id=scene_id, kind=pb.PICTURE_KIND_RGB, camera=message)
-    picture = b"".join(chunk.data for chunk in faces.rpc.RenderView(request))
-    assert picture == client.picture(scene_id, "rgb", message.name)
-    posed = client.scene(scene_id).cameras[1]
-    assert posed.name == message.name and posed.camera.width == message.intrinsics.width
-    assert posed.world_from_camera == pytest.approx(from_proto(PosedCamera, message).world_from_camera, abs=1e-12)
+    assert colmap(cameras) == colmap(cameras)

@@ -16,8 +16,6 @@ from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.claims import Claim
 from fastsplat_client import Client, NotReadyError
 from fastsplat_contract.errors import NotFoundError
-from fastsplat_contract.job_watching import PlacedCameras, Preview
-from fastsplat_contract.json_codec import from_json, to_plain
 from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
@@ -34,14 +32,12 @@ def training(service: SceneService) -> Iterator[Claim]:
     service.delete_scene(claim.operation.scene_id)
 
 
-def test_a_picture_and_the_cameras_are_the_same_everywhere(
+def test_the_newest_picture_and_the_placed_cameras_are_shown(
     faces: Faces, service: SceneService, client: Client, training: Claim
 ) -> None:
     job = training.operation.id
     truth = service.jobs.preview(job)
     assert truth.picture == picture(1) and truth.info == service.get_operation(job).preview
-    assert from_json(Preview, faces.rest.get(f"/v1/operations/{job}/preview").content) == truth == client.preview(job)
-    assert from_proto(Preview, faces.rpc.GetPreview(pb.GetPreviewRequest(operation_id=job))) == truth
     answer = faces.rest.get(f"/v1/operations/{job}/preview.jpg")
     assert answer.content == truth.picture and answer.headers["x-fastsplat-step"] == "300"
     assert Image.open(BytesIO(answer.content)).size == (truth.info.width, truth.info.height)
@@ -53,9 +49,6 @@ def test_a_picture_and_the_cameras_are_the_same_everywhere(
 
     placed = service.jobs.placed_cameras(job)
     assert placed.info == service.get_operation(job).placed and placed.info.placed == len(placed.cameras) == 2
-    rest = from_json(PlacedCameras, faces.rest.get(f"/v1/operations/{job}/cameras").content)
-    rpc = from_proto(PlacedCameras, faces.rpc.GetPlacedCameras(pb.GetPlacedCamerasRequest(operation_id=job)))
-    assert to_plain(rest) == to_plain(rpc) == to_plain(placed)
     read = client.placed_cameras(job)
     assert read.points.shape == read.colors.shape == (200, 3) and read.points.tobytes() == placed.points
     assert np.array_equal(read.cameras[1].world_from_camera, placed.cameras[1].world_from_camera)
@@ -94,7 +87,7 @@ def test_an_early_end_is_asked_for_once_and_refused_outside_the_training(
     service.delete_scene(queued.scene_id)
 
 
-def test_a_job_that_is_done_shows_nothing_more(faces: Faces, service: SceneService, client: Client) -> None:
+def test_a_job_that_is_done_shows_nothing_more(service: SceneService, client: Client) -> None:
     claim = add_training_job(service)
     job = claim.operation.id
     service._store.blobs.drop_progress_file(claim.operation.run_id, "preview-1-1.jpg")
@@ -103,14 +96,6 @@ def test_a_job_that_is_done_shows_nothing_more(faces: Faces, service: SceneServi
     service._store.jobs.cancelled(claim)
     operation = client.operation(job)
     assert operation.preview is None and operation.placed is None and operation.seconds_left is None
-    for path, request, call in (
-        ("preview", pb.GetPreviewRequest(operation_id=job), faces.rpc.GetPreview),
-        ("cameras", pb.GetPlacedCamerasRequest(operation_id=job), faces.rpc.GetPlacedCameras),
-    ):
-        refused = rest_refusal(faces.rest.get(f"/v1/operations/{job}/{path}"))
-        with pytest.raises(grpc.RpcError) as error:
-            call(request)
-        assert refused.code == 404 and replace(refused, code=0) == replace(rpc_refusal(error.value), code=0)
     service.delete_scene(claim.operation.scene_id)
 
 

@@ -17,9 +17,9 @@ from fastsplat.api.access.caller import Principal
 from fastsplat.api.access.rate_limits import RateLimiter
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat_contract.call import Rule
-from fastsplat_contract.errors import NotFoundError, OverloadedError, RateLimitedError
+from fastsplat_contract.errors import OverloadedError, RateLimitedError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import Faces, rest_refusal, rpc_refusal, served
+from tests.api.served import Faces, SlowScenes, rest_refusal, rpc_refusal, served
 
 _COMPUTES = Rule("read")
 _STANDS = Rule("read", long_lived=True)
@@ -105,23 +105,10 @@ def test_refusals_cost_no_tokens() -> None:
     limiter.enter(_key("a"), _COMPUTES)
 
 
-class _Slow:
-    """A service whose one call takes as long as the test wants."""
-
-    def __init__(self) -> None:
-        self.release = threading.Event()
-        self.running = threading.Semaphore(0)
-
-    def get_scene(self, scene_id: str) -> None:
-        self.running.release()
-        self.release.wait(60)
-        raise NotFoundError("no scene")
-
-
 @pytest.fixture
-def crowded() -> Iterator[tuple[Faces, _Slow, list[Any]]]:
+def crowded() -> Iterator[tuple[Faces, SlowScenes, list[Any]]]:
     """Two admitted calls that compute, one over each protocol, and no room for a third."""
-    service = _Slow()
+    service = SlowScenes()
     limits = LimitSettings(admitted=2, in_flight=50, burst=50, rate_per_s=0.5)
     with served(service, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
         answers: list[Any] = []
@@ -139,7 +126,7 @@ def crowded() -> Iterator[tuple[Faces, _Slow, list[Any]]]:
             assert answers == [404]
 
 
-def test_a_full_house_refuses_at_once_and_lives(crowded: tuple[Faces, _Slow, list[Any]]) -> None:
+def test_a_full_house_refuses_at_once_and_lives(crowded: tuple[Faces, SlowScenes, list[Any]]) -> None:
     faces, _, answers = crowded
     refused = faces.rest.get("/v1/scenes/x")
     assert rest_refusal(refused).reason == "OVERLOADED" and refused.status_code == 503
@@ -152,7 +139,7 @@ def test_a_full_house_refuses_at_once_and_lives(crowded: tuple[Faces, _Slow, lis
     assert not answers
 
 
-def test_too_many_calls_are_told_when_to_come_again(crowded: tuple[Faces, _Slow, list[Any]]) -> None:
+def test_too_many_calls_are_told_when_to_come_again(crowded: tuple[Faces, SlowScenes, list[Any]]) -> None:
     faces, _, _ = crowded
     for _ in range(200):  # two tokens are gone; an unknown path takes one and computes nothing
         refused = faces.rest.get("/nothing")
@@ -172,6 +159,6 @@ def test_too_many_calls_are_told_when_to_come_again(crowded: tuple[Faces, _Slow,
 
 def test_health_passes_no_limit() -> None:
     limits = LimitSettings(burst=1, rate_per_s=0.001)
-    with served(_Slow(), Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
+    with served(SlowScenes(), Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
         assert {faces.rest.get(path).status_code for path in ("/livez", "/readyz") for _ in range(20)} == {200}
         assert [faces.rest.get("/nothing").status_code for _ in range(2)] == [404, 429]

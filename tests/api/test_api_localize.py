@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +34,7 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.uploaded import huge_png
 from tests.localization.textured_room import looking, renderer, textured_room, through_lens
 from tests.scenes import add_photos, store_scene
 
@@ -175,23 +174,13 @@ def _parts(pose: np.ndarray) -> tuple[Any, Any]:
     return vector3(pose[:3, 3]), quaternion_of(pose[:3, :3])
 
 
-def _bomb() -> bytes:
-    """A PNG of a few bytes whose header says 30,000 by 30,000 pixels."""
-    head = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
-    chunks = [(b"IHDR", head), (b"IDAT", zlib.compress(b"\0")), (b"IEND", b"")]
-    body = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + body
-
-
 _HOSTILE: dict[str, tuple[dict[str, Any], str]] = {
     "no photo": ({"photos": ()}, "photos"),
     "an empty file": ({"photos": (b"",)}, "photos[0]"),
     "no image": ({"photos": (b"GIF89a not an image",)}, "photos[0]"),
     "the second is no image": ({"photos": (PLAIN_PNG, b"text")}, "photos[1]"),
     "cut short": ({"photos": (PLAIN_PNG[:-30],)}, "photos[0]"),
-    "far too many pixels": ({"photos": (_bomb(),)}, "photos[0]"),
+    "far too many pixels": ({"photos": (huge_png(),)}, "photos[0]"),
     "too many photos": ({"photos": (PLAIN_PNG,) * (_LIMITS.max_photos + 1)}, "photos"),
     "focals for others": ({"photos": (PLAIN_PNG,) * 3, "focals": (1.0, 2.0)}, "focals"),
     "a focal of nothing": ({"photos": (PLAIN_PNG,), "focals": (0.0,)}, "focals[0]"),

@@ -12,9 +12,8 @@ from prometheus_client.parser import text_string_to_metric_families
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import LimitSettings, Settings
 from fastsplat.service.store.records import NewJob
-from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.served import Faces, served
+from tests.api.served import Faces, SlowScenes, served
 from tests.waiting import wait_for
 
 
@@ -30,27 +29,19 @@ def _figures(faces: Faces) -> dict[tuple[str, str], float]:
 
 
 def test_waiting_and_computing_are_told_apart() -> None:
-    release = threading.Event()
-    running = threading.Semaphore(0)
-
-    class Slow:
-        def get_scene(self, scene_id: str) -> None:
-            running.release()
-            release.wait(60)
-            raise NotFoundError("no")
-
+    slow = SlowScenes()
     limits = LimitSettings(threads=1)
-    with served(Slow(), Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
+    with served(slow, Settings(http_port=0, grpc_port=0, metrics_port=0, auth="off", limits=limits)) as faces:
         asking = [threading.Thread(target=lambda: faces.rest.get("/v1/scenes/x")) for _ in range(3)]
         for thread in asking:
             thread.start()
-        assert running.acquire(timeout=30)
+        assert slow.running.acquire(timeout=30)
         wait_for(lambda: _figures(faces)["fastsplat_queued_calls", ""] == 2)
         busy = _figures(faces)
         assert busy["fastsplat_running_calls", ""] == 1
         assert busy["fastsplat_in_flight", "GET /v1/scenes/{scene_id}"] == 3
         time.sleep(0.3)
-        release.set()
+        slow.release.set()
         for thread in asking:
             thread.join()
         route = "GET /v1/scenes/{scene_id}"

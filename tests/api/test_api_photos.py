@@ -13,9 +13,7 @@ from fastsplat.service.capture.photos.scene_photos import photo_path
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.blobs import remove
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, NotFoundError, SceneFileError
-from fastsplat_contract.proto_codec import to_proto
 from fastsplat_contract.scenes import Edit
-from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import client_of, outcome
 from tests.api.made_scene import PHOTO_COLORS, add_scene
 from tests.api.served import Faces
@@ -26,23 +24,16 @@ _HOSTILE = (
 )  # fmt: skip
 
 
-def _rpc_photo(faces: Faces, **request: str) -> bytes:
-    return b"".join(chunk.data for chunk in faces.rpc.DownloadPhoto(pb.DownloadPhotoRequest(**request)))
-
-
 def test_photos_are_listed_and_are_the_same_bytes(faces: Faces, service: SceneService, scene_id: str) -> None:
     truth = service.photos.all(scene_id)
     assert [photo.view for photo in truth.photos] == list(_VIEWS)
-    assert faces.rpc.ListPhotos(pb.ListPhotosRequest(scene_id=scene_id)) == to_proto(truth)
     with client_of(faces) as client:
         assert tuple(client.photos(scene_id)) == truth.photos
         for photo, color in zip(truth.photos, PHOTO_COLORS, strict=True):
             path, version = service.photos.path(scene_id, photo.view)
             content = path.read_bytes()
             assert version == truth.version and len(content) == photo.size_bytes
-            assert (
-                client.photo(scene_id, photo.view) == _rpc_photo(faces, scene_id=scene_id, view=photo.view) == content
-            )
+            assert client.photo(scene_id, photo.view) == content
             with Image.open(io.BytesIO(content)) as image:  # it is the photo of that camera
                 assert np.abs(np.asarray(image).mean(axis=(0, 1)) - color).max() < 10
     response = faces.rest.get(f"/v1/scenes/{scene_id}/photo.jpg", params={"view": "front.png"})

@@ -132,23 +132,6 @@ def test_answers_do_not_wait_for_acknowledgements() -> None:
             assert accepted.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
 
 
-def test_slow_calls_hold_up_nobody(api_settings: Settings) -> None:
-    release = threading.Event()
-
-    class Slow:
-        def get_scene(self, scene_id: str) -> None:
-            release.wait(30)
-            raise ResourceError("late")
-
-    with served(Slow(), api_settings) as faces, httpx.Client(base_url=faces.rest.base_url, timeout=60) as other:
-        caller = threading.Thread(target=lambda: other.get("/v1/scenes/x"))
-        caller.start()
-        assert faces.rest.get("/livez").status_code == 200
-        assert caller.is_alive()
-        release.set()
-        caller.join()
-
-
 _SERVE = """
 import logging, sys
 from pathlib import Path

@@ -21,7 +21,7 @@ from fastsplat_contract.queries import QueryOut, QueryRequest
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
 from tests.api.made_scene import add_scene, turned
-from tests.api.served import Faces, rpc_refusal, served
+from tests.api.served import Faces, OwnQuestions, rpc_refusal, served
 from tests.waiting import with_growing_limit
 
 _ANGLES = [0.0, 0.1, -0.2, 0.3]
@@ -102,22 +102,13 @@ def test_the_question_can_change_in_the_stream(faces: Faces, scene_id: str) -> N
     assert list(robot.replies) == []
 
 
-class _Held:
+class _Held(OwnQuestions):
     """A service whose questions with a camera wait until they are let go."""
 
     def __init__(self, service: SceneService) -> None:
-        self._service = service
-        self.begun = threading.Event()
+        super().__init__(service)
         self.go = threading.Event()
-        self.stopped = threading.Event()
         self.asked: list[float] = []
-
-    @property
-    def answers(self) -> _Held:
-        return self
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._service, name)
 
     def query(self, request: QueryRequest) -> QueryOut:
         if request.cameras:

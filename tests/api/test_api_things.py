@@ -46,9 +46,7 @@ def test_things_are_listed_alike(client: Client, service: SceneService, scene_id
     assert {view.view for view in best} == set(ball.best_views) != set()
 
 
-def test_picks_are_alike_and_show_the_mask_of_what_is_asked_for_by_name(
-    client: Client, service: SceneService, scene_id: str
-) -> None:
+def test_picks_show_the_mask_of_what_is_asked_for_by_name(client: Client, service: SceneService, scene_id: str) -> None:
     (answer,) = client.query(scene_id, "ball", views=["front.png"], outputs=["mask2d"])
     mask = answer.masks[0].array()
     rows, columns = np.nonzero(mask)

@@ -83,7 +83,7 @@ def server(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> 
     settings = api_settings.model_copy(update={"data_dir": tmp_path_factory.mktemp("dropped")})
     with open_service(settings) as service:
         scene_id = add_scene(service, settings)
-        os.truncate(service._store.blobs.version(scene_id, "1") / "scene.ply", _LONG_FILE)
+        os.truncate(service.photos.path(scene_id, "front.png")[0], _LONG_FILE)
         service._store.scenes.create(NewJob("queued", "queued", "", "", "", "queued", {}))
     log = settings.data_dir.with_suffix(".log")
     command = [sys.executable, "-c", _SERVE, settings.model_dump_json()]

@@ -59,7 +59,8 @@ def place(api_settings: Settings, tmp_path_factory: pytest.TempPathFactory) -> I
     settings = api_settings.model_copy(update={"auth": "on", "data_dir": tmp_path_factory.mktemp("revoked")})
     with open_service(settings) as service, served(service, settings) as faces:
         scene_id = add_scene(service, settings)
-        os.truncate(service._store.blobs.version(scene_id, "1") / "scene.ply", _LONG_FILE)
+        for file in (service.answers.scene_ply(scene_id)[0], service.photos.path(scene_id, "front.png")[0]):
+            os.truncate(file, _LONG_FILE)
         service._store.scenes.create(NewJob("queued", "queued", "", "", "", "queued", {}))
         yield _Place(faces, service, scene_id, "queued")
 
@@ -113,8 +114,8 @@ def _wait(place: _Place, metadata: Any) -> Any:
 
 
 def _download(place: _Place, metadata: Any) -> Any:
-    call = place.faces.rpc.DownloadScenePly(
-        pb.DownloadScenePlyRequest(scene_id=place.scene_id), metadata=metadata, timeout=30
+    call = place.faces.rpc.DownloadPhoto(
+        pb.DownloadPhotoRequest(scene_id=place.scene_id, view="front.png"), metadata=metadata, timeout=30
     )
     assert len(next(call).data)
 
@@ -215,7 +216,7 @@ _CALLS: dict[str, Callable[[_Place, str], _Call]] = {
     "gRPC StreamQuery": _rpc(_stream_query),
     "gRPC WatchOperation": _rpc(_watch),
     "gRPC WaitOperation": _rpc(_wait, read=lambda call: call.result()),
-    "gRPC DownloadScenePly": _rpc(_download),
+    "gRPC DownloadPhoto": _rpc(_download),
     "gRPC CreateScene": _rpc(_upload, read=lambda call: call.result()),
     "REST events": _events,
     "the client's watch": _client_watch,

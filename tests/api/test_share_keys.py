@@ -26,8 +26,8 @@ from tests.api.served import Faces, rest_refusal, rpc_refusal
 
 _SHOWN = {
     *("GetScene", "ListScenes", "ListLabels", "ListThings", "PickThing", "ListVersions", "Query"),
-    *("StreamQuery", "DownloadCameras", "RenderView", "DownloadScenePly", "ExportScene"),
-    *("DownloadThingIds", "ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
+    *("StreamQuery", "RenderView", "ExportScene"),
+    *("ListPhotos", "DownloadPhoto", "ListBestViews", "MeasureScene", "ListNextPhotos"),
     "GetGoal",
     "ListDetections",
     "GetThingSheet",

@@ -126,12 +126,6 @@ def test_allow_names_every_method_that_is_possible(faces: Faces, path: str, allo
     assert refused.status_code == 405 and refused.headers["allow"] == allowed
 
 
-def test_a_file_of_cameras_is_compressed_too(faces: Faces, scene_id: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(responses, "_GZIP_FROM_BYTES", 100)
-    answer = faces.rest.get(f"/v1/scenes/{scene_id}/cameras", headers={"Accept-Encoding": "gzip"})
-    assert answer.headers["content-encoding"] == "gzip" and len(answer.json()["cameras"]) == 3
-
-
 def test_other_origins_may_call_only_by_setting(service: SceneService, api_settings: Settings, faces: Faces) -> None:
     headers = {"Origin": "http://localhost:3000", "Access-Control-Request-Method": "POST"}
     assert "access-control-allow-origin" not in faces.rest.options("/v1/scenes", headers=headers).headers

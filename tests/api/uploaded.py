@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from collections.abc import Iterator
 
 import httpx
@@ -37,3 +39,13 @@ def messages(files: Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
 def post(faces: Faces, files: Files, data: dict[str, object] | None = None) -> httpx.Response:
     field = "capture" if len(files) == 1 else "images"
     return faces.rest.post("/v1/scenes", data=data or {}, files=[(field, file) for file in files])
+
+
+def huge_png() -> bytes:
+    """A PNG of a few bytes whose header says 30,000 by 30,000 pixels."""
+    header = struct.pack(">IIBBBBB", 30_000, 30_000, 8, 2, 0, 0, 0)
+    chunks = [(b"IHDR", header), (b"IDAT", zlib.compress(b"\0" * 1000)), (b"IEND", b"")]
+    body = b"".join(
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + body

@@ -59,8 +59,8 @@ def assert_same_rotations(own: np.ndarray, expected: np.ndarray, atol: float) ->
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("count", [1, 66_000])
 def test_our_own_export_comes_back_to_the_bit(tmp_path: Path, count: int, sh: int) -> None:
-    gaussians = make_gaussians(count, sh, 2)
-    write_ply(gaussians, tmp_path / "a.ply", codes=True)
+    gaussians = make_gaussians(count, sh, 0)
+    write_ply(gaussians, tmp_path / "a.ply")
     file = read(tmp_path / "a.ply")
     assert_same(gaussians, file.rows)
     assert (file.format, file.invisible, describe_invisible("a.ply", file)) == ("3DGS PLY", 0, ())

@@ -68,7 +68,8 @@ DAMAGES = {
     "photos": "insert or replace into scene_photos values ('{id}', '[1]')",
     "no projects": "delete from projects",
     "no table": "drop table scene_photos",
-    "key": "insert into api_keys (id, name, role, hash, created_at, project, scene_id) values ('k', 'k', 'wizard', 'x', 1.0, 'default', '')",
+    "key": "insert into api_keys (id, name, role, hash, created_at, project, scene_id) "
+    "values ('k', 'k', 'wizard', 'x', 1.0, 'default', '')",
     "bytes": "insert or replace into quota_usage values ('{id}', -5)",
     "schema": "update alembic_version set version_num='zzz'",
 }
@@ -149,7 +150,6 @@ def _calls(service: SceneService, scene: str, operation: str) -> dict[str, Calla
         "photo verdicts": lambda: service.list_photo_verdicts(scene),
         "PLY": lambda: service.answers.scene_ply(scene),
         "SPZ": lambda: service.exports.file(ExportRequest(scene, "spz")),
-        "cameras": lambda: service.camera_file(scene, "colmap"),
         "versions": lambda: service.versions.all(scene),
         "edit": lambda: service.versions.edit(scene, [_EDIT]),
         "undo": lambda: service.versions.undo(scene),

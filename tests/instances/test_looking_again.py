@@ -27,6 +27,8 @@ _WORDS = {  # what the label table of the development machine calls these
     "red scissors": "scissors", "magnifying glass": "hand glass", "ramekin": "bowl", "cereal box": "carton",
     "soda can": "can", "utensil holder": "canister",
 }  # fmt: skip
+Table = tuple[SceneIndex, dict[int, str]]
+Looked = tuple[Sightings, list[ProgressEvent]]
 _DETECTOR = PerceptionSettings(
     open_set_detector="yolo_world:yolo_world_s",
     prompt_encoder="label_table:clip_text_vocab",
@@ -43,19 +45,14 @@ def settings(models_dir: Path) -> Settings:
 
 
 @pytest.fixture(scope="module")
-def table(settings: Settings, test_data: Path) -> tuple[SceneIndex, dict[int, str]]:
+def table(settings: Settings, test_data: Path) -> Table:
     encoder = open_text_encoder("minilm_l6_int8", settings.models)
     scene, things = made_table(test_data / "tabletop", range(0, 40, 5), encoder)
     return SceneIndex(scene, encoder), {number: _WORDS.get(name, name) for number, name in things.items()}
 
 
 @pytest.fixture(scope="module")
-def looked(
-    settings: Settings,
-    table: tuple[SceneIndex, dict[int, str]],
-    test_data: Path,
-    tmp_path_factory: pytest.TempPathFactory,
-) -> tuple[Sightings, list[ProgressEvent]]:
+def looked(settings: Settings, table: Table, test_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Looked:
     """A look at the table top's photos for the names of all 14 things."""
     index, truth = table
     cameras = {posed.name: posed.camera for posed in index.scene.cameras}
@@ -74,9 +71,7 @@ def looked(
     return look_for(index, list(truth.values()), settings, folder, events.append, photo), events
 
 
-def test_things_are_named_by_what_was_asked_for(
-    settings: Settings, table: tuple[SceneIndex, dict[int, str]], looked: tuple[Sightings, list[ProgressEvent]]
-) -> None:
+def test_things_are_named_by_what_was_asked_for(settings: Settings, table: Table, looked: Looked) -> None:
     """The detector is small, and looks for the nearest words that its table knows: of the 14 things it names five
     rightly in four photos, the white utensil holder it takes for a mug, and the screwdriver for scissors."""
     index, truth = table
@@ -94,9 +89,7 @@ def test_things_are_named_by_what_was_asked_for(
     assert answer.outcome == "here" and right[0].thing_id in answer.things
 
 
-def test_a_look_says_from_where_and_how_far_it_is(
-    table: tuple[SceneIndex, dict[int, str]], looked: tuple[Sightings, list[ProgressEvent]]
-) -> None:
+def test_a_look_says_from_where_and_how_far_it_is(table: Table, looked: Looked) -> None:
     sightings, events = looked
     assert not sightings.rendered and len(sightings.views) == 4
     assert set(sightings.views) <= {posed.name for posed in table[0].scene.cameras}
@@ -106,9 +99,7 @@ def test_a_look_says_from_where_and_how_far_it_is(
     assert 0 <= sightings.unmatched <= sightings.regions
 
 
-def test_the_names_that_were_searched_for_grow(
-    settings: Settings, table: tuple[SceneIndex, dict[int, str]], looked: tuple[Sightings, list[ProgressEvent]]
-) -> None:
+def test_the_names_that_were_searched_for_grow(settings: Settings, table: Table, looked: Looked) -> None:
     """By those that are new; the absence of anything else is said of all of them."""
     index, _ = table
     scene, _ = name_sightings(index, looked[0], settings)
@@ -119,9 +110,7 @@ def test_the_names_that_were_searched_for_grow(
     assert answer.is_absent and answer.searched.names == 95
 
 
-def test_a_persons_names_stay(
-    settings: Settings, table: tuple[SceneIndex, dict[int, str]], looked: tuple[Sightings, list[ProgressEvent]]
-) -> None:
+def test_a_persons_names_stay(settings: Settings, table: Table, looked: Looked) -> None:
     """Also those that were given while the detector looked, and what is gone by then is left out."""
     index, _ = table
     first = next(iter(looked[0].found))
@@ -140,9 +129,7 @@ def test_a_persons_names_stay(
     assert changed and not changed & {first, other}
 
 
-def test_a_look_ends_when_its_job_is_cancelled(
-    settings: Settings, table: tuple[SceneIndex, dict[int, str]], tmp_path: Path
-) -> None:
+def test_a_look_ends_when_its_job_is_cancelled(settings: Settings, table: Table, tmp_path: Path) -> None:
     def stop(event: ProgressEvent) -> None:
         raise CancelledError("enough")
 
@@ -154,7 +141,7 @@ def test_a_look_ends_when_its_job_is_cancelled(
     "update", [{"open_set_detector": ""}, {"open_set_detector": "yolo_world:nowhere"}, {"segmenter": "sam1:nowhere"}]
 )
 def test_a_look_without_its_models_fails_before_anything_is_rendered(
-    settings: Settings, table: tuple[SceneIndex, dict[int, str]], tmp_path: Path, update: dict[str, str]
+    settings: Settings, table: Table, tmp_path: Path, update: dict[str, str]
 ) -> None:
     other = settings.model_copy(update={"perception": settings.perception.model_copy(update=update)})
     with pytest.raises(ModelUnavailableError):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
 
 from fastsplat.service.query.language import calibration
+from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Scene
@@ -45,11 +46,6 @@ class DrawnEncoder:
 
 
 @pytest.fixture
-def drawn_encoder() -> Callable[..., DrawnEncoder]:
-    return DrawnEncoder
-
-
-@pytest.fixture
 def calibrated_encoder() -> DrawnEncoder:
     """See `calibrated`."""
     return calibrated()
@@ -63,32 +59,25 @@ def calibrated() -> DrawnEncoder:
     return encoder
 
 
-@pytest.fixture
-def plain() -> QuerySettings:
-    """Bare names, known thresholds, the rasterizer that is its own oracle."""
-    return QuerySettings(templates=("{}",), threshold=0.5, exact_threshold=0.95, backend="reference")
+PLAIN = QuerySettings(templates=("{}",), threshold=0.5, exact_threshold=0.95, backend="reference")
+"""Bare names, known thresholds, the rasterizer that is its own oracle."""
 
 
-@pytest.fixture
-def make_scene() -> Callable[..., Scene]:
+def make_scene(labels: Sequence[str] = ("mug", "spoon", "bed"), per_label: int = 1, code: int | None = None) -> Scene:
     """A row of opaque balls along x at z = 0, ball i of label i (ball 0 undetected), codes one-hot; with `code`, the
     length of the codes, the labels come from evidence instead, so that there may be more of them."""
-
-    def make(labels: Sequence[str] = ("mug", "spoon", "bed"), per_label: int = 1, code: int | None = None) -> Scene:
-        classes = len(labels) + 1
-        size = classes if code is None else code
-        count = classes * per_label
-        ids = np.arange(count) // per_label
-        rng = np.random.default_rng(0)
-        means = np.zeros((count, 3), dtype=np.float32)
-        means[:, 0] = ids - (classes - 1) / 2
-        means += rng.normal(0, 0.01, means.shape).astype(np.float32)
-        sh = rng.uniform(-1, 1, (count, 1, 3))
-        evidence = evidence_of(np.arange(count), ids, np.full(count, 4 * UNIT), count)
-        semantics = {} if code is None else {"evidence": evidence}
-        return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size, **semantics)
-
-    return make
+    classes = len(labels) + 1
+    size = classes if code is None else code
+    count = classes * per_label
+    ids = np.arange(count) // per_label
+    rng = np.random.default_rng(0)
+    means = np.zeros((count, 3), dtype=np.float32)
+    means[:, 0] = ids - (classes - 1) / 2
+    means += rng.normal(0, 0.01, means.shape).astype(np.float32)
+    sh = rng.uniform(-1, 1, (count, 1, 3))
+    evidence = evidence_of(np.arange(count), ids, np.full(count, 4 * UNIT), count)
+    semantics = {} if code is None else {"evidence": evidence}
+    return labelled_scene(means, ids, labels, scales=0.15, sh=sh, code_size=size, **semantics)
 
 
 @pytest.fixture
@@ -105,3 +94,9 @@ def away() -> PosedCamera:
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[2, 3] = -4.0
     return PosedCamera(Camera(64, 48, 50.0, 50.0, 32.0, 24.0), pose)
+
+
+def opened(scene: Scene) -> SceneIndex:
+    """The scene, ready for questions that little but names answers."""
+    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
+    return SceneIndex(scene, DrawnEncoder(), settings)

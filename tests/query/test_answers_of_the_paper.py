@@ -13,8 +13,8 @@ from fastsplat.service.perception.text.open_text_encoder import open_text_encode
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Answer
+from tests.query.conftest import make_scene
 
 _KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")
 _NO_KETTLE = _KITCHEN[1:]
@@ -36,7 +36,7 @@ def lexicon(lexicon_models_dir: Path) -> Iterator[Lexicon]:
 
 
 @pytest.fixture
-def ask(encoder: TextEncoder, lexicon: Lexicon, make_scene: Callable[..., Scene]) -> Ask:
+def ask(encoder: TextEncoder, lexicon: Lexicon) -> Ask:
     def ask(labels: Sequence[str], text: str) -> Answer:
         (answer,) = SceneIndex(make_scene(labels, code=2), encoder, QuerySettings(), lexicon=lexicon).ask([text])
         assert answer.method == "lexicon"

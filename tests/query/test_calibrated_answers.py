@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
+from tests.query.conftest import make_scene
 from tests.query.decisions import decided
 
 
@@ -17,7 +16,7 @@ from tests.query.decisions import decided
     ("count", "temperature"), [(0, None), (1, None), (2, None), (2, 0.0), (2, 1e6), (10_000, None)]
 )
 def test_calibrated_answers_of_any_dictionary_are_whole(
-    make_scene: Callable[..., Scene], calibrated_encoder: Any, count: int, temperature: float | None
+    calibrated_encoder: Any, count: int, temperature: float | None
 ) -> None:
     settings = QuerySettings(temperature=temperature)
     index = SceneIndex(make_scene([f"thing {i}x" for i in range(count)], code=2), calibrated_encoder, settings)

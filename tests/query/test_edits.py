@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +19,7 @@ from fastsplat_contract.poses import Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
+from tests.query.conftest import DrawnEncoder
 from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
@@ -27,13 +27,10 @@ BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=40
 FIELDS = tuple(Gaussians.__dataclass_fields__)
 FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-Open = Callable[[Scene], SceneIndex]
 
 
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Open:
-    settings = QuerySettings(templates=("{}",), backend="cpu")
-    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
+def opened(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
 
 
 @pytest.fixture
@@ -56,7 +53,7 @@ def assert_same(a: Gaussians, b: Gaussians, atol: float = 0.0) -> None:
 
 
 @pytest.mark.parametrize("mode", ["codes", "evidence"])
-def test_removing_is_leaving_out_the_rows(opened: Open, scene: Scene, mode: Any) -> None:
+def test_removing_is_leaving_out_the_rows(scene: Scene, mode: Any) -> None:
     index = opened(scene if mode == "evidence" else replace(scene, evidence=None))
     removal = Edit("remove", label="Mugs")
     kept = np.setdiff1d(np.arange(len(scene.gaussians)), edited_rows(index, removal))
@@ -73,7 +70,7 @@ def _mugs(index: SceneIndex) -> list[SceneThing]:
     return [thing for thing in index.things.listed if thing.name == "mug"]
 
 
-def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened: Open) -> None:
+def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it() -> None:
     strays = np.array([3, 50, 120, 200])
     scene = scene_of([MUG, replace(BOOK, centre=(0.1, 0.01, 0.04))])  # side by side, 1 cm apart or nearer
     codes = scene.gaussians.codes.copy()
@@ -88,7 +85,7 @@ def test_an_edit_takes_along_what_a_thing_encloses_and_nothing_beside_it(opened:
     np.testing.assert_array_equal(edited_rows(index, Edit("remove", things=(mug.id,))), rows)
 
 
-def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
+def test_removing_an_object_leaves_its_twin(scene: Scene) -> None:
     aside = np.eye(4)
     aside[0, 3] = 0.2
     two = opened(apply_edit(opened(scene), Edit("duplicate", label="mug", transform=pose_of(aside))))
@@ -98,7 +95,7 @@ def test_removing_an_object_leaves_its_twin(opened: Open, scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_moving_there_and_back_is_nothing(opened: Open, degree: int) -> None:
+def test_moving_there_and_back_is_nothing(degree: int) -> None:
     scene = scene_of([MUG, BOOK], orbit(), degree=degree)
     pose = rigid(degree)
     there = apply_edit(opened(scene), Edit("move", label="mug", transform=pose_of(pose)))
@@ -112,7 +109,7 @@ def test_moving_there_and_back_is_nothing(opened: Open, degree: int) -> None:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: int) -> None:
+def test_a_turned_thing_looks_the_same_to_a_turned_camera(degree: int) -> None:
     scene = scene_of([MUG], degree=degree)
     pose = rigid(10 + degree)
     moved = apply_edit(opened(scene), Edit("move", label="mug", transform=pose_of(pose)))
@@ -126,7 +123,7 @@ def test_a_turned_thing_looks_the_same_to_a_turned_camera(opened: Open, degree: 
         assert np.abs(opened(stiff).render(turned).astype(int) - before).max() > 20
 
 
-def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, scene: Scene) -> None:
+def test_a_duplicate_comes_after_all_rows_and_the_original_stays(scene: Scene) -> None:
     index = opened(scene)
     pose, count = rigid(5), len(scene.gaussians)
     rows = edited_rows(index, Edit("duplicate", label="mug", transform=pose_of(pose)))
@@ -141,9 +138,7 @@ def test_a_duplicate_comes_after_all_rows_and_the_original_stays(opened: Open, s
 
 
 @pytest.mark.parametrize("color", [(0.9, 0.2, 0.1), (0.0, 0.5, 1.0), (1.0, 1.0, 1.0), (0.2, 0.2, 0.2)])
-def test_recoloring_sets_the_mean_and_keeps_the_shading(
-    opened: Open, scene: Scene, color: tuple[float, float, float]
-) -> None:
+def test_recoloring_sets_the_mean_and_keeps_the_shading(scene: Scene, color: tuple[float, float, float]) -> None:
     index = opened(scene)
     rows = np.flatnonzero(index.gaussian_classes == 1)
     after = apply_edit(index, Edit("recolor", label="mug", color=color))
@@ -160,7 +155,7 @@ def test_recoloring_sets_the_mean_and_keeps_the_shading(
     np.testing.assert_allclose(again.gaussians.sh, after.gaussians.sh, atol=1e-4)
 
 
-def test_recoloring_black_does_not_blow_up(opened: Open) -> None:
+def test_recoloring_black_does_not_blow_up() -> None:
     scene = scene_of([MUG], degree=1)
     sh = scene.gaussians.sh.copy()
     sh[:, 0] = -0.5 / 0.28209479177387814
@@ -169,7 +164,7 @@ def test_recoloring_black_does_not_blow_up(opened: Open) -> None:
     assert np.isfinite(red.gaussians.sh).all() and np.abs(red.gaussians.sh).max() < 10 * np.abs(sh).max()
 
 
-def test_an_edit_leaves_the_index_as_it_was(opened: Open, scene: Scene) -> None:
+def test_an_edit_leaves_the_index_as_it_was(scene: Scene) -> None:
     index = opened(scene)
     before = {name: getattr(scene.gaussians, name).copy() for name in FIELDS}
     for edit in (
@@ -182,7 +177,7 @@ def test_an_edit_leaves_the_index_as_it_was(opened: Open, scene: Scene) -> None:
         assert_same(index.scene.gaussians, Gaussians(**before))
 
 
-def test_what_has_no_gaussians_can_be_edited(opened: Open, scene: Scene) -> None:
+def test_what_has_no_gaussians_can_be_edited(scene: Scene) -> None:
     index = opened(apply_edit(opened(scene), Edit("remove", label="mug")))
     for edit in (
         Edit("remove", label="mug"),
@@ -215,13 +210,13 @@ STRETCHED, NAN = Pose(STILL, Quaternion(0, 0, 1, 1)), Pose(STILL, Quaternion(0, 
         (Edit("duplicate", label="mug", transform=NAN), InvalidInputError, "transform"),
     ],
 )
-def test_what_cannot_be_done(opened: Open, scene: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
+def test_what_cannot_be_done(scene: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
     with pytest.raises(error) as caught:
         apply_edit(opened(scene), edit)
     assert caught.value.field == field
 
 
-def test_duplicates_that_double_a_scene_again_and_again_are_bounded(opened: Open, scene: Scene) -> None:
+def test_duplicates_that_double_a_scene_again_and_again_are_bounded(scene: Scene) -> None:
     aside = np.eye(4)
     aside[0, 3] = 0.01
     edit, limit = Edit("duplicate", label="mug", transform=pose_of(aside)), 3 * len(scene.gaussians)

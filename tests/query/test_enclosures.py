@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -12,37 +10,34 @@ from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.language.enclosures import is_kept_shut, width_needed
 from fastsplat.service.query.measures.next_viewpoints import next_photos
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, scene_of
+from tests.query.conftest import PLAIN, DrawnEncoder
 from tests.query.cupboard_rooms import with_something_shut, without
 from tests.query.walled_room import SCREEN, THINGS, WALLS, from_corner
-
-Open = Callable[[Scene], SceneIndex]
 
 _ROOMS = range(200, 212)
 
 
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
-    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+def opened(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
-def test_what_would_fit_into_something_shut_is_never_said_to_be_absent(opened: Open) -> None:
+def test_what_would_fit_into_something_shut_is_never_said_to_be_absent() -> None:
     for seed in _ROOMS:
         spoon, piano = opened(with_something_shut(seed)).ask(["spoon", "piano"])
         assert spoon.outcome == "not_seen" and spoon.probability is None and spoon.is_absent
         assert "looks into" not in piano.sentence  # 0.06 to 1 m³ hold none
 
 
-def test_where_all_is_seen_or_solid_absence_is_said(opened: Open) -> None:
+def test_where_all_is_seen_or_solid_absence_is_said() -> None:
     for seed in _ROOMS:
         assert opened(without(seed)).ask(["spoon"])[0].outcome == "not_here"
 
 
 @pytest.mark.parametrize("stored", [False, True])
-def test_the_sentence_says_how_much_and_where_and_next_photos_agree(opened: Open, stored: bool) -> None:
+def test_the_sentence_says_how_much_and_where_and_next_photos_agree(stored: bool) -> None:
     index = opened(with_something_shut(0))
     index = opened(index.things.scene) if stored else index
     (spoon,) = index.ask(["spoon"])
@@ -54,7 +49,7 @@ def test_the_sentence_says_how_much_and_where_and_next_photos_agree(opened: Open
     assert photo.advice == f"Stand where {hollow.view} was taken, and look into the cupboard, open."
 
 
-def test_one_is_sent_around_a_screen_to_what_it_hides(opened: Open) -> None:
+def test_one_is_sent_around_a_screen_to_what_it_hides() -> None:
     index = opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner()))
     photo = next_photos(index)[0]
     assert photo.reason == "hidden" and photo.advice.endswith("and look behind the screen.")
@@ -65,7 +60,7 @@ def test_one_is_sent_around_a_screen_to_what_it_hides(opened: Open) -> None:
     assert "hidden" not in {each.reason for each in next_photos(there)}
 
 
-def test_a_name_decides_whether_a_thing_may_be_hollow(opened: Open) -> None:
+def test_a_name_decides_whether_a_thing_may_be_hollow() -> None:
     index = opened(opened(with_something_shut(0)).things.scene)
     (cupboard,) = index.ask(["cupboard"])[0].things
     named = index.after(apply_edit(index, Edit("name", things=(cupboard,), name="tree stump")))
@@ -79,7 +74,7 @@ def test_a_name_decides_whether_a_thing_may_be_hollow(opened: Open) -> None:
     assert spoon.outcome == "not_seen" and "looks into an unnamed thing (" in spoon.sentence
 
 
-def test_a_closed_carton_on_a_table_may_hold_what_is_smaller(opened: Open) -> None:
+def test_a_closed_carton_on_a_table_may_hold_what_is_smaller() -> None:
     table = BoxShell("table", (0, 0, -0.02), (2.4, 1.6, 0.04), count=3000)
     carton = BoxShell("carton", (0.7, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
     index = opened(scene_of([table, *THINGS, carton], orbit(16, 1.6, 1.0)))
@@ -88,7 +83,7 @@ def test_a_closed_carton_on_a_table_may_hold_what_is_smaller(opened: Open) -> No
     assert not index.things.unseen.hides
 
 
-def test_what_asks_for_a_place_is_not_answered_by_another_one(opened: Open) -> None:
+def test_what_asks_for_a_place_is_not_answered_by_another_one() -> None:
     """A mug is here, and not on the book: what may be in the cupboard would not be on the book either."""
     (answer,) = opened(with_something_shut(0)).ask(["the mug on the book"])
     assert answer.outcome == "not_here"

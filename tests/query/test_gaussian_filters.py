@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -25,6 +24,7 @@ from fastsplat_contract.gaussian_filters import GaussianFilter
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3, pose_of
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
+from tests.query.conftest import DrawnEncoder
 from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04), count=60)
@@ -51,8 +51,8 @@ def scene() -> Scene:
 
 
 @pytest.fixture
-def index(scene: Scene, drawn_encoder: Callable[..., Any]) -> SceneIndex:
-    labeled = SceneIndex(scene, drawn_encoder(), QuerySettings(templates=("{}",), backend="cpu"))
+def index(scene: Scene) -> SceneIndex:
+    labeled = SceneIndex(scene, DrawnEncoder(), QuerySettings(templates=("{}",), backend="cpu"))
     return labeled.after(labeled.things.scene)
 
 

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from fastsplat.service.common.dictionary import dictionary_of
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.gaussian_labels import label_gaussians
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of, no_evidence
 from fastsplat.service.scene.types import Evidence, Scene, SemanticHead
 from fastsplat.service.splatting.raster import share_maps
 from fastsplat_contract.camera import PosedCamera
-
-MakeScene = Callable[..., Scene]
+from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 
 
 def with_evidence(scene: Scene, evidence: Evidence) -> Scene:
@@ -36,14 +32,11 @@ def as_evidence(scene: Scene) -> Scene:
     return with_evidence(scene, sure(classes, len(classes)))
 
 
-@pytest.fixture
-def ask(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Callable[[Scene], SceneIndex]:
-    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+def ask(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
-def test_codes_and_the_same_labels_as_evidence_answer_alike(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
+def test_codes_and_the_same_labels_as_evidence_answer_alike(front: PosedCamera) -> None:
     scene = make_scene(per_label=3)
     codes, evidence = ask(scene), ask(as_evidence(scene))
     np.testing.assert_array_equal(codes.gaussian_classes, evidence.gaussian_classes)
@@ -56,7 +49,7 @@ def test_codes_and_the_same_labels_as_evidence_answer_alike(
         np.testing.assert_array_equal(seen.rgb, other.rgb)
 
 
-def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> None:
+def test_confidence_is_the_probability_of_the_class() -> None:
     scene = make_scene()
     found = label_gaussians(scene)
     logits = scene.gaussians.codes @ scene.head.weight.T + scene.head.bias
@@ -65,9 +58,7 @@ def test_confidence_is_the_probability_of_the_class(make_scene: MakeScene) -> No
     assert found.classes.dtype == np.int32 and found.confidence.dtype == np.float32
 
 
-def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
+def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(front: PosedCamera) -> None:
     """Codes on a line have the second label between the first and the third; probabilities have none between."""
     line = np.array([[-1.0, 0], [0, 0], [1, 0]], np.float32)
     head = SemanticHead(np.array([[0, 0], [-8, 0], [0, 0], [8, 0]], np.float32), np.array([-50, 0, 4, 0], np.float32))
@@ -91,9 +82,7 @@ def test_blended_evidence_never_shows_a_label_that_no_gaussian_on_the_way_has(
     assert set(shown.tolist()) <= {0, 1, 3} and {1, 3} <= set(shown.tolist())
 
 
-def test_what_no_view_has_seen_has_no_label_and_no_say(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
+def test_what_no_view_has_seen_has_no_label_and_no_say(front: PosedCamera) -> None:
     never = with_evidence(make_scene(), no_evidence(4))
     found = label_gaussians(never)
     assert not found.classes.any() and not found.confidence.any()
@@ -103,9 +92,7 @@ def test_what_no_view_has_seen_has_no_label_and_no_say(
     assert not seen.mask.any() and not seen.relevancy.any() and seen.rgb.any()
 
 
-def test_every_pixel_undetected_is_a_scene_of_nothing(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
+def test_every_pixel_undetected_is_a_scene_of_nothing(front: PosedCamera) -> None:
     index = ask(with_evidence(make_scene(), sure(np.zeros(4, int), 4)))
     assert not index.gaussian_classes.any() and not index.label_map(front).any()
     (answer,) = index.ask(["mug"])
@@ -113,7 +100,7 @@ def test_every_pixel_undetected_is_a_scene_of_nothing(
     assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
-def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera) -> None:
+def test_a_scene_without_labels(front: PosedCamera) -> None:
     for scene in (make_scene(labels=()), with_evidence(make_scene(labels=()), no_evidence(1))):
         index = ask(scene)
         (answer,) = index.ask(["mug"])
@@ -123,9 +110,7 @@ def test_a_scene_without_labels(make_scene: MakeScene, ask: Callable[[Scene], Sc
 
 
 @pytest.mark.parametrize("evidence", [False, True])
-def test_ten_thousand_labels(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera, evidence: bool
-) -> None:
+def test_ten_thousand_labels(front: PosedCamera, evidence: bool) -> None:
     few = make_scene()
     names = [f"thing {number}x" for number in range(10_000)]
     weight = np.zeros((10_001, 4), np.float32)
@@ -146,7 +131,7 @@ def test_ten_thousand_labels(
 
 
 def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera, monkeypatch: pytest.MonkeyPatch
+    front: PosedCamera, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     labels = [f"thing {number}x" for number in range(12)]
     scene = make_scene(labels=labels, per_label=4)
@@ -165,9 +150,7 @@ def test_labels_blended_in_pieces_are_the_labels_blended_at_once(
     np.testing.assert_allclose(expected[1].relevancy, seen.relevancy, atol=1e-6)
 
 
-def test_relevancy_of_evidence_is_the_expected_relevancy(
-    make_scene: MakeScene, ask: Callable[[Scene], SceneIndex], front: PosedCamera
-) -> None:
+def test_relevancy_of_evidence_is_the_expected_relevancy(front: PosedCamera) -> None:
     index = ask(as_evidence(make_scene()))
     (answer,) = index.ask(["mug"])
     by_id = {match.label_id: match.relevancy for match in answer.matches}

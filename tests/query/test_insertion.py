@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -10,26 +9,17 @@ import numpy as np
 import pytest
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
-from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
 from fastsplat_contract.poses import pose_of
 from fastsplat_contract.scenes import Edit, InsertSource
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of
+from tests.query.conftest import opened
 from tests.scenes import evidence_from_dense
 
 MUG = BoxShell("mug", (0.1, 0.1, 0.04))
 BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
 FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
 SOURCE = InsertSource("s")
-Open = Callable[[Scene], SceneIndex]
-
-
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Open:
-    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
 
 
 def insert(pose: np.ndarray, **target: Any) -> Edit:
@@ -37,7 +27,7 @@ def insert(pose: np.ndarray, **target: Any) -> Edit:
 
 
 @pytest.mark.parametrize(("here", "there"), [(2, 2), (1, 3), (3, 0)])
-def test_an_inserted_thing_is_the_thing_moved(opened: Open, here: int, there: int) -> None:
+def test_an_inserted_thing_is_the_thing_moved(here: int, there: int) -> None:
     target = opened(scene_of([BOOK], orbit(), degree=here))
     source = opened(scene_of([replace(MUG, label="cup"), replace(MUG, label="lid", centre=(5, 5, 5))], degree=there))
     pose = rigid(3)
@@ -65,7 +55,7 @@ def test_an_inserted_thing_is_the_thing_moved(opened: Open, here: int, there: in
         np.testing.assert_array_equal(alone.render(FRONT), rest.render(FRONT))
 
 
-def test_a_thing_comes_again_under_new_ids_and_one_label(opened: Open) -> None:
+def test_a_thing_comes_again_under_new_ids_and_one_label() -> None:
     scene = scene_of([MUG, BOOK], orbit())
     sums = 4.0 * np.eye(3)[opened(scene).gaussian_classes]
     scene = replace(scene, evidence=evidence_from_dense(sums))
@@ -78,7 +68,7 @@ def test_a_thing_comes_again_under_new_ids_and_one_label(opened: Open) -> None:
     assert len(index.scene.dictionary) == 2 and len(index.scene.evidence or ()) == len(index.scene.gaussians)
 
 
-def test_what_cannot_be_inserted_is_refused(opened: Open) -> None:
+def test_what_cannot_be_inserted_is_refused() -> None:
     index = opened(scene_of([MUG], orbit()))
     source = opened(scene_of([BOOK], orbit()))
     with pytest.raises(NotFoundError, match="mug"):

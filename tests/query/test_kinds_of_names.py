@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,6 +20,7 @@ from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, scene_of
+from tests.query.conftest import DrawnEncoder
 
 _FIRST = BoxShell("x", (0.12, 0.0, 0.06), count=100)
 _SECOND = BoxShell("y", (-0.12, 0.0, 0.03), count=100)
@@ -88,8 +88,8 @@ def test_a_name_is_understood_that_ends_in_a_word(index: SceneIndex, name: str, 
     assert named(index, 1, name).is_understood(name) is known
 
 
-def test_without_a_lexicon_nothing_is_asked(drawn_encoder: Callable[..., Any]) -> None:
-    assert SceneIndex(_unnamed(), drawn_encoder(), QuerySettings(templates=("{}",))).is_understood("Oskar")
+def test_without_a_lexicon_nothing_is_asked() -> None:
+    assert SceneIndex(_unnamed(), DrawnEncoder(), QuerySettings(templates=("{}",))).is_understood("Oskar")
 
 
 def test_kinds_are_names_of_a_name(index: SceneIndex) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Looks, Scene, Thing
 from fastsplat_contract.queries import Answer
 from tests.looks_model import COLORS, MODEL, write_looks_model
+from tests.query.conftest import DrawnEncoder
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _TABLE, _RED, _BLUE, _GREEN = range(1, 5)
@@ -67,38 +67,32 @@ def _answer(index: SceneIndex, text: str) -> Answer:
 
 
 @pytest.mark.parametrize(("text", "thing"), [("the red shiny one", _RED), ("something blue and round", _BLUE)])
-def test_words_that_no_name_has_find_what_looks_so(
-    scene: Scene, model: LooksModel, drawn_encoder: Callable[..., Any], text: str, thing: int
-) -> None:
-    answer = _answer(_index(scene, drawn_encoder(), model), text)
+def test_words_that_no_name_has_find_what_looks_so(scene: Scene, model: LooksModel, text: str, thing: int) -> None:
+    answer = _answer(_index(scene, DrawnEncoder(), model), text)
     assert (answer.outcome, answer.things) == ("probably_here", (thing,)), answer.sentence
     assert answer.probability is not None and 0.5 <= answer.probability < 1
     assert "by its looks" in answer.sentence
-    without = _answer(_index(scene, drawn_encoder(), None), text)
+    without = _answer(_index(scene, DrawnEncoder(), None), text)
     assert without.outcome != "probably_here" and "looks" not in without.sentence
 
 
-def test_a_name_goes_before_looks(scene: Scene, model: LooksModel, drawn_encoder: Callable[..., Any]) -> None:
-    index = _index(scene, drawn_encoder(), model)
+def test_a_name_goes_before_looks(scene: Scene, model: LooksModel) -> None:
+    index = _index(scene, DrawnEncoder(), model)
     named = _answer(index, "the book")
     assert named.things == (_GREEN,) and "looks" not in named.sentence
-    assert _answer(index, "the book") == _answer(_index(scene, drawn_encoder(), None), "the book")
+    assert _answer(index, "the book") == _answer(_index(scene, DrawnEncoder(), None), "the book")
 
 
 @pytest.mark.parametrize(
     "text", ["the red shiny one left of the book", "how many red shiny ones are here?", "the second red shiny one"]
 )
-def test_looks_tell_neither_places_nor_numbers(
-    scene: Scene, model: LooksModel, drawn_encoder: Callable[..., Any], text: str
-) -> None:
-    told, plain = (_answer(_index(scene, drawn_encoder(), each), text) for each in (model, None))
+def test_looks_tell_neither_places_nor_numbers(scene: Scene, model: LooksModel, text: str) -> None:
+    told, plain = (_answer(_index(scene, DrawnEncoder(), each), text) for each in (model, None))
     assert (told.outcome, told.things, told.sentence) == (plain.outcome, plain.things, plain.sentence)
 
 
-def test_what_looks_like_nothing_here_stays_as_it_was(
-    scene: Scene, model: LooksModel, drawn_encoder: Callable[..., Any]
-) -> None:
-    told, plain = (_answer(_index(scene, drawn_encoder(), each), "a submarine") for each in (model, None))
+def test_what_looks_like_nothing_here_stays_as_it_was(scene: Scene, model: LooksModel) -> None:
+    told, plain = (_answer(_index(scene, DrawnEncoder(), each), "a submarine") for each in (model, None))
     assert (told.outcome, told.things) == (plain.outcome, plain.things)
 
 

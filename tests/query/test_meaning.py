@@ -24,10 +24,9 @@ from fastsplat.service.query.language.meaning import FILE, MeaningModel, expande
 from fastsplat.service.query.language.name_matching import NameIndex
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.errors import ModelUnavailableError
 from fastsplat_contract.queries import Answer
-from tests.query.conftest import DrawnEncoder
+from tests.query.conftest import DrawnEncoder, make_scene
 
 LABELS = ("couch", "banana", "chair", "hammer", "car", "cat", "frying pan", "scissors")
 
@@ -56,9 +55,7 @@ def model(calibrated_encoder: DrawnEncoder) -> MeaningModel:
 
 
 @pytest.fixture
-def index(
-    lexicon: Lexicon, calibrated_encoder: DrawnEncoder, make_scene: Callable[..., Scene]
-) -> Callable[..., SceneIndex]:
+def index(lexicon: Lexicon, calibrated_encoder: DrawnEncoder) -> Callable[..., SceneIndex]:
     def make(labels: Sequence[str] = LABELS, **settings: object) -> SceneIndex:
         scene = make_scene(labels, code=2)
         return SceneIndex(scene, calibrated_encoder, QuerySettings.model_validate(settings), lexicon=lexicon)
@@ -121,10 +118,7 @@ def test_probabilities_are_probabilities_in_the_order_of_the_logits(base: np.nda
 
 
 def test_scenes_of_one_encoder_share_definitions_and_answer_the_same(
-    lexicon: Lexicon,
-    calibrated_encoder: DrawnEncoder,
-    make_scene: Callable[..., Scene],
-    index: Callable[..., SceneIndex],
+    lexicon: Lexicon, calibrated_encoder: DrawnEncoder, index: Callable[..., SceneIndex]
 ) -> None:
     """Whatever was embedded before, in whatever company."""
     settings, questions = QuerySettings(), ["sofa", "fruit", "something to sit on", "wall clock", "cat", "xyzzy"]
@@ -177,10 +171,7 @@ def test_a_model_of_other_columns_or_prompts_serves_nobody(model: MeaningModel) 
 
 
 def test_without_a_lexicon_or_a_measurement_answers_are_the_encoders(
-    index: Callable[..., SceneIndex],
-    calibrated_encoder: DrawnEncoder,
-    lexicon: Lexicon,
-    make_scene: Callable[..., Scene],
+    index: Callable[..., SceneIndex], calibrated_encoder: DrawnEncoder, lexicon: Lexicon
 ) -> None:
     questions = ["couch", "sofa", "fruit", "hammer without a cat", "submarine"]
     scene = make_scene(LABELS, code=2)

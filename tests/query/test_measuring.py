@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +20,7 @@ from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel
 from tests.query.box_scenes import BoxShell, orbit, scene_of
+from tests.query.conftest import DrawnEncoder
 
 _SIZE = (0.4, 0.2, 0.3)
 _LEFT = BoxShell("left", (-0.5, 0.0, 0.0), _SIZE, count=12_000)
@@ -31,11 +30,11 @@ _THERE = Place(point=Vector3(0.5, 0.0, 0.0))
 
 
 @pytest.fixture
-def index(drawn_encoder: Callable[..., Any]) -> SceneIndex:
+def index() -> SceneIndex:
     sharp = Camera(768, 576, 720.0, 720.0, 384.0, 288.0)
     cameras = [replace(posed, camera=sharp) for posed in orbit(8, 2.5, 1.8)]
     scene = replace(scene_of([_LEFT, _RIGHT], cameras), scale="ARBITRARY")
-    return SceneIndex(scene, drawn_encoder(), QuerySettings(backend="cpu"))
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
 
 
 def _measured(index: SceneIndex, *places: Place) -> Measurement:

@@ -23,8 +23,8 @@ from fastsplat.service.query.language.embeddings import TextCache, embed_labels
 from fastsplat.service.query.language.probability import label_set
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.queries import Answer
+from tests.query.conftest import make_scene
 
 # Dictionaries of the scenes in FAST-Splat's figures 1 and 2 and its appendix on disambiguation.
 KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")
@@ -59,7 +59,7 @@ def encoder(models_dir: Path) -> TextEncoder:
 
 
 @pytest.fixture
-def ask(encoder: TextEncoder, make_scene: Callable[..., Scene]) -> Ask:
+def ask(encoder: TextEncoder) -> Ask:
     def ask(labels: Sequence[str], text: str, **settings: Any) -> Answer:
         index = SceneIndex(make_scene(labels, code=2), encoder, QuerySettings(**settings))
         (answer,) = index.ask([text])
@@ -173,7 +173,7 @@ def test_unusual_texts_get_an_answer(ask: Ask, text: str) -> None:
     assert answer.relation != "same" and len(answer.matches) == len(KITCHEN)
 
 
-def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Callable[..., Scene]) -> None:
+def test_stored_embeddings_change_nothing(encoder: TextEncoder) -> None:
     settings = QuerySettings()
     fresh = make_scene(KITCHEN, code=2)
     stored = replace(
@@ -186,7 +186,7 @@ def test_stored_embeddings_change_nothing(encoder: TextEncoder, make_scene: Call
     assert answers[0] == answers[1]
 
 
-def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEncoder, make_scene: Any) -> None:
+def test_negatives_templates_and_coverage_are_the_questions_own(encoder: TextEncoder) -> None:
     index = SceneIndex(make_scene(KITCHEN, code=2), encoder, QuerySettings())
     (usual,) = index.ask(["fork"])
     (against,) = index.ask(["fork"], negatives=["cutlery"])
@@ -232,7 +232,7 @@ def test_the_temperature_is_the_encoders_own_unless_set(ask: Ask) -> None:
     ids=["tabletop", "skull"],
 )
 def test_what_is_there_stands_out_from_a_hundred_nouns_that_are_not(
-    encoder: TextEncoder, make_scene: Any, labels: Sequence[str], synonyms: list[str]
+    encoder: TextEncoder, labels: Sequence[str], synonyms: list[str]
 ) -> None:
     index = SceneIndex(make_scene(labels, code=2), encoder, QuerySettings())
     absent = negative_nouns(labels)

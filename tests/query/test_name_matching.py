@@ -12,7 +12,7 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry, dic
 from fastsplat.service.query.language.name_matching import NameIndex, NameMatch
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
+from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 
 LABELS = (
     *("mug", "red scissors", "wall", "orange", "table", "lamp", "glass", "picture", "kettle", "lid", "man", "hat"),
@@ -109,9 +109,7 @@ def test_aliases_are_names() -> None:
 
 
 @pytest.fixture
-def ask(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> Callable[[str], Any]:
+def ask() -> Callable[[str], Any]:
     """Answers of an encoder that finds every phrase as near as can be to every name it mentions."""
     leaning = {label: [0.0] * row + [1.0] for row, label in enumerate(LABELS[:15])}
     leaning |= {
@@ -124,7 +122,7 @@ def ask(
         "table lamp": leaning["table"],
         "old scissors": leaning["red scissors"],
     }
-    index = SceneIndex(make_scene(LABELS[:15]), drawn_encoder(leaning), plain)
+    index = SceneIndex(make_scene(LABELS[:15]), DrawnEncoder(leaning), PLAIN)
     return lambda text: index.ask([text])[0]
 
 
@@ -167,9 +165,7 @@ def test_what_was_not_checked_is_said(ask: Callable[[str], Any]) -> None:
 @pytest.mark.parametrize(
     ("text", "sure"), [("mug", True), ("the old mug", True), ("glass of water", False), ("wall clock", False)]
 )
-def test_only_a_name_is_certain(
-    make_scene: Callable[..., Scene], calibrated_encoder: Any, text: str, sure: bool
-) -> None:
+def test_only_a_name_is_certain(calibrated_encoder: Any, text: str, sure: bool) -> None:
     """With one label, the calibrated figures of a phrase that contains its name stay below certainty."""
     for label in LABELS[:8]:
         (answer,) = SceneIndex(make_scene([label], code=2), calibrated_encoder, QuerySettings()).ask([text])
@@ -177,9 +173,7 @@ def test_only_a_name_is_certain(
         assert certain == (sure and label == "mug")
 
 
-def test_a_confidence_below_one_is_in_every_probability_of_its_entry(
-    make_scene: Callable[..., Scene], calibrated_encoder: Any
-) -> None:
+def test_a_confidence_below_one_is_in_every_probability_of_its_entry(calibrated_encoder: Any) -> None:
     scene = make_scene(("mug", "boat", "kettle"), code=2)
     doubted = (DictionaryEntry("mug"), DictionaryEntry("boat", views=1, confidence=0.3), DictionaryEntry("kettle"))
     texts = ["boat", "the old boat", "mug", "quark"]

@@ -160,17 +160,17 @@ def test_words_that_lead_to_a_name_get_its_kind_of_answer(lexicon_models_dir: Pa
                     assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.things
 
 
-def test_a_label_that_nothing_bears_is_no_name_of_the_scene(drawn_encoder: Callable[..., Any]) -> None:
-    index = SceneIndex(_scene((Thing(1),), ["vase"]), drawn_encoder(), QuerySettings(backend="reference"))
+def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:
+    index = SceneIndex(_scene((Thing(1),), ["vase"]), DrawnEncoder(), QuerySettings(backend="reference"))
     (vase,) = index.ask(["vase"])
     assert not index.ranked.names.table and vase.outcome == "not_here"
     assert vase.sentence.startswith("Not here: nothing in this scene has a name; 1 thing has no name")
 
 
-def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder: Callable[..., Any]) -> None:
+def test_what_other_scenes_suggest_is_a_suggestion_like_any_other() -> None:
     looks, other = (np.eye(8, dtype=np.float16)[row].tobytes() for row in (0, 1))
     things = (Thing(1, suggestions=(Suggestion("jar", 0.4),), appearance=looks), Thing(3, "vase", "person", 1.0))
-    index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
+    index = SceneIndex(_scene(things, []), DrawnEncoder(), QuerySettings(backend="reference"))
     known = [KnownThing("s", "samovar", looks), KnownThing("own", "jar", looks)]
     ranked = index.ranked.suggesting(known, "own")
     query = check_query(("my samovar", "jar", "vase"), index.settings)
@@ -183,12 +183,10 @@ def test_what_other_scenes_suggest_is_a_suggestion_like_any_other(drawn_encoder:
     assert index.ranked.suggesting(known[1:], "own") is index.ranked
 
 
-def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_changes(
-    drawn_encoder: Callable[..., Any],
-) -> None:
+def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_changes() -> None:
     looks = np.eye(8, dtype=np.float16)[0].tobytes()
     scene = replace(_scene((Thing(1, appearance=looks), Thing(2)), []), scale="METRIC")
-    index = SceneIndex(scene, drawn_encoder(), QuerySettings(backend="reference"))
+    index = SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="reference"))
     (size,) = index.ranked.sizes.values()
     assert list(index.ranked.sizes) == [1] and size.shape == (3,) and 0 <= size[0] <= size[1] <= size[2] < 1
     assert scene.things is not None
@@ -202,7 +200,7 @@ def test_things_keep_their_sizes_while_no_gaussian_and_no_share_of_a_thing_chang
 
 
 @pytest.fixture
-def room(drawn_encoder: Callable[..., Any]) -> SceneIndex:
+def room() -> SceneIndex:
     """A lamp, an unnamed thing beside it, an unnamed one far away, and four mugs that are unnamed, too."""
     room = Room()
     white = (0.95, 0.95, 0.93)
@@ -224,7 +222,7 @@ def room(drawn_encoder: Callable[..., Any]) -> SceneIndex:
         for thing, name in zip(scene.things.table, names, strict=True)
     )
     scene = replace(scene, things=replace(scene.things, table=rows))
-    return SceneIndex(scene, drawn_encoder(), QuerySettings(backend="cpu"))
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
 
 
 def test_things_are_called_by_their_names_or_by_what_is_beside_them(room: SceneIndex) -> None:
@@ -238,11 +236,11 @@ def test_things_are_called_by_their_names_or_by_what_is_beside_them(room: SceneI
     assert all_of_it.sentence == ('Here: "lamp", the unnamed thing beside the "lamp" and 2 of "cup", on the table.')
 
 
-def test_at_most_three_are_called_and_the_rest_is_counted(drawn_encoder: Callable[..., Any]) -> None:
+def test_at_most_three_are_called_and_the_rest_is_counted() -> None:
     things = tuple(Thing(number, f"thing {number}x", "person", 1.0, suggestions=()) for number in range(1, 6))
-    index = SceneIndex(_scene(things, []), drawn_encoder(), QuerySettings(backend="reference"))
+    index = SceneIndex(_scene(things, []), DrawnEncoder(), QuerySettings(backend="reference"))
     listed = ThingWords(index.ranked.names).listed([1, 2, 3, 4, 5], lambda: index.things.measures)
     assert listed == '"thing 1x", "thing 2x", "thing 3x" and 2 more'
     unnamed = tuple(Thing(number, suggestions=(Suggestion("jar", 0.4),)) for number in range(6, 9))
-    index = SceneIndex(_scene(unnamed, []), drawn_encoder(), QuerySettings(backend="reference"))
+    index = SceneIndex(_scene(unnamed, []), DrawnEncoder(), QuerySettings(backend="reference"))
     assert index.ask(["jar"])[0].sentence == 'Probably here (40 %): 3 unnamed things may be "jar".'

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +17,7 @@ from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import Answer
+from tests.query.conftest import DrawnEncoder
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _ASKER = _WORLD @ look_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
@@ -50,13 +49,12 @@ def scene() -> Scene:
     return scene_of(_room(), 0, _WORLD)
 
 
-@pytest.fixture
-def make(drawn_encoder: Callable[..., Any]) -> Callable[[Scene], SceneIndex]:
-    return lambda scene: SceneIndex(scene, drawn_encoder(), QuerySettings(backend="cpu"))
+def make(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
 
 
 @pytest.fixture
-def index(scene: Scene, make: Callable[[Scene], SceneIndex]) -> SceneIndex:
+def index(scene: Scene) -> SceneIndex:
     return make(scene)
 
 
@@ -106,9 +104,7 @@ def test_a_phrase_means_the_things_that_were_placed_so(index: SceneIndex, text: 
 
 
 @pytest.mark.parametrize(("far", "nearest"), [(0.52, True), (0.49, False)])
-def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwise(
-    make: Callable[[Scene], SceneIndex], far: float, nearest: bool
-) -> None:
+def test_what_is_nearest_by_surfaces_is_so_where_the_middles_do_not_say_otherwise(far: float, nearest: bool) -> None:
     room = Room()
     room.place("ball", box((0.1, 0.1, 0.1)), (0, 0, 0), 0.0, _BLUE)
     large = room.place("crate", box((0.5, 0.5, 0.3)), (0.5, 0, 0), 0.0, _WOOD)
@@ -179,7 +175,7 @@ def test_what_is_not_here_is_not_on_anything(index: SceneIndex, text: str) -> No
 
 
 @pytest.mark.parametrize("text", ["the mug on the table", "what is under the table?", "the tallest mug"])
-def test_without_a_vertical_nothing_is_on_anything(make: Callable[[Scene], SceneIndex], text: str) -> None:
+def test_without_a_vertical_nothing_is_on_anything(text: str) -> None:
     assert _reason(_answer(make(scene_of(_room(), 0, _WORLD, cameras=False)), text)) == "vertical_unknown"
 
 
@@ -194,7 +190,7 @@ def test_a_plain_question_is_answered_as_if_nothing_were_parsed(index: SceneInde
     assert answer == replace(plain.answer, **said) and answer.phrase is None
 
 
-def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex, make: Callable[[Scene], SceneIndex]) -> None:
+def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> None:
     for each, unit in ((index, "m"), (make(replace(index.scene, scale="ARBITRARY")), "unit")):
         phrase = _answer(each, "the mug on the table").phrase
         assert phrase is not None and phrase.conditions == ("on the table",) and phrase.head == "mug"
@@ -217,9 +213,7 @@ def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> N
 
 
 @pytest.mark.parametrize("factor", [0.01, 100.0])
-def test_the_scale_of_a_scene_changes_no_answer(
-    scene: Scene, index: SceneIndex, make: Callable[[Scene], SceneIndex], factor: float
-) -> None:
+def test_the_scale_of_a_scene_changes_no_answer(scene: Scene, index: SceneIndex, factor: float) -> None:
     gaussians = replace(
         scene.gaussians,
         means=scene.gaussians.means * np.float32(factor),
@@ -235,7 +229,7 @@ def test_the_scale_of_a_scene_changes_no_answer(
         assert _answer(scaled, text, asker).things == _answer(index, text).things
 
 
-def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene, make: Callable[[Scene], SceneIndex]) -> None:
+def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene) -> None:
     assert scene.things is not None
     owner = make(scene).things.owner
     rows = [np.flatnonzero(owner == mug)[:40] for mug in (_RED_MUG, _BLUE_MUG)]
@@ -269,7 +263,7 @@ def test_a_part_that_is_known_decides_what_a_thing_has(scene: Scene, make: Calla
     assert _answer(parted, "the handle of the mug").things == (20,)
 
 
-def test_a_question_about_all_pairs_of_many_things_is_refused(make: Callable[[Scene], SceneIndex]) -> None:
+def test_a_question_about_all_pairs_of_many_things_is_refused() -> None:
     room = Room()
     for number in range(70):
         room.place("mug", box((0.09, 0.09, 0.1)), (0.3 * (number % 10), 0.3 * (number // 10), 0), 0.0, _RED)
@@ -280,7 +274,7 @@ def test_a_question_about_all_pairs_of_many_things_is_refused(make: Callable[[Sc
     assert _reason(_answer(crowded, "the nearest mug", None)) == "pose_needed"
 
 
-def test_a_text_of_two_readings_is_answered_if_one_of_them_makes_sense(make: Callable[[Scene], SceneIndex]) -> None:
+def test_a_text_of_two_readings_is_answered_if_one_of_them_makes_sense() -> None:
     room = Room()
     room.place("table", table((1.4, 0.8, 0.75)), (0, 0, 0), 0.0, _WOOD)
     beside_lamp = room.place("mug", box((0.09, 0.09, 0.1)), (-0.5, 0, 0.75), 0.0, _RED)

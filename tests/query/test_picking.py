@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, get_args
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import chosen_level, pick_box, pick_pixel, pick_point
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Scene, SemanticHead, Thing, ThingGroup, Things
@@ -22,18 +21,12 @@ from fastsplat_contract.poses import Vector3
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import PickedLevel, PickLevel, Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.conftest import opened
 
 CUP = BoxShell("mug", (0.12, 0.0, 0.06), (0.12, 0.12, 0.12), count=700)
 BOOK = BoxShell("book", (-0.12, 0.0, 0.03), (0.2, 0.14, 0.06), count=400)
 FRONT = look((0.0, -0.6, 0.35), (0, 0, 0.04), "front.jpg")
 MUG, SPREAD, HALF, BOTH = 3, 5, 6, 9
-Open = Callable[[Scene], SceneIndex]
-
-
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Open:
-    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
 
 
 def scene_with(*, thing: float = 0.8, part: float = 0.8, group: float = 0.8) -> Scene:
@@ -66,7 +59,7 @@ def pixel_of(index: SceneIndex, inside: Callable[[np.ndarray, np.ndarray], np.nd
     return Pixel(columns[middle] + 0.5, rows[middle] + 0.5)
 
 
-def test_every_way_to_pick_answers_all_levels_and_the_probabilities_add_up(opened: Open) -> None:
+def test_every_way_to_pick_answers_all_levels_and_the_probabilities_add_up() -> None:
     index = opened(scene_with())
     things = index.things
     rows, columns = np.nonzero(things.map(FRONT) == MUG)
@@ -81,7 +74,7 @@ def test_every_way_to_pick_answers_all_levels_and_the_probabilities_add_up(opene
         assert [chosen_level(levels, level).level for level in get_args(PickLevel)] == list(get_args(PickLevel))
 
 
-def test_a_level_that_is_not_there_is_refused(opened: Open) -> None:
+def test_a_level_that_is_not_there_is_refused() -> None:
     index = opened(scene_with())
     lower = pixel_of(index, lambda shown, parts: (shown == MUG) & (parts == 0))
     levels = pick_pixel(index.things, FRONT, lower)
@@ -91,7 +84,7 @@ def test_a_level_that_is_not_there_is_refused(opened: Open) -> None:
     assert raised.value.field == "level"
 
 
-def test_more_consensus_and_more_agreement_make_a_level_likelier(opened: Open) -> None:
+def test_more_consensus_and_more_agreement_make_a_level_likelier() -> None:
     upper = pixel_of(opened(scene_with()), lambda shown, parts: (shown == MUG) & (parts == HALF))
 
     def probabilities(index: SceneIndex, pixel: Pixel = upper) -> dict[str, float]:
@@ -110,7 +103,7 @@ def test_more_consensus_and_more_agreement_make_a_level_likelier(opened: Open) -
     assert at_the_edge["part"] < usual["part"]
 
 
-def test_the_part_that_fits_a_box_is_likelier_there_than_at_the_whole(opened: Open) -> None:
+def test_the_part_that_fits_a_box_is_likelier_there_than_at_the_whole() -> None:
     things = opened(scene_with()).things
 
     def part(mask: np.ndarray) -> float:
@@ -121,7 +114,7 @@ def test_the_part_that_fits_a_box_is_likelier_there_than_at_the_whole(opened: Op
     assert part(things.mask(FRONT, (HALF,))) > part(things.mask(FRONT, (MUG,)))
 
 
-def test_a_group_is_its_members_in_masks_and_rows(opened: Open) -> None:
+def test_a_group_is_its_members_in_masks_and_rows() -> None:
     things = opened(scene_with()).things
     np.testing.assert_array_equal(things.mask(FRONT, (BOTH,)), things.mask(FRONT, (MUG, SPREAD)))
     np.testing.assert_array_equal(things.rows((BOTH,)), things.rows((MUG, SPREAD)))
@@ -131,7 +124,7 @@ def test_a_group_is_its_members_in_masks_and_rows(opened: Open) -> None:
         things.with_members((BOTH, 77))
 
 
-def test_a_group_of_what_is_gone_is_none_and_comes_back_with_it(opened: Open) -> None:
+def test_a_group_of_what_is_gone_is_none_and_comes_back_with_it() -> None:
     before = opened(scene_with())
     after = before.after(apply_edit(before, Edit("remove", things=(SPREAD,))))
     pixel = pixel_of(after, lambda shown, parts: (shown == MUG) & (parts == 0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_prompts import Pixel, ThingPrompt
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.conftest import DrawnEncoder
 
 _BOX = BoxShell("mug", (0.0, 0.0, 0.04), (0.1, 0.1, 0.08))
 _FAR = BoxShell("book", (0.4, 0.0, 0.04), (0.1, 0.1, 0.08))
@@ -25,10 +25,10 @@ _ALL = np.arange(_BOX.count)
 
 
 @pytest.fixture
-def index(drawn_encoder: Callable[..., Any]) -> SceneIndex:
+def index() -> SceneIndex:
     """Thing 1 is a mug, thing 2 a book far from it."""
     settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return SceneIndex(scene_of([_BOX, _FAR], orbit()), drawn_encoder(), settings)
+    return SceneIndex(scene_of([_BOX, _FAR], orbit()), DrawnEncoder(), settings)
 
 
 def _edit(action: Any, **others: Any) -> Edit:

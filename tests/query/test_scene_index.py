@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -13,9 +12,10 @@ from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.thing_codes import classes_of_codes
-from fastsplat.service.scene.types import Scene, SemanticHead
+from fastsplat.service.scene.types import SemanticHead
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError, ModelUnavailableError
+from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 from tests.query.decisions import decided
 
 LEANING = {
@@ -29,8 +29,8 @@ LEANING = {
 
 
 @pytest.fixture
-def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings) -> SceneIndex:
-    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)
+def index() -> SceneIndex:
+    return SceneIndex(make_scene(), DrawnEncoder(LEANING), PLAIN)
 
 
 @pytest.mark.parametrize("text", ["mug", "Mugs", "the mug", "Where is the mug?", "MUG", "the old mugs"])
@@ -60,12 +60,10 @@ def test_below_is_absent_and_every_mask_is_empty(index: SceneIndex, front: Posed
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
-def test_answers_rank_everything_best_first(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, score: str
-) -> None:
+def test_answers_rank_everything_best_first(score: str) -> None:
     labels = [f"word {i}x" for i in range(60)]
-    settings = plain.model_copy(update={"score": score, "threshold": 0.2})
-    index = SceneIndex(make_scene(labels), drawn_encoder(), settings)
+    settings = PLAIN.model_copy(update={"score": score, "threshold": 0.2})
+    index = SceneIndex(make_scene(labels), DrawnEncoder(), settings)
     for answer in index.ask(["alpha", "beta", "word 7x", "🧸", "茶壶"]):
         assert sorted(match.label_id for match in answer.matches) == list(range(1, 61))
         flags = [match.relevant for match in answer.matches]
@@ -87,50 +85,40 @@ def test_a_batch_is_its_parts(index: SceneIndex) -> None:
 
 
 @pytest.mark.parametrize("temperature", [0.0, 1e6])
-def test_temperature_moves_relevancy_but_no_verdict(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, temperature: float
-) -> None:
+def test_temperature_moves_relevancy_but_no_verdict(temperature: float) -> None:
     texts = ["cup", "tumbler", "cloud", "the bed", "object"]
     for score in ("similarity", "relevancy"):
-        base = plain.model_copy(update={"score": score, "threshold": 0.1})
+        base = PLAIN.model_copy(update={"score": score, "threshold": 0.1})
         hot = base.model_copy(update={"temperature": temperature})
-        a, b = (decided(SceneIndex(make_scene(), drawn_encoder(LEANING), s), *texts) for s in (base, hot))
+        a, b = (decided(SceneIndex(make_scene(), DrawnEncoder(LEANING), s), *texts) for s in (base, hot))
         assert [x.verdict for x in a] == [x.verdict for x in b]
         assert [[m.label for m in x.answer.matches] for x in a] == [[m.label for m in x.answer.matches] for x in b]
 
 
-def test_no_labels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
-) -> None:
-    index = SceneIndex(make_scene(()), drawn_encoder(), plain)
+def test_no_labels(front: PosedCamera) -> None:
+    index = SceneIndex(make_scene(()), DrawnEncoder(), PLAIN)
     (answer,) = index.ask(["mug"])
     assert answer.matches == () and answer.sentence == "Not here: nothing in this scene has a name."
     assert not index.mask3d(answer).any() and not index.mask2d(answer, front).mask.any()
 
 
-def test_ten_thousand_labels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_ten_thousand_labels() -> None:
     labels = [f"thing {i}x" for i in range(9_998)] + ["🧸", "чайник"]
-    index = SceneIndex(make_scene(labels, code=4), drawn_encoder(), plain)
+    index = SceneIndex(make_scene(labels, code=4), DrawnEncoder(), PLAIN)
     answers = index.ask(["thing 77x", "🧸", "Чайник"])
     assert [answer.matches[0].label_id for answer in answers] == [78, 9_999, 10_000]
     assert all(answer.outcome == "here" and len(answer.matches) == 10_000 for answer in answers)
     assert sum(match.gaussian_count for match in answers[0].matches) <= len(index.scene.gaussians)
 
 
-def test_an_alias_names_its_entry(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_an_alias_names_its_entry() -> None:
     entries = (DictionaryEntry("mug", ("coffee cup",)), DictionaryEntry("spoon"), DictionaryEntry("bed"))
     scene = replace(make_scene(), dictionary=Dictionary(entries))
-    (answer,) = SceneIndex(scene, drawn_encoder(), plain).ask(["the coffee cups"])
+    (answer,) = SceneIndex(scene, DrawnEncoder(), PLAIN).ask(["the coffee cups"])
     assert answer.outcome == "here" and answer.relevant_ids == (1,)
 
 
-def test_counts_and_masks_agree_with_the_softmax(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_counts_and_masks_agree_with_the_softmax() -> None:
     rng = np.random.default_rng(0)
     scene = make_scene([f"l{i}x" for i in range(30)], per_label=20, code=5)
     head = SemanticHead(rng.standard_normal((31, 5)).astype(np.float32), rng.standard_normal(31).astype(np.float32))
@@ -138,7 +126,7 @@ def test_counts_and_masks_agree_with_the_softmax(
     scene = replace(scene, head=head, gaussians=replace(scene.gaussians, codes=codes), evidence=None)
     logits = codes.astype(np.float64) @ head.weight.T.astype(np.float64) + head.bias
     probability = np.exp(logits) / np.exp(logits).sum(axis=1, keepdims=True)
-    index = SceneIndex(scene, drawn_encoder(), plain)
+    index = SceneIndex(scene, DrawnEncoder(), PLAIN)
     np.testing.assert_array_equal(index.gaussian_classes, probability.argmax(axis=1))
     label_id = int(np.bincount(probability.argmax(axis=1))[1:].argmax()) + 1
     (answer,) = index.ask([f"l{label_id - 1}x"])
@@ -156,21 +144,17 @@ def test_classes_of_many_gaussians_do_not_depend_on_the_pieces() -> None:
     assert (whole == parts).mean() > 0.999  # BLAS may round a tie differently for another number of rows
 
 
-def test_a_scene_where_no_gaussian_was_labelled(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_a_scene_where_no_gaussian_was_labelled() -> None:
     scene = make_scene()
     codes = np.zeros_like(scene.gaussians.codes)
-    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), drawn_encoder(), plain)
+    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, codes=codes)), DrawnEncoder(), PLAIN)
     (answer,) = index.ask(["mug"])
     assert answer.outcome == "not_here" and answer.matches[0].gaussian_count == 0
     assert answer.sentence == "Not here: nothing in this scene has a name." and not index.mask3d(answer).any()
 
 
-def test_an_uncalibrated_encoder_knows_names_only_and_says_so(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any]
-) -> None:
-    index = SceneIndex(make_scene(), drawn_encoder(LEANING), QuerySettings(backend="reference"))
+def test_an_uncalibrated_encoder_knows_names_only_and_says_so() -> None:
+    index = SceneIndex(make_scene(), DrawnEncoder(LEANING), QuerySettings(backend="reference"))
     assert not index.calibrated
     named, near = index.ask(["mug", "tumbler"])
     assert named.outcome == "here"
@@ -192,11 +176,9 @@ def test_thresholds_of_ones_own_calibrate_verdicts_but_no_probabilities(index: S
 
 
 @pytest.mark.parametrize("score", ["similarity", "relevancy"])
-def test_sentences_say_which_entry_and_leave_the_figures_to_the_fields(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, score: str
-) -> None:
-    settings = plain.model_copy(update={"score": score, "threshold": 0.23, "exact_threshold": 5.0})
-    index = SceneIndex(make_scene(), drawn_encoder(LEANING), settings)
+def test_sentences_say_which_entry_and_leave_the_figures_to_the_fields(score: str) -> None:
+    settings = PLAIN.model_copy(update={"score": score, "threshold": 0.23, "exact_threshold": 5.0})
+    index = SceneIndex(make_scene(), DrawnEncoder(LEANING), settings)
     for answer in index.ask(["cup", "cloud"]):
         assert answer.matches[0].nearest_negative in settings.negatives
         assert answer.sentence == (
@@ -209,12 +191,10 @@ def test_sentences_say_which_entry_and_leave_the_figures_to_the_fields(
     assert old.sentence == 'Here: "mug"; "old" was not checked.'
 
 
-def test_labels_that_nearly_are_the_same_are_told_apart(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_labels_that_nearly_are_the_same_are_told_apart() -> None:
     labels = ["cup", "cup holder", "cups and plates", "Cup.", "ＣＵＰ ２", "c u p"]
     leaning = {label: [1.0, i * 1e-3] for i, label in enumerate([*labels, "beaker"])}
-    index = SceneIndex(make_scene(labels), drawn_encoder(leaning), plain)
+    index = SceneIndex(make_scene(labels), DrawnEncoder(leaning), PLAIN)
     for i, label in enumerate(labels):
         assert index.ask([label])[0].relevant_ids == (i + 1,)
     assert index.ask(["CUPS"])[0].relevant_ids == (1,)  # the hash table's name, not the nearest embedding
@@ -231,17 +211,15 @@ def test_negatives_of_ones_own(index: SceneIndex) -> None:
     assert index.ask(["cup"]) == (usual,)
 
 
-def test_templates_of_ones_own_embed_the_labels_once(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
-    encoder = drawn_encoder(LEANING)
-    index = SceneIndex(make_scene(), encoder, plain)
+def test_templates_of_ones_own_embed_the_labels_once() -> None:
+    encoder = DrawnEncoder(LEANING)
+    index = SceneIndex(make_scene(), encoder, PLAIN)
     encoder.seen.clear()
     first = index.ask(["cup"], templates=["my {}"])
     assert "my mug" in encoder.seen and "my cup" in encoder.seen and "my object" in encoder.seen
     encoder.seen.clear()
     assert index.ask(["cup"], templates=("my {}",)) == first and encoder.seen == []
-    few = SceneIndex(make_scene(), drawn_encoder(), plain.model_copy(update={"max_sentences": 5}))
+    few = SceneIndex(make_scene(), DrawnEncoder(), PLAIN.model_copy(update={"max_sentences": 5}))
     assert few.ask(["cup"], templates=["my {}"])
     with pytest.raises(LimitExceededError, match="3 labels in 2 templates"):
         few.ask(["cup"], templates=["my {}", "your {}"])
@@ -275,26 +253,22 @@ def test_wrong_prompts_are_refused(index: SceneIndex, wrong: dict[str, Any], err
     assert caught.value.field == field and caught.value.hint
 
 
-def test_stored_label_embeddings_serve_their_own_encoder_and_templates(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_stored_label_embeddings_serve_their_own_encoder_and_templates() -> None:
     stored = np.eye(3, 16, dtype=np.float32)
     own = replace(make_scene(), label_embeddings=stored, text_encoder=("drawn", "0" * 64))
     for scene, settings, embedded in (
-        (own, plain, False),
-        (replace(own, text_encoder=("drawn", "2" * 64)), plain, True),
-        (own, plain.model_copy(update={"templates": ("a {}",)}), True),
+        (own, PLAIN, False),
+        (replace(own, text_encoder=("drawn", "2" * 64)), PLAIN, True),
+        (own, PLAIN.model_copy(update={"templates": ("a {}",)}), True),
     ):
-        encoder = drawn_encoder()
+        encoder = DrawnEncoder()
         SceneIndex(scene, encoder, settings)
         assert any("mug" in text for text in encoder.seen) == embedded
 
 
-def test_texts_are_embedded_once(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
-    encoder = drawn_encoder()
-    index = SceneIndex(make_scene(), encoder, plain.model_copy(update={"cached_texts": 2}))
+def test_texts_are_embedded_once() -> None:
+    encoder = DrawnEncoder()
+    index = SceneIndex(make_scene(), encoder, PLAIN.model_copy(update={"cached_texts": 2}))
     encoder.seen.clear()
     index.ask(["cup", "the cup", "cup"])
     index.ask(["cup", "jar"])
@@ -304,19 +278,15 @@ def test_texts_are_embedded_once(
     assert encoder.seen == ["cup", "jar", "tin", "cup"]
 
 
-def test_an_encoder_of_another_size_is_refused(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_an_encoder_of_another_size_is_refused() -> None:
     scene = replace(make_scene(), label_embeddings=np.eye(3, 5, dtype=np.float32), text_encoder=("drawn", "0" * 64))
     with pytest.raises(ModelUnavailableError):
-        SceneIndex(scene, drawn_encoder(), plain)
+        SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
-def test_an_encoder_of_nan_is_refused(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings
-) -> None:
+def test_an_encoder_of_nan_is_refused() -> None:
     with pytest.raises(ModelUnavailableError):
-        SceneIndex(make_scene(), drawn_encoder({"object": [np.nan]}), plain)
+        SceneIndex(make_scene(), DrawnEncoder({"object": [np.nan]}), PLAIN)
 
 
 def test_bad_texts_reach_no_encoder(index: SceneIndex) -> None:
@@ -326,14 +296,8 @@ def test_bad_texts_reach_no_encoder(index: SceneIndex) -> None:
         index.ask([" "])
 
 
-def test_an_answer_of_another_scene_is_refused(
-    index: SceneIndex,
-    make_scene: Callable[..., Scene],
-    drawn_encoder: Callable[..., Any],
-    plain: QuerySettings,
-    front: PosedCamera,
-) -> None:
-    (foreign,) = SceneIndex(make_scene([f"l{i}x" for i in range(9)]), drawn_encoder(), plain).ask(["l8x"])
+def test_an_answer_of_another_scene_is_refused(index: SceneIndex, front: PosedCamera) -> None:
+    (foreign,) = SceneIndex(make_scene([f"l{i}x" for i in range(9)]), DrawnEncoder(), PLAIN).ask(["l8x"])
     with pytest.raises(InvalidInputError):
         index.mask3d(foreign)
     with pytest.raises(InvalidInputError):

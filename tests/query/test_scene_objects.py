@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.boxes import oriented_box
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Gaussians, Scene
@@ -22,23 +19,22 @@ from fastsplat_contract.poses import pose_of
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import SceneThing
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
+from tests.query.conftest import PLAIN, DrawnEncoder
 
 MUG = BoxShell("mug", (0.2, 0.1, 0.04), yaw=0.5)
 BOOK = BoxShell("book", (-0.2, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=500)
 TABLE = BoxShell("table", (0.0, 0.0, -0.02), (1.2, 0.8, 0.02), count=2000)
-Open = Callable[[Scene], SceneIndex]
 
 
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
-    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+def opened(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
 def named(index: SceneIndex, label: str) -> tuple[SceneThing, ...]:
     return index.objects_of(index.ask([label])[0])
 
 
-def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
+def test_each_thing_is_one_object_with_its_place_and_size() -> None:
     index = opened(scene_of([MUG, BOOK, TABLE], orbit()))
     assert [(thing.name, thing.label_id) for thing in index.things.listed] == [("mug", 1), ("book", 2), ("table", 3)]
     for thing, truth in zip(index.things.listed, (MUG, BOOK, TABLE), strict=True):
@@ -53,7 +49,7 @@ def test_each_thing_is_one_object_with_its_place_and_size(opened: Open) -> None:
         assert abs(axes[:, 0] @ [np.cos(truth.yaw), np.sin(truth.yaw), 0]) > 0.99
 
 
-def test_two_mugs_are_two_objects(opened: Open) -> None:
+def test_two_mugs_are_two_objects() -> None:
     index = opened(scene_of([MUG, TABLE], orbit()))
     aside = np.eye(4)
     aside[:3, 3] = (0.16, 0, 0)
@@ -65,7 +61,7 @@ def test_two_mugs_are_two_objects(opened: Open) -> None:
     assert not (one & other).any()
 
 
-def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
+def test_the_objects_of_an_answer_lie_inside_its_mask() -> None:
     stray = BoxShell("mug", (3.0, 0, 0), (0.01, 0.01, 0.01), count=2)
     small = replace(MUG, centre=(0.6, 0.1, 0.04), count=100)
     index = opened(scene_of([small, MUG, stray, BOOK, TABLE]))
@@ -79,13 +75,13 @@ def test_the_objects_of_an_answer_lie_inside_its_mask(opened: Open) -> None:
         assert rows.sum() == mask.sum() - (2 if "mugs" in answer.text else 0)
 
 
-def test_a_speck_is_no_object_and_a_large_rest_is(opened: Open) -> None:
+def test_a_speck_is_no_object_and_a_large_rest_is() -> None:
     for count, objects in ((14, 1), (16, 2)):
         far = BoxShell("mug", (1.0, 0, 0), (0.02, 0.02, 0.02), count=count)
         assert len(named(opened(scene_of([MUG, far])), "mug")) == objects
 
 
-def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
+def test_a_giant_between_two_things_does_not_join_them() -> None:
     scene = scene_of(
         [MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BoxShell("mug", (0, 0.1, 0.04), (1e-3,) * 3, count=1)]
     )
@@ -95,7 +91,7 @@ def test_a_giant_between_two_things_does_not_join_them(opened: Open) -> None:
     assert len(opened(replace(scene, gaussians=replace(gaussians, log_scales=log_scales))).things.listed) == 2
 
 
-def test_dense_clumps_hang_together_with_what_they_touch(opened: Open) -> None:
+def test_dense_clumps_hang_together_with_what_they_touch() -> None:
     scene = scene_of([replace(MUG, count=1200)])
     means = scene.gaussians.means.copy()
     rng = np.random.default_rng(0)
@@ -104,7 +100,7 @@ def test_dense_clumps_hang_together_with_what_they_touch(opened: Open) -> None:
     assert len(opened(replace(scene, gaussians=gaussians)).things.listed) == 1
 
 
-def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
+def test_gaussians_in_one_place_are_one_object() -> None:
     scene = scene_of([replace(MUG, count=20_000)])
     gaussians = replace(scene.gaussians, means=np.ones_like(scene.gaussians.means))
     (mug,) = opened(replace(scene, gaussians=gaussians)).things.listed
@@ -112,7 +108,7 @@ def test_gaussians_in_one_place_are_one_object(opened: Open) -> None:
     np.testing.assert_allclose(mug.box.size, 0, atol=1e-6)
 
 
-def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_has_no_place(opened: Open) -> None:
+def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_has_no_place() -> None:
     scene = scene_of([MUG])
     logit_opacities = scene.gaussians.logit_opacities.copy()
     logit_opacities[:10] = -5.0
@@ -128,7 +124,7 @@ def test_what_is_not_finite_belongs_to_nothing_and_what_is_almost_transparent_ha
     assert mug.box == alone.box and mug.centroid == alone.centroid
 
 
-def test_nothing_has_no_objects(opened: Open) -> None:
+def test_nothing_has_no_objects() -> None:
     scene = scene_of([MUG])
     unlabelled = replace(scene.gaussians, codes=np.zeros_like(scene.gaussians.codes))
     none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
@@ -138,14 +134,14 @@ def test_nothing_has_no_objects(opened: Open) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_few_gaussians_still_have_a_box(opened: Open, count: int) -> None:
+def test_few_gaussians_still_have_a_box(count: int) -> None:
     (mug,) = opened(scene_of([replace(MUG, size=(1e-3, 1e-3, 1e-3), count=count)], orbit())).things.listed
     assert mug.gaussian_count == count
     assert np.isfinite([*mug.box.center.position, *mug.box.size, *mug.box.center.orientation]).all()
     assert np.linalg.norm(mug.box.center.orientation) == pytest.approx(1)
 
 
-def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> None:
+def test_ids_survive_files_and_other_indices(tmp_path: Path) -> None:
     scene = scene_of([MUG, replace(MUG, centre=(-0.2, 0.1, 0.04)), BOOK, TABLE], orbit())
     write_scene(scene, tmp_path / "scene")
     before, after = opened(scene), opened(read_scene(tmp_path / "scene"))
@@ -154,7 +150,7 @@ def test_ids_survive_files_and_other_indices(opened: Open, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
+def test_boxes_move_along_with_the_scene(seed: int) -> None:
     pose = rigid(seed)
     scene = scene_of([MUG, BOOK, TABLE], orbit())
     moved = scene
@@ -173,7 +169,7 @@ def test_boxes_move_along_with_the_scene(opened: Open, seed: int) -> None:
         np.testing.assert_allclose(cosines, 1, atol=1e-3)  # a box is itself when an axis points the other way
 
 
-def test_boxes_without_cameras_follow_the_spread(opened: Open) -> None:
+def test_boxes_without_cameras_follow_the_spread() -> None:
     flat = BoxShell("book", (1, 2, 3), (0.2, 0.14, 0.02), yaw=0.4, count=600)
     pose = rigid(7)
     (a,) = opened(scene_of([flat])).things.listed
@@ -192,7 +188,7 @@ def test_a_few_strays_do_not_stretch_a_box() -> None:
     np.testing.assert_allclose(box.size, (1.0, 0.6, 0.4), rtol=0.1)
 
 
-def test_best_views_look_at_the_thing_and_nothing_stands_between(opened: Open) -> None:
+def test_best_views_look_at_the_thing_and_nothing_stands_between() -> None:
     wall = BoxShell("wall", (0, 0.4, 0.1), (1.0, 0.02, 0.6), count=9000)
     mug = BoxShell("mug", (0, 0, 0.05))
     cameras = [
@@ -209,12 +205,12 @@ def test_best_views_look_at_the_thing_and_nothing_stands_between(opened: Open) -
     assert named(opened(scene_of([mug])), "mug")[0].best_views == ()
 
 
-def test_an_answer_of_another_scene_has_no_objects_here(opened: Open) -> None:
+def test_an_answer_of_another_scene_has_no_objects_here() -> None:
     (foreign,) = opened(scene_of([replace(MUG, label=f"l{i}x", count=3) for i in range(5)])).ask(["l4x"])
     with pytest.raises(InvalidInputError):
         opened(scene_of([MUG])).objects_of(foreign)
 
 
-def test_objects_need_no_renderer(opened: Open) -> None:
+def test_objects_need_no_renderer() -> None:
     index = opened(scene_of([MUG, TABLE], orbit()))
     assert named(index, "mug") and index._renderer is None

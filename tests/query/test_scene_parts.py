@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ import pytest
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.edits.prompted_things import split_thing
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.picking import pick_pixel, pick_point
 from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.new_things import with_new_thing
@@ -24,18 +21,12 @@ from fastsplat_contract.poses import Vector3, pose_of
 from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickedLevel, Pixel
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.conftest import opened
 
 CUP = BoxShell("mug", (0.12, 0.0, 0.06), (0.12, 0.12, 0.12), count=700)
 BOOK = BoxShell("book", (-0.12, 0.0, 0.03), (0.2, 0.14, 0.06), count=400)
 FRONT = look((0.0, -0.6, 0.35), (0, 0, 0.04), "front.jpg")
 RIM, SPINE = 6, 8
-Open = Callable[[Scene], SceneIndex]
-
-
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Open:
-    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
 
 
 @pytest.fixture
@@ -73,7 +64,7 @@ def name(thing_id: int, text: str) -> Edit:
     return Edit("name", things=(thing_id,), name=text)
 
 
-def test_lists_are_of_things_and_have_the_parts_on_request(opened: Open, scene: Scene) -> None:
+def test_lists_are_of_things_and_have_the_parts_on_request(scene: Scene) -> None:
     things = opened(scene).things
     assert [(thing.id, thing.kind, thing.parts) for thing in things.listed] == [
         (3, "thing", (RIM,)),
@@ -94,7 +85,7 @@ def _ids(levels: tuple[PickedLevel, ...]) -> dict[str, int]:
     return {each.level: each.id for each in levels}
 
 
-def test_a_click_says_which_part_it_hit(opened: Open, scene: Scene) -> None:
+def test_a_click_says_which_part_it_hit(scene: Scene) -> None:
     things = opened(scene).things
     whole, parts = things.map(FRONT), things.part_map(FRONT)
     for thing_id, part_id in ((3, RIM), (5, SPINE)):
@@ -108,7 +99,7 @@ def test_a_click_says_which_part_it_hit(opened: Open, scene: Scene) -> None:
     assert 0.2 < (whole[parts > 0] > 0).mean() <= 1 and (parts[whole == 0] == 0).mean() > 0.99
 
 
-def test_a_named_part_is_asked_for_and_is_its_own_gaussians(opened: Open, scene: Scene) -> None:
+def test_a_named_part_is_asked_for_and_is_its_own_gaussians(scene: Scene) -> None:
     index = edited(opened(scene), name(3, "mug"), name(RIM, "rim"))
     (rim, mug) = index.ask(["rim", "mug"])
     assert (rim.outcome, rim.things, mug.things) == ("here", (RIM,), (3,))
@@ -132,7 +123,7 @@ def test_a_named_part_is_asked_for_and_is_its_own_gaussians(opened: Open, scene:
     assert gone.is_absent
 
 
-def test_what_a_person_named_is_guarded_for_parts_too(opened: Open, scene: Scene) -> None:
+def test_what_a_person_named_is_guarded_for_parts_too(scene: Scene) -> None:
     before = opened(scene)
     after = edited(before, name(RIM, "rim"))
     with pytest.raises(ConflictError, match="has named thing 6"):
@@ -143,7 +134,7 @@ def test_what_a_person_named_is_guarded_for_parts_too(opened: Open, scene: Scene
     ) == ("lip", "rim")
 
 
-def test_edits_of_what_is_seen_take_the_gaussians_of_a_part(opened: Open, scene: Scene) -> None:
+def test_edits_of_what_is_seen_take_the_gaussians_of_a_part(scene: Scene) -> None:
     index = opened(scene)
     count, rim = len(scene.gaussians), index.things.part_owner == RIM
     removed = edited(index, Edit("remove", things=(RIM,)))
@@ -156,7 +147,7 @@ def test_edits_of_what_is_seen_take_the_gaussians_of_a_part(opened: Open, scene:
     assert changed[rim].all() and not changed[index.things.owner == 5].any()
 
 
-def test_merging_and_discarding_keep_parts_where_their_things_stay(opened: Open, scene: Scene) -> None:
+def test_merging_and_discarding_keep_parts_where_their_things_stay(scene: Scene) -> None:
     index = opened(scene)
     merged = edited(index, Edit("merge", things=(5, 3)))
     assert [(part.id, part.parent) for part in merged.things.listed_parts] == [(RIM, 5), (SPINE, 5)]
@@ -172,7 +163,7 @@ def test_merging_and_discarding_keep_parts_where_their_things_stay(opened: Open,
         apply_edit(index, Edit("merge", things=(5, RIM)))
 
 
-def test_copies_have_new_ids_and_no_parts(opened: Open, scene: Scene) -> None:
+def test_copies_have_new_ids_and_no_parts(scene: Scene) -> None:
     index = opened(scene)
     aside = np.eye(4)
     aside[0, 3] = 1.0
@@ -186,7 +177,7 @@ def test_copies_have_new_ids_and_no_parts(opened: Open, scene: Scene) -> None:
         apply_edit(index, replace(insert, things=(RIM,)), source=opened(scene))
 
 
-def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(opened: Open, scene: Scene) -> None:
+def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(scene: Scene) -> None:
     index = opened(scene)
     index.things.part_map(FRONT)
     steps = (name(RIM, "rim"), name(5, "book"), Edit("discard", things=(SPINE,)), Edit("merge", things=(5, 3)))
@@ -197,7 +188,7 @@ def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(opened: Open, sc
         np.testing.assert_array_equal(index.things.part_map(FRONT), fresh.things.part_map(FRONT))
 
 
-def test_parts_come_back_as_they_were_written(opened: Open, scene: Scene, tmp_path: Path) -> None:
+def test_parts_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> None:
     named = edited(opened(scene), name(RIM, "rim"))
     write_scene(named.scene, tmp_path / "v")
     assert (tmp_path / "v" / "parts.safetensors").is_file()
@@ -207,7 +198,7 @@ def test_parts_come_back_as_they_were_written(opened: Open, scene: Scene, tmp_pa
     assert again.ask(["rim"])[0].things == (RIM,)
 
 
-def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(opened: Open, scene: Scene) -> None:
+def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(scene: Scene) -> None:
     taken = np.flatnonzero(opened(scene).things.part_owner == RIM)[::2]
     changed, new_id = with_new_thing(scene, taken)
     before, after = opened(scene).things, opened(changed).things
@@ -218,6 +209,6 @@ def test_what_becomes_another_thing_leaves_the_parts_of_its_old_one(opened: Open
     np.testing.assert_array_equal(after.owner[others], before.owner[others])
 
 
-def test_a_part_is_not_split(opened: Open, scene: Scene) -> None:
+def test_a_part_is_not_split(scene: Scene) -> None:
     with pytest.raises(InvalidInputError, match=f"{RIM} is a part of thing 3"):
         split_thing(opened(scene), Edit("split", things=(RIM,)))

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
-from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import LimitExceededError
+from tests.query.conftest import PLAIN, DrawnEncoder, make_scene
 
 LEANING = {"mug": [1.0], "cup": [0.8, 0.6], "spoon": [0.7, -0.1, 0.7], "bed": [0, 0, 0, 1.0]}
 
 
 @pytest.fixture
-def index(make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings) -> SceneIndex:
-    return SceneIndex(make_scene(), drawn_encoder(LEANING), plain)
+def index() -> SceneIndex:
+    return SceneIndex(make_scene(), DrawnEncoder(LEANING), PLAIN)
 
 
 def pixel_of(index: SceneIndex, row: int, posed: PosedCamera) -> tuple[int, int]:
@@ -88,24 +85,20 @@ def test_depth_is_the_distance_along_the_view(index: SceneIndex, front: PosedCam
     assert depth[0, 0] == 0
 
 
-def test_a_higher_alpha_only_removes_pixels(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
-) -> None:
+def test_a_higher_alpha_only_removes_pixels(front: PosedCamera) -> None:
     before: np.ndarray | None = None
     for alpha in (0.1, 0.5, 0.9, 1.0):
-        index = SceneIndex(make_scene(), drawn_encoder(LEANING), plain.model_copy(update={"alpha_min": alpha}))
+        index = SceneIndex(make_scene(), DrawnEncoder(LEANING), PLAIN.model_copy(update={"alpha_min": alpha}))
         mask = index.mask2d(index.ask(["mug"])[0], front).mask
         assert before is None or not (mask & ~before).any()
         before = mask
     assert before is not None and not before.any()
 
 
-def test_no_gaussians_at_all(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
-) -> None:
+def test_no_gaussians_at_all(front: PosedCamera) -> None:
     scene = make_scene()
     none = {name: getattr(scene.gaussians, name)[:0] for name in scene.gaussians.__dataclass_fields__}
-    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, **none)), drawn_encoder(LEANING), plain)
+    index = SceneIndex(replace(scene, gaussians=replace(scene.gaussians, **none)), DrawnEncoder(LEANING), PLAIN)
     (answer,) = index.ask(["mug"])
     assert index.mask3d(answer).shape == (0,) and not index.mask2d(answer, front).mask.any()
 
@@ -123,12 +116,10 @@ def test_asking_renders_nothing(index: SceneIndex) -> None:
     assert index._renderer is None
 
 
-def test_the_fast_backend_gives_the_same_answers(
-    make_scene: Callable[..., Scene], drawn_encoder: Callable[..., Any], plain: QuerySettings, front: PosedCamera
-) -> None:
+def test_the_fast_backend_gives_the_same_answers(front: PosedCamera) -> None:
     scene = make_scene(per_label=5)
-    oracle = SceneIndex(scene, drawn_encoder(LEANING), plain)
-    fast = SceneIndex(scene, drawn_encoder(LEANING), plain.model_copy(update={"backend": "cpu"}))
+    oracle = SceneIndex(scene, DrawnEncoder(LEANING), PLAIN)
+    fast = SceneIndex(scene, DrawnEncoder(LEANING), PLAIN.model_copy(update={"backend": "cpu"}))
     (answer,) = oracle.ask(["cup"])
     a, b = oracle.mask2d(answer, front), fast.mask2d(answer, front)
     assert (a.mask != b.mask).mean() < 0.002  # float32 may tip a pixel that stands on the edge

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -29,18 +28,12 @@ from fastsplat_contract.poses import Vector3, pose_of
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import PickedLevel, Pixel, PixelBox
 from tests.query.box_scenes import BoxShell, look, orbit, scene_of
+from tests.query.conftest import opened
 
 CUP = BoxShell("mug", (0.1, 0.1, 0.04))
 TWIN = replace(CUP, centre=(-0.1, 0.15, 0.04))
 BOOK = BoxShell("book", (-0.1, 0.0, 0.02), (0.2, 0.14, 0.04), yaw=-0.3, count=400)
 FRONT = look((0.1, -0.6, 0.4), (0, 0, 0), "front.jpg")
-Open = Callable[[Scene], SceneIndex]
-
-
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Open:
-    settings = QuerySettings(templates=("{}",), threshold=0.9, exact_threshold=0.99, backend="cpu")
-    return lambda scene: SceneIndex(scene, drawn_encoder(), settings)
 
 
 @pytest.fixture
@@ -84,7 +77,7 @@ def ids_of(index: SceneIndex) -> dict[int, str]:
     return {thing.id: thing.name for thing in index.things.listed}
 
 
-def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(opened: Open, labeled: Scene) -> None:
+def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(labeled: Scene) -> None:
     index = opened(labeled)
     assert list(ids_of(index).values()) == ["mug", "mug", "book"]
     again = opened(labeled)
@@ -97,7 +90,7 @@ def test_a_scene_without_things_has_those_of_its_labels_and_always_the_same(open
     assert index.things.names.searched.named_things == 3 and index.ask(["mug"])[0].searched.named_things is None
 
 
-def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, labeled: Scene, tmp_path: Path) -> None:
+def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(labeled: Scene, tmp_path: Path) -> None:
     first = opened(labeled)
     (mug, twin, book) = ids_of(first)
     aside = np.eye(4)
@@ -122,9 +115,7 @@ def test_ids_stay_over_edits_and_files_and_a_copy_has_a_new_one(opened: Open, la
 
 
 @pytest.mark.parametrize("kind", ["labeled", "discovered"])
-def test_a_label_is_the_union_of_the_things_that_bear_it(
-    opened: Open, request: pytest.FixtureRequest, kind: str
-) -> None:
+def test_a_label_is_the_union_of_the_things_that_bear_it(request: pytest.FixtureRequest, kind: str) -> None:
     index = opened(request.getfixturevalue(kind))
     one, other, last = ids_of(index)
     named = edited(index, name([other, last], "Einmachglas", "jar"), name(one, "kettle"))
@@ -145,7 +136,7 @@ def test_a_label_is_the_union_of_the_things_that_bear_it(
     assert answer.matches[0].gaussian_count == np.isin(owner, [other, last]).sum()
 
 
-def test_naming_changes_no_mask_of_what_is_not_named(opened: Open, labeled: Scene) -> None:
+def test_naming_changes_no_mask_of_what_is_not_named(labeled: Scene) -> None:
     index = opened(labeled)
     before = {text: index.mask2d(index.ask([text])[0], FRONT).mask for text in ("mug", "book")}
     mug = index.things.listed[0].id
@@ -157,7 +148,7 @@ def test_naming_changes_no_mask_of_what_is_not_named(opened: Open, labeled: Scen
     np.testing.assert_array_equal(named.render(FRONT), index.render(FRONT))
 
 
-def test_a_label_that_nothing_bears_any_more_is_not_known(opened: Open, labeled: Scene) -> None:
+def test_a_label_that_nothing_bears_any_more_is_not_known(labeled: Scene) -> None:
     index = edited(opened(labeled), Edit("name", label="mugs", name="kettle"))
     mug, kettle = index.ask(["mug", "kettle"])
     assert (mug.is_absent, mug.things, kettle.outcome, len(kettle.things)) == (True, (), "here", 2)
@@ -167,7 +158,7 @@ def test_a_label_that_nothing_bears_any_more_is_not_known(opened: Open, labeled:
     np.testing.assert_array_equal(back.mask3d(back.ask(["mug"])[0]), index.mask3d(kettle))
 
 
-def test_merging_and_discarding_are_what_they_say(opened: Open, discovered: Scene) -> None:
+def test_merging_and_discarding_are_what_they_say(discovered: Scene) -> None:
     index = opened(discovered)
     named = edited(index, name(7, "jar"))
     merged = edited(named, Edit("merge", things=(7, 4)))
@@ -180,7 +171,7 @@ def test_merging_and_discarding_are_what_they_say(opened: Open, discovered: Scen
     assert ids_of(unnamed) == {4: "", 7: "", 9: ""} and unnamed.ask(["jar"])[0].outcome != "here"
 
 
-def test_an_absence_says_what_was_looked_for(opened: Open, discovered: Scene) -> None:
+def test_an_absence_says_what_was_looked_for(discovered: Scene) -> None:
     index = opened(replace(discovered, quality={"searched_names": 80}))
     (answer,) = index.ask(["bulldozer"])
     assert answer.is_absent and "3 things have no name" in answer.sentence
@@ -207,7 +198,7 @@ def test_the_more_things_have_no_name_the_less_sure_is_an_absence(discovered: Sc
     assert doubts == sorted(doubts, reverse=True) and doubts[0] >= 0.4 and doubts[2] < 0.1
 
 
-def test_what_looks_alike_is_suggested_and_never_named(opened: Open, discovered: Scene) -> None:
+def test_what_looks_alike_is_suggested_and_never_named(discovered: Scene) -> None:
     sh = discovered.gaussians.sh.copy()
     sh[: CUP.count + TWIN.count, 0] = (1.2, -1.2, -1.2)  # both mugs are red
     sh[CUP.count + TWIN.count :, 0] = (-1.2, -1.2, 1.2)
@@ -227,7 +218,7 @@ def _thing(levels: tuple[PickedLevel, ...]) -> int:
     return only.id
 
 
-def test_picking_finds_what_a_picture_shows(opened: Open, discovered: Scene) -> None:
+def test_picking_finds_what_a_picture_shows(discovered: Scene) -> None:
     things = opened(discovered).things
     shown = things.map(FRONT)
     for thing_id in (4, 7, 9):
@@ -277,15 +268,13 @@ def test_picking_finds_what_a_picture_shows(opened: Open, discovered: Scene) -> 
         (Edit("remove", things=(8,)), NotFoundError, "things[0]"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
-    opened: Open, discovered: Scene, edit: Edit, error: type[FastSplatError], field: str
-) -> None:
+def test_what_makes_no_sense_is_refused(discovered: Scene, edit: Edit, error: type[FastSplatError], field: str) -> None:
     with pytest.raises(error) as raised:
         apply_edit(opened(discovered), edit)
     assert raised.value.field == field
 
 
-def test_an_alias_that_is_anothers_name_is_refused_and_its_own_is_not(opened: Open, discovered: Scene) -> None:
+def test_an_alias_that_is_anothers_name_is_refused_and_its_own_is_not(discovered: Scene) -> None:
     index = edited(opened(discovered), name(4, "jar", "pot"))
     with pytest.raises(ConflictError, match="jar"):
         apply_edit(index, name(7, "tub", "pots"))
@@ -294,7 +283,7 @@ def test_an_alias_that_is_anothers_name_is_refused_and_its_own_is_not(opened: Op
 
 
 @pytest.mark.parametrize("text", ["чайник", "急須", "🫖", "إبريق", "a" * 200, "0", "don't", "Ä Ö"])
-def test_names_of_any_script_are_names(opened: Open, discovered: Scene, tmp_path: Path, text: str) -> None:
+def test_names_of_any_script_are_names(discovered: Scene, tmp_path: Path, text: str) -> None:
     write_scene(edited(opened(discovered), name(4, f"  {text} ")).scene, tmp_path / "v")
     index = opened(read_scene(tmp_path / "v"))
     assert ids_of(index)[4] == text
@@ -302,7 +291,7 @@ def test_names_of_any_script_are_names(opened: Open, discovered: Scene, tmp_path
     assert (answer.outcome, answer.things) == ("here", (4,))
 
 
-def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(opened: Open, discovered: Scene) -> None:
+def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(discovered: Scene) -> None:
     index = opened(discovered)
     looked = index.things.table
     named = edited(index, name(4, "jar"))
@@ -320,7 +309,7 @@ def test_a_name_that_a_person_gave_is_replaced_only_by_who_has_seen_it(opened: O
     assert ids_of(edited(named, name(4, "jar"), name(7, "pot"))) == {4: "jar", 7: "pot", 9: ""}
 
 
-def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
+def test_a_thousand_things_are_named_at_once() -> None:
     count = 1000
     places = np.stack(np.meshgrid(np.arange(40), np.arange(25)), axis=-1).reshape(-1, 2)
     means = np.repeat(np.concatenate([places, np.zeros((count, 1))], axis=1), 4, axis=0)
@@ -337,7 +326,7 @@ def test_a_thousand_things_are_named_at_once(opened: Open) -> None:
     assert answer.things == tuple(range(1, count)) and named.mask3d(answer).sum() == 4 * (count - 1)
 
 
-def test_a_mask_alone_is_the_mask_of_a_whole_picture(opened: Open, labeled: Scene, discovered: Scene) -> None:
+def test_a_mask_alone_is_the_mask_of_a_whole_picture(labeled: Scene, discovered: Scene) -> None:
     for index in (opened(labeled), edited(opened(discovered), name((4, 9), "mug"))):
         (answer,) = index.ask(["mug"])
         mask = index.mask(answer, FRONT)
@@ -347,7 +336,7 @@ def test_a_mask_alone_is_the_mask_of_a_whole_picture(opened: Open, labeled: Scen
         assert not index.mask(absent, FRONT).any()
 
 
-def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(opened: Open, discovered: Scene) -> None:
+def test_what_is_carried_over_an_edit_is_what_a_fresh_look_says(discovered: Scene) -> None:
     index = opened(discovered)
     index.things.map(FRONT)
     steps = (name(4, "mug"), name((7, 4), "cup"), Edit("unname", things=(7,)), Edit("merge", things=(7, 9)))

@@ -22,6 +22,7 @@ from fastsplat.service.scene.types import Thing, Things
 from fastsplat_contract.errors import FastSplatError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.scenes import Edit
+from tests.query.conftest import DrawnEncoder
 from tests.scenes import labelled_scene
 
 _COUNT = 60
@@ -36,14 +37,14 @@ def _things(count: int = _COUNT, *first: Thing) -> Things:
 
 
 @pytest.fixture
-def opened(drawn_encoder: Callable[..., Any]) -> Callable[[Things], SceneIndex]:
+def opened() -> Callable[[Things], SceneIndex]:
     """A scene of one Gaussian a thing, ready to be asked."""
 
     def of(things: Things) -> SceneIndex:
         count = len(things.table)
         means = np.stack([np.arange(count), np.zeros(count), np.zeros(count)], axis=1)
         scene = labelled_scene(means, np.zeros(count, int), dictionary_of([]), things=things)
-        return SceneIndex(scene, drawn_encoder(), QuerySettings(backend="reference"))
+        return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="reference"))
 
     return of
 

@@ -24,6 +24,7 @@ from fastsplat_contract.places import Alignment, KnownLength, Place, PointPair
 from fastsplat_contract.poses import Pose, Vector3, pose_of, quaternion_of, vector3
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, orbit, rigid, scene_of
+from tests.query.conftest import DrawnEncoder
 
 _TABLE = BoxShell("table", (0.0, 0.0, 0.35), (1.2, 0.7, 0.7), count=6_000)
 _BOOK = BoxShell("book", (0.2, 0.1, 0.725), (0.3, 0.15, 0.05), yaw=0.5, count=3_000)
@@ -34,8 +35,8 @@ Made = Callable[..., SceneIndex]
 
 
 @pytest.fixture
-def made(drawn_encoder: Callable[..., Any]) -> Made:
-    encoder = drawn_encoder()
+def made() -> Made:
+    encoder = DrawnEncoder()
     return lambda scene: SceneIndex(scene, encoder, QuerySettings(backend="cpu"))
 
 

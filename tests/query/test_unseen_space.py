@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,16 +11,14 @@ from numpy.typing import NDArray
 
 from fastsplat.service.query.edits.apply_edit import apply_edit
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.query.things.absence import ALL_SEEN, UnseenSpace
 from fastsplat.service.query.things.unseen_space import surface_kind, unseen_space
 from fastsplat.service.scene.types import Scene, SurfaceKind
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.scenes import Edit
 from tests.query.box_scenes import BoxShell, look, orbit, rigid, scene_of, with_cameras_moved
+from tests.query.conftest import PLAIN, DrawnEncoder
 from tests.query.walled_room import HEIGHT, SCREEN, THINGS, WALLS, from_corner
-
-Open = Callable[[Scene], SceneIndex]
 
 CARTON = BoxShell("carton", (0.9, 0.4, 0.2), (0.4, 0.4, 0.4), count=1200)
 
@@ -136,13 +133,12 @@ def test_nothing_is_said_of_what_nobody_photographed() -> None:
     assert unseen_space(scene_of(THINGS, orbit()), np.zeros(900, np.int32), {}) == ALL_SEEN
 
 
-@pytest.fixture
-def opened(drawn_encoder: Callable[..., Any], plain: QuerySettings) -> Open:
-    return lambda scene: SceneIndex(scene, drawn_encoder(), plain)
+def opened(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), PLAIN)
 
 
 @pytest.mark.parametrize("stored", [False, True])
-def test_an_absence_is_said_only_where_enough_is_seen(opened: Open, stored: bool) -> None:
+def test_an_absence_is_said_only_where_enough_is_seen(stored: bool) -> None:
     for cameras, outcome in ((from_corner(), "not_seen"), ([*from_corner(), *from_behind()], "not_here")):
         index = opened(scene_of([*WALLS, *THINGS, SCREEN], cameras))
         if stored:
@@ -158,7 +154,7 @@ def test_an_absence_is_said_only_where_enough_is_seen(opened: Open, stored: bool
             assert piano.sentence == 'Not here: none of the 6 names in this scene is "piano".'
 
 
-def test_a_name_changes_nothing_that_was_seen(opened: Open) -> None:
+def test_a_name_changes_nothing_that_was_seen() -> None:
     index = opened(opened(scene_of([*WALLS, *THINGS, SCREEN], from_corner())).things.scene)
     (screen,) = index.ask(["screen"])[0].things
     named = index.after(apply_edit(index, Edit("name", things=(screen,), name="room divider")))

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.types import Scene, Thing
 from fastsplat_contract.queries import Answer
 from fastsplat_contract.thing_reads import ReadKind, ThingRead
+from tests.query.conftest import DrawnEncoder
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _TABLE, _RED_BOOK, _OTHER_RED_BOOK, _BLUE_BOOK, _BOX = range(1, 6)
@@ -47,8 +47,8 @@ def scene() -> Scene:
 
 
 @pytest.fixture
-def index(scene: Scene, drawn_encoder: Callable[..., Any]) -> SceneIndex:
-    return SceneIndex(scene, drawn_encoder(), QuerySettings(backend="cpu"))
+def index(scene: Scene) -> SceneIndex:
+    return SceneIndex(scene, DrawnEncoder(), QuerySettings(backend="cpu"))
 
 
 def _answer(index: SceneIndex, text: str) -> Answer:
@@ -105,10 +105,10 @@ def test_names_come_before_what_is_written_and_by_is_a_place_where_nothing_says_
     assert by_place is not None and by_place.refusal is not None and by_place.refusal.reason == "not_understood"
 
 
-def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene, drawn_encoder: Callable[..., Any]) -> None:
+def test_a_scene_without_reads_answers_as_if_there_were_none(scene: Scene) -> None:
     assert scene.things is not None
     silent = replace(scene.things, table=tuple(replace(thing, reads=()) for thing in scene.things.table))
-    index = SceneIndex(replace(scene, things=silent), drawn_encoder(), QuerySettings(backend="cpu"))
+    index = SceneIndex(replace(scene, things=silent), DrawnEncoder(), QuerySettings(backend="cpu"))
     assert not _answer(index, "Hafermilch").things and not _answer(index, "oat milk").things
     assert _answer(index, "where does it say Hafermilch").outcome == "cannot_say"
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
 from fastsplat.service.scene.label_evidence import evidence_of
@@ -29,52 +27,42 @@ def sealed(body: dict[str, Any]) -> str:
     return json.dumps(body | {"sha256": hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()})
 
 
-@pytest.fixture
-def make_gaussians() -> Callable[..., Gaussians]:
-    def make(count: int = 50, sh: int = 16, code: int = 3, seed: int = 0) -> Gaussians:
-        rng = np.random.default_rng(seed)
+def make_gaussians(count: int = 50, sh: int = 16, code: int = 3, seed: int = 0) -> Gaussians:
+    rng = np.random.default_rng(seed)
 
-        def draw(*shape: int) -> np.ndarray:
-            return rng.standard_normal(shape).astype(np.float32)
+    def draw(*shape: int) -> np.ndarray:
+        return rng.standard_normal(shape).astype(np.float32)
 
-        return Gaussians(
-            draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code)
-        )
-
-    return make
+    return Gaussians(draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code))
 
 
-@pytest.fixture
-def make_scene(make_gaussians: Callable[..., Gaussians]) -> Callable[..., Scene]:
-    def make(
-        count: int = 50,
-        labels: tuple[str, ...] = ("mug", "茶壶", "🧸"),
-        sh: int = 16,
-        code: int = 3,
-        evidence: bool = False,
-    ) -> Scene:
-        rng = np.random.default_rng(1)
-        entries = tuple(
-            DictionaryEntry(label, (f"{label} alias",), 7 * i, i, 1 / (1 + i)) for i, label in enumerate(labels)
-        )
-        embeddings = rng.standard_normal((len(labels), 8)).astype(np.float32)
-        pose = np.eye(4)
-        pose[:3, 3] = [0.1, 1 / 3, -2e-17]
-        return Scene(
-            gaussians=make_gaussians(count, sh, code),
-            head=SemanticHead(
-                rng.standard_normal((len(labels) + 1, code)).astype(np.float32),
-                rng.standard_normal(len(labels) + 1).astype(np.float32),
-            ),
-            dictionary=Dictionary(entries),
-            label_embeddings=embeddings,
-            text_encoder=("some_encoder", "ab" * 32),
-            cameras=(PosedCamera(Camera(640, 480, 500.1, 500.2, 320.0, 240.0), pose, "a/é.jpg"),),
-            scale="METRIC",
-            training={"seed": 3, "nested": {"list": [1, 2.5, "x", None]}},
-            quality={"psnr": 30.123456789},
-            label_templates=("{}", "a {}"),
-            evidence=some_evidence(count, len(labels)) if evidence else None,
-        )
-
-    return make
+def make_scene(
+    count: int = 50,
+    labels: tuple[str, ...] = ("mug", "茶壶", "🧸"),
+    sh: int = 16,
+    code: int = 3,
+    evidence: bool = False,
+) -> Scene:
+    rng = np.random.default_rng(1)
+    entries = tuple(
+        DictionaryEntry(label, (f"{label} alias",), 7 * i, i, 1 / (1 + i)) for i, label in enumerate(labels)
+    )
+    embeddings = rng.standard_normal((len(labels), 8)).astype(np.float32)
+    pose = np.eye(4)
+    pose[:3, 3] = [0.1, 1 / 3, -2e-17]
+    return Scene(
+        gaussians=make_gaussians(count, sh, code),
+        head=SemanticHead(
+            rng.standard_normal((len(labels) + 1, code)).astype(np.float32),
+            rng.standard_normal(len(labels) + 1).astype(np.float32),
+        ),
+        dictionary=Dictionary(entries),
+        label_embeddings=embeddings,
+        text_encoder=("some_encoder", "ab" * 32),
+        cameras=(PosedCamera(Camera(640, 480, 500.1, 500.2, 320.0, 240.0), pose, "a/é.jpg"),),
+        scale="METRIC",
+        training={"seed": 3, "nested": {"list": [1, 2.5, "x", None]}},
+        quality={"psnr": 30.123456789},
+        label_templates=("{}", "a {}"),
+        evidence=some_evidence(count, len(labels)) if evidence else None,
+    )

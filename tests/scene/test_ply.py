@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 from fastsplat.service.scene.ply import read_ply, write_ply
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
+from tests.scene.conftest import make_gaussians
 
 
 def assert_same(a: Gaussians, b: Gaussians) -> None:
@@ -26,16 +26,14 @@ def rows_of(gaussians: Gaussians, rows: np.ndarray) -> Gaussians:
 
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
-@pytest.mark.parametrize(("count", "code"), [(0, 0), (1, 3), (70_000, 2)])
-def test_round_trip_is_exact(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, count: int, sh: int, code: int
-) -> None:
-    gaussians = make_gaussians(count, sh, code)
-    write_ply(gaussians, tmp_path / "a.ply", codes=True)
+@pytest.mark.parametrize("count", [0, 1, 70_000])
+def test_round_trip_is_exact(tmp_path: Path, count: int, sh: int) -> None:
+    gaussians = make_gaussians(count, sh, 0)
+    write_ply(gaussians, tmp_path / "a.ply")
     assert_same(gaussians, read_ply(tmp_path / "a.ply"))
 
 
-def test_the_layout_is_the_one_viewers_know(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_the_layout_is_the_one_viewers_know(tmp_path: Path) -> None:
     gaussians = make_gaussians(5)
     write_ply(gaussians, tmp_path / "a.ply")
     header, body = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)
@@ -55,12 +53,12 @@ def test_the_layout_is_the_one_viewers_know(make_gaussians: Callable[..., Gaussi
     np.testing.assert_array_equal(table[:, 58:], gaussians.quats)
 
 
-def test_chosen_rows_keep_the_scene_order(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
-    gaussians = make_gaussians(40)
+def test_chosen_rows_keep_the_scene_order(tmp_path: Path) -> None:
+    gaussians = make_gaussians(40, code=0)
     mask = np.random.default_rng(0).random(40) < 0.3
-    write_ply(gaussians, tmp_path / "mask.ply", rows=mask, codes=True)
+    write_ply(gaussians, tmp_path / "mask.ply", rows=mask)
     shuffled = np.random.default_rng(1).permutation(np.flatnonzero(mask))
-    write_ply(gaussians, tmp_path / "ids.ply", rows=shuffled, codes=True)
+    write_ply(gaussians, tmp_path / "ids.ply", rows=shuffled)
     assert_same(rows_of(gaussians, mask), read_ply(tmp_path / "mask.ply"))
     assert (tmp_path / "mask.ply").read_bytes() == (tmp_path / "ids.ply").read_bytes()
     write_ply(gaussians, tmp_path / "none.ply", rows=np.zeros(40, dtype=bool))
@@ -68,13 +66,13 @@ def test_chosen_rows_keep_the_scene_order(make_gaussians: Callable[..., Gaussian
 
 
 @pytest.mark.parametrize("rows", [np.ones(39, dtype=bool), np.array([40]), np.array([-1])])
-def test_rows_that_are_not_there(make_gaussians: Callable[..., Gaussians], tmp_path: Path, rows: np.ndarray) -> None:
+def test_rows_that_are_not_there(tmp_path: Path, rows: np.ndarray) -> None:
     with pytest.raises(InvalidInputError):
         write_ply(make_gaussians(40), tmp_path / "a.ply", rows=rows)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_order_and_extra_properties_are_free(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_order_and_extra_properties_are_free(tmp_path: Path) -> None:
     gaussians = make_gaussians(7, 4, 0)
     write_ply(gaussians, tmp_path / "a.ply")
     header, body = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)
@@ -96,7 +94,7 @@ def test_order_and_extra_properties_are_free(make_gaussians: Callable[..., Gauss
     assert_same(gaussians, read_ply(tmp_path / "b.ply"))
 
 
-def test_every_truncation_is_found(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_every_truncation_is_found(tmp_path: Path) -> None:
     write_ply(make_gaussians(4), tmp_path / "a.ply")
     whole = (tmp_path / "a.ply").read_bytes()
     for length in [*range(0, len(whole), 41), len(whole) - 1]:
@@ -129,7 +127,7 @@ def test_every_truncation_is_found(make_gaussians: Callable[..., Gaussians], tmp
         (b"end_header", b"end_heading"),
     ],
 )
-def test_hostile_headers(make_gaussians: Callable[..., Gaussians], tmp_path: Path, old: bytes, new: bytes) -> None:
+def test_hostile_headers(tmp_path: Path, old: bytes, new: bytes) -> None:
     write_ply(make_gaussians(4), tmp_path / "a.ply")
     whole = (tmp_path / "a.ply").read_bytes()
     assert old in whole
@@ -146,7 +144,7 @@ def test_ascii_with_a_trillion_rows(tmp_path: Path) -> None:
         read_ply(tmp_path / "a.ply")
 
 
-def test_numbers_must_be_finite(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_numbers_must_be_finite(tmp_path: Path) -> None:
     gaussians = make_gaussians(4)
     gaussians.log_scales[2, 1] = np.nan
     write_ply(gaussians, tmp_path / "a.ply")
@@ -154,7 +152,7 @@ def test_numbers_must_be_finite(make_gaussians: Callable[..., Gaussians], tmp_pa
         read_ply(tmp_path / "a.ply")
 
 
-def test_the_bound_on_rows(make_gaussians: Callable[..., Gaussians], tmp_path: Path) -> None:
+def test_the_bound_on_rows(tmp_path: Path) -> None:
     write_ply(make_gaussians(4), tmp_path / "a.ply")
     with pytest.raises(LimitExceededError):
         read_ply(tmp_path / "a.ply", max_gaussians=3)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from fastsplat_contract.errors import (
     SceneFileError,
     SceneSchemaError,
 )
-from tests.scene.conftest import sealed
+from tests.scene.conftest import make_scene, sealed
 
 NAMES = ("scene.json", "cameras.json", "gaussians.safetensors", "evidence.safetensors")
 
@@ -55,26 +54,20 @@ def assert_same(a: Scene, b: Scene) -> None:
     [(50, ("mug", "茶壶", "🧸"), 16, 3), (0, (), 1, 0), (1, ("one",), 4, 8), (3, (), 9, 0), (0, ("a", "b"), 16, 3)],
 )
 def test_round_trip_is_exact(
-    make_scene: Callable[..., Scene],
-    tmp_path: Path,
-    count: int,
-    labels: tuple[str, ...],
-    sh: int,
-    code: int,
-    evidence: bool,
+    tmp_path: Path, count: int, labels: tuple[str, ...], sh: int, code: int, evidence: bool
 ) -> None:
     scene = make_scene(count, labels, sh, code, evidence)
     write_scene(scene, tmp_path / "deep" / "v1")
     assert_same(scene, read_scene(tmp_path / "deep" / "v1"))
 
 
-def test_many_labels_round_trip(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_many_labels_round_trip(tmp_path: Path) -> None:
     scene = make_scene(5, tuple(f"thing {i}x" for i in range(10_000)), evidence=True)
     write_scene(scene, tmp_path / "v1")
     assert_same(scene, read_scene(tmp_path / "v1"))
 
 
-def test_signed_zero_and_denormals_survive(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_signed_zero_and_denormals_survive(tmp_path: Path) -> None:
     scene = make_scene(4)
     means = np.array([[-0.0, 1e-45, 3.4e38], [0, 0, 0], [1, 2, 3], [-1e-40, 5, 6]], dtype=np.float32)
     scene = replace(scene, gaussians=replace(scene.gaussians, means=means))
@@ -82,14 +75,14 @@ def test_signed_zero_and_denormals_survive(make_scene: Callable[..., Scene], tmp
     assert_same(scene, read_scene(tmp_path / "v1"))
 
 
-def test_writing_is_deterministic(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_writing_is_deterministic(tmp_path: Path) -> None:
     for name in ("a", "b"):
         write_scene(make_scene(evidence=True), tmp_path / name)
     for name in NAMES:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_arrays_are_mapped_and_read_only(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_arrays_are_mapped_and_read_only(tmp_path: Path) -> None:
     write_scene(make_scene(evidence=True), tmp_path / "v1")
     scene = read_scene(tmp_path / "v1")
     assert scene.evidence is not None
@@ -101,7 +94,7 @@ def test_arrays_are_mapped_and_read_only(make_scene: Callable[..., Scene], tmp_p
         assert not base.flags.owndata
 
 
-def test_row_order_changes_the_digest(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_row_order_changes_the_digest(tmp_path: Path) -> None:
     scene = make_scene()
     turned = replace(
         scene.gaussians, **{f.name: getattr(scene.gaussians, f.name)[::-1].copy() for f in fields(Gaussians)}
@@ -112,7 +105,7 @@ def test_row_order_changes_the_digest(make_scene: Callable[..., Scene], tmp_path
     assert digests[0] != digests[1]
 
 
-def test_an_existing_folder_is_never_touched(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_an_existing_folder_is_never_touched(tmp_path: Path) -> None:
     write_scene(make_scene(3), tmp_path / "v1")
     before = (tmp_path / "v1" / "scene.json").read_bytes()
     with pytest.raises(ConflictError):
@@ -124,7 +117,7 @@ def test_an_existing_folder_is_never_touched(make_scene: Callable[..., Scene], t
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_what_cannot_be_read_back_is_not_written(make_scene: Callable[..., Scene], tmp_path: Path, bad: float) -> None:
+def test_what_cannot_be_read_back_is_not_written(tmp_path: Path, bad: float) -> None:
     scene = make_scene()
     scene.gaussians.sh[7, 3, 1] = bad
     for refused in (scene, replace(make_scene(), training={"x": object()})):
@@ -138,9 +131,7 @@ def test_what_cannot_be_read_back_is_not_written(make_scene: Callable[..., Scene
 
 
 @pytest.mark.parametrize("bad", [np.nan, -np.inf, np.float32(np.inf)])
-def test_a_figure_that_is_not_finite_is_left_out_and_named(
-    make_scene: Callable[..., Scene], tmp_path: Path, bad: float
-) -> None:
+def test_a_figure_that_is_not_finite_is_left_out_and_named(tmp_path: Path, bad: float) -> None:
     quality = {"psnr": bad, "ssim": np.float64(0.5), "warnings": ["dark"], "seconds": {"a": bad, "b": 1, "c": None}}
     scene = replace(make_scene(), quality=quality, training={"seed": 1, "rates": [bad, 2.0]})
     write_scene(scene, tmp_path / "v1")
@@ -152,9 +143,7 @@ def test_a_figure_that_is_not_finite_is_left_out_and_named(
     assert read.training == {"seed": 1, "rates": [None, 2.0]}
 
 
-def test_a_failed_write_leaves_nothing(
-    make_scene: Callable[..., Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
@@ -170,7 +159,7 @@ def test_missing_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_truncation_is_found(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
+def test_every_truncation_is_found(tmp_path: Path, name: str) -> None:
     write_scene(make_scene(6, evidence=True), tmp_path / "good")
     whole = (tmp_path / "good" / name).read_bytes()
     shutil.copytree(tmp_path / "good", tmp_path / "bad")
@@ -187,7 +176,7 @@ def test_every_truncation_is_found(make_scene: Callable[..., Scene], tmp_path: P
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_flipped_bit_never_changes_a_scene(make_scene: Callable[..., Scene], tmp_path: Path, name: str) -> None:
+def test_a_flipped_bit_never_changes_a_scene(tmp_path: Path, name: str) -> None:
     scene = make_scene(6, evidence=True)
     write_scene(scene, tmp_path / "good")
     whole = (tmp_path / "good" / name).read_bytes()
@@ -203,7 +192,7 @@ def test_a_flipped_bit_never_changes_a_scene(make_scene: Callable[..., Scene], t
         assert_same(scene, found)  # white space of a JSON file may differ, its content may not
 
 
-def test_files_of_two_scenes_do_not_mix(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_files_of_two_scenes_do_not_mix(tmp_path: Path) -> None:
     write_scene(make_scene(6, evidence=True), tmp_path / "a")
     write_scene(make_scene(7, evidence=True), tmp_path / "b")
     write_scene(make_scene(6, code=4), tmp_path / "c")
@@ -219,9 +208,7 @@ def test_files_of_two_scenes_do_not_mix(make_scene: Callable[..., Scene], tmp_pa
 
 
 @pytest.mark.parametrize("confidence", [-0.1, 1.5, "0.5", None])
-def test_a_confidence_that_is_none_is_damage(
-    make_scene: Callable[..., Scene], tmp_path: Path, confidence: object
-) -> None:
+def test_a_confidence_that_is_none_is_damage(tmp_path: Path, confidence: object) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     body = json.loads(path.read_text())
@@ -243,13 +230,7 @@ def test_a_confidence_that_is_none_is_damage(
     ],
 )
 def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
-    make_scene: Callable[..., Scene],
-    tmp_path: Path,
-    labels: list[int],
-    counts: list[int],
-    starts: list[int],
-    wrong: str,
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, labels: list[int], counts: list[int], starts: list[int], wrong: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bad = Evidence(np.array(starts), np.array(labels, np.uint16), np.array(counts))
     scene = replace(make_scene(2), evidence=bad)
@@ -263,7 +244,7 @@ def test_evidence_that_contradicts_itself_is_neither_written_nor_read(
         read_scene(tmp_path / "v1")
 
 
-def test_another_schema_says_so(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_another_schema_says_so(tmp_path: Path) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     path = tmp_path / "v1" / "scene.json"
     for schema in (0, SCHEMA + 1, 12, "1", None, True):
@@ -276,7 +257,7 @@ def test_another_schema_says_so(make_scene: Callable[..., Scene], tmp_path: Path
 @pytest.mark.parametrize(
     "text", ["", "[]", "null", "{}", "[" * 100_000, '{"format": "fastsplat-scene", "schema": 1}', "\xff"]
 )
-def test_hostile_manifests_are_typed_errors(make_scene: Callable[..., Scene], tmp_path: Path, text: str) -> None:
+def test_hostile_manifests_are_typed_errors(tmp_path: Path, text: str) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     (tmp_path / "v1" / "scene.json").write_bytes(text.encode("latin-1"))
     with pytest.raises(FastSplatError) as caught:
@@ -284,7 +265,7 @@ def test_hostile_manifests_are_typed_errors(make_scene: Callable[..., Scene], tm
     assert caught.value.hint
 
 
-def test_codes_of_things_are_kept(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_codes_of_things_are_kept(tmp_path: Path) -> None:
     scene = make_scene()
     count, code = scene.gaussians.codes.shape
     rows = np.arange(count)

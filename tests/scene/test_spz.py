@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from fastsplat.service.capture.uploads.splat_files.spz import read_spz
 from fastsplat.service.scene.spz_writing import MOST_FRACTIONAL_BITS, fractional_bits, spz_bytes
 from fastsplat.service.scene.types import Gaussians
 from tests.capture.splat_writers import spz_content
+from tests.scene.conftest import make_gaussians
 
 
 def _back(gaussians: Gaussians, folder: Path) -> SplatRows:
@@ -30,9 +30,7 @@ def _opacity(logits: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("sh", [1, 4, 9, 16])
 @pytest.mark.parametrize("far", [1.0, 300.0])
-def test_what_comes_back_is_within_the_stated_error_in_order(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path, sh: int, far: float
-) -> None:
+def test_what_comes_back_is_within_the_stated_error_in_order(tmp_path: Path, sh: int, far: float) -> None:
     drawn = make_gaussians(3_000, sh)
     gaussians = replace(drawn, means=drawn.means * np.float32(far), sh=np.clip(drawn.sh, -0.99, 0.99))
     back = _back(gaussians, tmp_path)
@@ -48,7 +46,7 @@ def test_what_comes_back_is_within_the_stated_error_in_order(
     assert apart[:, :3].max() <= 1 / 1445 + 1e-6 and np.abs((unit * back.quats).sum(axis=1)).min() > 0.999995
 
 
-def test_it_is_the_file_that_another_writer_writes(make_gaussians: Callable[..., Gaussians]) -> None:
+def test_it_is_the_file_that_another_writer_writes() -> None:
     drawn = make_gaussians(200)
     gaussians = replace(drawn, sh=np.clip(drawn.sh, -0.99, 0.99))
     ours = np.frombuffer(gzip.decompress(spz_bytes(gaussians)), np.uint8)
@@ -58,9 +56,7 @@ def test_it_is_the_file_that_another_writer_writes(make_gaussians: Callable[...,
     assert spz_bytes(gaussians) == spz_bytes(gaussians)
 
 
-def test_what_the_format_cannot_hold_becomes_the_nearest_it_can(
-    make_gaussians: Callable[..., Gaussians], tmp_path: Path
-) -> None:
+def test_what_the_format_cannot_hold_becomes_the_nearest_it_can(tmp_path: Path) -> None:
     drawn = make_gaussians(4, 4)
     means = np.array([[1e9, 0, 0], [0, -1e9, 0], [0, 0, 1], [1, 2, 3]], np.float32)
     gaussians = replace(drawn, means=means, log_scales=np.full((4, 3), -30, np.float32), sh=drawn.sh * 1_000)
@@ -70,6 +66,6 @@ def test_what_the_format_cannot_hold_becomes_the_nearest_it_can(
     assert (back.log_scales == -10).all() and np.abs(back.sh[:, 0]).max() < 3.4 and np.abs(back.sh[:, 1:]).max() <= 1
 
 
-def test_a_splat_of_nothing_is_a_file(make_gaussians: Callable[..., Gaussians]) -> None:
+def test_a_splat_of_nothing_is_a_file() -> None:
     content = gzip.decompress(spz_bytes(make_gaussians(0, 4)))
     assert len(content) == 16 and content[:4] == b"NGSP" and content[8:12] == bytes(4)

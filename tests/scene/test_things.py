@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -30,8 +29,7 @@ from fastsplat.service.scene.things import (
 from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
 from fastsplat_contract.thing_reads import ThingRead
-from tests.scene.conftest import sealed
-from tests.scenes import labelled_scene
+from tests.scene.conftest import make_scene, sealed
 
 IDS = (2, 5, 9)
 
@@ -71,7 +69,7 @@ def _things(count: int) -> Things:
 
 
 @pytest.fixture
-def scene(make_scene: Callable[..., Scene]) -> Scene:
+def scene() -> Scene:
     return replace(make_scene(count=80), things=_things(80))
 
 
@@ -84,7 +82,7 @@ def test_things_come_back_as_they_were_written(scene: Scene, tmp_path: Path) -> 
         assert (getattr(read.membership, name) == getattr(scene.things.membership, name)).all()
 
 
-def test_a_scene_without_things_has_no_file_of_them(make_scene: Callable[..., Scene], tmp_path: Path) -> None:
+def test_a_scene_without_things_has_no_file_of_them(tmp_path: Path) -> None:
     write_scene(make_scene(), tmp_path / "v1")
     assert read_scene(tmp_path / "v1").things is None
     assert not (tmp_path / "v1" / "things.safetensors").exists()
@@ -162,40 +160,6 @@ def test_a_changed_membership_says_so(scene: Scene, tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(SceneFileError, match="things"):
         read_scene(tmp_path / "v1")
-
-
-_CHARACTERS = st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"])
-_SEEN = st.characters(categories=["L", "N", "S"])
-_NAMES = st.just(" ") | st.builds(
-    lambda before, seen, after: before + seen + after,
-    st.text(_CHARACTERS, max_size=9),
-    _SEEN,
-    st.text(_CHARACTERS, max_size=MAX_NAME_CHARS - 10),
-)
-
-
-@settings(max_examples=50)
-@given(st.sampled_from(IDS), _NAMES)
-def test_naming_changes_the_name_of_one_thing_and_nothing_else(thing_id: int, name: str) -> None:
-    things = _things(40)
-    before = labelled_scene(np.zeros((40, 3)), np.zeros(40, int), (), things=things)
-    after = rename_thing(before, thing_id, name)
-    assert after.things is not None
-    assert after.things.membership is things.membership and after.gaussians is before.gaussians
-    for old, new in zip(things.table, after.things.table, strict=True):
-        if old.id != thing_id:
-            assert new == old
-        else:
-            assert (new.name, new.source) == (name.strip(), "person" if name.strip() else None)
-            assert (new.consensus, new.surface, new.suggestions) == (old.consensus, old.surface, old.suggestions)
-    back = rename_thing(
-        after,
-        thing_id,
-        (old := thing_of(things, thing_id)).name,
-        source=old.source or "person",
-        probability=old.probability,
-    )
-    assert back.things == things
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_scene_thing_masks_and_picture_are_the_servers(place: Place, browser: Br
             picture = np.asarray(Image.open(io.BytesIO(content))).astype(int)
             assert name.endswith(".png") and picture.shape == truth.shape and np.abs(picture - truth).mean() < 0.5
         _, content = _saved(visit, "nerfstudio transforms.json")
-        assert content == place.service.camera_file(scene_id, "transforms")
+        assert content == file(ExportRequest(scene_id, "transforms"))
 
         visit.tab("Things").get_by_role("button", name="ball", exact=True).click()
         visit.tab("Share")

@@ -77,7 +77,6 @@ def read_dataset(
         dictionary=dictionary,
         train=train,
         test=test,
-        training_labels=any(photos[name].path in layout.label_maps for name in train),
         mask_label=mask_label,
         notes=_notes(layout, test),
         instances=layout.instances,

@@ -70,7 +70,6 @@ class Dataset:
         dictionary: the labels of the label maps, or the annotated texts; may be empty.
         train: names of the views that a scene may be trained on.
         test: the views that it is measured on; none of them is in `train`.
-        training_labels: whether the training views have label maps.
         mask_label: the name of what binary masks show, or "".
         notes: what was left aside or made up for, as sentences for people.
         instances: the label of each thing of the views' `instances`, from 1; empty without.
@@ -85,7 +84,6 @@ class Dataset:
     dictionary: Dictionary
     train: tuple[str, ...]
     test: tuple[TrueView, ...]
-    training_labels: bool = False
     mask_label: str = ""
     notes: tuple[str, ...] = ()
     instances: tuple[str, ...] = ()

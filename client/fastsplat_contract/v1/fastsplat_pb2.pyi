@@ -276,13 +276,6 @@ class PictureFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     PICTURE_FORMAT_NPY: _ClassVar[PictureFormat]
     PICTURE_FORMAT_JPEG: _ClassVar[PictureFormat]
 
-class CameraFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    CAMERA_FORMAT_UNSPECIFIED: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_JSON: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_TRANSFORMS: _ClassVar[CameraFormat]
-    CAMERA_FORMAT_COLMAP: _ClassVar[CameraFormat]
-
 class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     EXPORT_FORMAT_UNSPECIFIED: _ClassVar[ExportFormat]
@@ -296,6 +289,10 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_SOG: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MCAP: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MAP: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_CAMERA_LIST: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_TRANSFORMS: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_COLMAP: _ClassVar[ExportFormat]
+    EXPORT_FORMAT_THINGS: _ClassVar[ExportFormat]
 
 class NextPhotoReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -549,10 +546,6 @@ PICTURE_FORMAT_UNSPECIFIED: PictureFormat
 PICTURE_FORMAT_PNG: PictureFormat
 PICTURE_FORMAT_NPY: PictureFormat
 PICTURE_FORMAT_JPEG: PictureFormat
-CAMERA_FORMAT_UNSPECIFIED: CameraFormat
-CAMERA_FORMAT_JSON: CameraFormat
-CAMERA_FORMAT_TRANSFORMS: CameraFormat
-CAMERA_FORMAT_COLMAP: CameraFormat
 EXPORT_FORMAT_UNSPECIFIED: ExportFormat
 EXPORT_FORMAT_PLY: ExportFormat
 EXPORT_FORMAT_SPZ: ExportFormat
@@ -564,6 +557,10 @@ EXPORT_FORMAT_CAMERAS: ExportFormat
 EXPORT_FORMAT_SOG: ExportFormat
 EXPORT_FORMAT_MCAP: ExportFormat
 EXPORT_FORMAT_MAP: ExportFormat
+EXPORT_FORMAT_CAMERA_LIST: ExportFormat
+EXPORT_FORMAT_TRANSFORMS: ExportFormat
+EXPORT_FORMAT_COLMAP: ExportFormat
+EXPORT_FORMAT_THINGS: ExportFormat
 NEXT_PHOTO_REASON_UNSPECIFIED: NextPhotoReason
 NEXT_PHOTO_REASON_GAP: NextPhotoReason
 NEXT_PHOTO_REASON_FEW_DIRECTIONS: NextPhotoReason
@@ -2001,24 +1998,6 @@ class Tint(_message.Message):
     strength: float
     def __init__(self, things: _Optional[_Iterable[int]] = ..., color: _Optional[_Union[Color, _Mapping]] = ..., strength: _Optional[float] = ...) -> None: ...
 
-class DownloadCamerasRequest(_message.Message):
-    __slots__ = ("scene_id", "format")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    FORMAT_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    format: CameraFormat
-    def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[CameraFormat, str]] = ...) -> None: ...
-
-class DownloadScenePlyRequest(_message.Message):
-    __slots__ = ("scene_id", "version", "offset")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    OFFSET_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    offset: int
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ..., offset: _Optional[int] = ...) -> None: ...
-
 class ExportSceneRequest(_message.Message):
     __slots__ = ("scene_id", "format", "version", "things", "cell", "coarse")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -2034,14 +2013,6 @@ class ExportSceneRequest(_message.Message):
     cell: float
     coarse: bool
     def __init__(self, scene_id: _Optional[str] = ..., format: _Optional[_Union[ExportFormat, str]] = ..., version: _Optional[str] = ..., things: _Optional[_Iterable[int]] = ..., cell: _Optional[float] = ..., coarse: _Optional[bool] = ...) -> None: ...
-
-class DownloadThingIdsRequest(_message.Message):
-    __slots__ = ("scene_id", "version")
-    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
-    VERSION_FIELD_NUMBER: _ClassVar[int]
-    scene_id: str
-    version: str
-    def __init__(self, scene_id: _Optional[str] = ..., version: _Optional[str] = ...) -> None: ...
 
 class ListPhotosRequest(_message.Message):
     __slots__ = ("scene_id", "version", "page_size", "page_token")

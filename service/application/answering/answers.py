@@ -109,14 +109,6 @@ class Answers:
             raise NotFoundError(f"scene {scene_id!r} was deleted meanwhile", field="scene")
         return path, version
 
-    def thing_ids(self, scene_id: str, version: str = "") -> bytes:
-        """Which thing each Gaussian belongs to: little-endian uint16 [G] by row, 0 for none.
-
-        Raises:
-            NotFoundError, NotReadyError: as `query`.
-        """
-        return self._scenes.reading(scene_id, version, lambda index, _: index.things.owner.astype("<u2").tobytes())
-
     def list_things(
         self, scene_id: str, version: str = "", page_size: int = 0, page_token: str = "", parts: bool = False
     ) -> ThingList:

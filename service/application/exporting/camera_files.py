@@ -13,35 +13,13 @@ from fastsplat.service.scene.colmap_writing import colmap_text_model
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import InvalidInputError
 from fastsplat_contract.json_codec import to_plain
-from fastsplat_contract.queries import CameraFormat
 
-MEDIA_TYPES: dict[CameraFormat, str] = {
-    "json": "application/json",
-    "transforms": "application/json",
-    "colmap": "application/zip",
-}
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def camera_file(cameras: Sequence[PosedCamera], file_format: str) -> bytes:
-    """The cameras in one of three formats.
-
-    "json": {"cameras": [...]}, each as the REST interface writes one. "transforms": nerfstudio's transforms.json,
-    world-from-camera, OpenGL axes, intrinsics a frame. "colmap": a zip of COLMAP's text model, camera-from-world,
-    quaternions w x y z, without points; one PINHOLE camera for each distinct lens.
-
-    Raises:
-        InvalidInputError: another format.
-    """
-    if file_format == "json":
-        return _json({"cameras": [to_plain(posed) for posed in cameras]})
-    if file_format == "transforms":
-        return transforms(cameras)
-    if file_format == "colmap":
-        return _colmap(cameras)
-    raise InvalidInputError(
-        f"no camera format {file_format[:40]!r}", field="format", hint='Use "json", "transforms" or "colmap".'
-    )
+def camera_list(cameras: Sequence[PosedCamera]) -> bytes:
+    """JSON of {"cameras": [...]}, each as the REST interface writes one."""
+    return _json({"cameras": [to_plain(posed) for posed in cameras]})
 
 
 def transforms(cameras: Sequence[PosedCamera], **more: Any) -> bytes:
@@ -68,13 +46,19 @@ def _frame(posed: PosedCamera) -> dict[str, Any]:
     }
 
 
-def _colmap(cameras: Sequence[PosedCamera]) -> bytes:
+def colmap(cameras: Sequence[PosedCamera]) -> bytes:
+    """A zip of COLMAP's text model, camera-from-world, quaternions w x y z, without points; one PINHOLE camera for each
+    distinct lens.
+
+    Raises:
+        InvalidInputError: it cannot hold a camera's name.
+    """
     for posed in cameras:
         if any(letter.isspace() for letter in posed.name):
             raise InvalidInputError(
                 f"COLMAP's text files cannot hold the image name {posed.name[:80]!r}",
                 field="format",
-                hint='Its names have no blanks; ask for "transforms" or "json".',
+                hint='Its names have no blanks; ask for "transforms" or "camera_list".',
             )
     return zipped(colmap_text_model(cameras))
 

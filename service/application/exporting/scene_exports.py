@@ -15,6 +15,7 @@ from fastsplat.service.application.answering.photos import size_of
 from fastsplat.service.application.base.cache import LeastRecentlyUsed
 from fastsplat.service.application.base.memory import MemoryBudget, export_bytes
 from fastsplat.service.application.base.validate import check_texts
+from fastsplat.service.application.exporting.camera_files import camera_list, colmap, transforms
 from fastsplat.service.application.exporting.geometry_files import (
     ViewsOf,
     cameras_file,
@@ -78,8 +79,8 @@ class Exports:
         Raises:
             NotFoundError: unknown scene, version or thing; the viewer of single files is not built.
             InvalidInputError: some things alone in a format that holds whole scenes, a cell that is none or for a
-                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a version
-                that is no plain text.
+                format without cells, a coarse file of what has none, surfaces of a scene without cameras, a camera's
+                name that the format cannot hold, a version that is no plain text.
             LimitExceededError: more points or voxels than the settings allow, or as `Answers.query`.
             NotReadyError: as `Answers.query`.
             MissingPackageError: mcap, where the package that it needs is not installed.
@@ -254,6 +255,10 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "sog": Exports._sog,
     "mcap": Exports._mcap,
     "map": Exports._map,
+    "camera_list": lambda exports, index, version, request: camera_list(index.scene.cameras),
+    "transforms": lambda exports, index, version, request: transforms(index.scene.cameras),
+    "colmap": lambda exports, index, version, request: colmap(index.scene.cameras),
+    "things": lambda exports, index, version, request: index.things.owner.astype("<u2").tobytes(),
 }
 
 

@@ -36,7 +36,7 @@ def test_a_transforms_json_says_everything_itself(tmp_path: Path) -> None:
     folder = made_data.nerfstudio(tmp_path / "made")
     before = sorted(path.name for path in folder.rglob("*"))
     dataset = read_dataset(folder, SETTINGS)
-    assert dataset.kind == "nerfstudio" and dataset.training_labels
+    assert dataset.kind == "nerfstudio"
     assert [view.name for view in dataset.test] == ["images/001.png", "images/004.png"]
     assert [entry.label for entry in dataset.dictionary.entries] == list(made_data.LABELS)
     view = dataset.test[1]
@@ -99,7 +99,7 @@ def test_a_colmap_folder_may_have_labels_or_masks_or_neither(tmp_path: Path) -> 
     stems = [f"p{number}" for number in range(9)]
     folder = made_data.colmap(tmp_path / "plain", stems)
     plain = read_dataset(folder, SETTINGS)
-    assert plain.kind == "colmap" and len(plain.dictionary) == 0 and not plain.training_labels
+    assert plain.kind == "colmap" and len(plain.dictionary) == 0
     assert [view.name for view in plain.test] == ["p0.png", "p8.png"]
     assert _trained_on(plain, tmp_path / "a") == {f"p{number}.png" for number in range(1, 8)}
     half = np.zeros((48, 64), np.uint8)
@@ -107,7 +107,7 @@ def test_a_colmap_folder_may_have_labels_or_masks_or_neither(tmp_path: Path) -> 
     for stem in stems:
         made_data.save(half, folder / f"masks/{stem}.png")
     masked = read_dataset(folder, SETTINGS, mask_label="statue")
-    assert masked.test[0].labels.mean() == 0.5 and masked.training_labels
+    assert masked.test[0].labels.mean() == 0.5
     capture = training_capture(masked, tmp_path / "b", SETTINGS, silent)
     assert len(capture.views) == 7 and all(capture.given_labels.map_paths)
     for stem in stems:
@@ -140,7 +140,7 @@ def test_the_truth_is_undistorted_and_reduced_exactly_as_training_views_are(tmp_
 def test_lerf_annotations_are_found_by_the_frames_name_not_by_position(tmp_path: Path, labelme: bool) -> None:
     folder = made_data.lerf_ovs(tmp_path, [2, 41, 105, 140], [41, 140], labelme=labelme)
     dataset = read_dataset(folder, SETTINGS)
-    assert dataset.kind == "lerf_ovs" and not dataset.training_labels
+    assert dataset.kind == "lerf_ovs"
     assert [view.name for view in dataset.test] == ["frame_00041.png", "frame_00140.png"]
     with Image.open(folder / "images/frame_00041.png") as image:
         assert (np.asarray(image) == dataset.test[0].rgb).all()

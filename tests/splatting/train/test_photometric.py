@@ -15,6 +15,7 @@ from torch import Tensor
 
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.common.progress import silent
+from fastsplat.service.scene.types import Gaussians
 from fastsplat.service.splatting import optimization
 from fastsplat.service.splatting import train as train_module
 from fastsplat.service.splatting.depth_regularization import AnchorPoints, DepthAnchors, depth_anchors
@@ -28,7 +29,6 @@ from fastsplat.service.splatting.photometric import (
     zero_mean,
 )
 from fastsplat.service.splatting.photometric_training import CORRECTIONS, FITS, PhotometricTraining, start_corrections
-from fastsplat.service.splatting.pruning import PruneResult
 from fastsplat.service.splatting.quality import color_corrected
 from fastsplat.service.splatting.recorder import Recorder
 from fastsplat.service.splatting.settings import TrainingSettings
@@ -247,9 +247,9 @@ def test_a_picture_is_judged_by_what_its_photo_would_show_of_it(world, quick) ->
 def test_a_corrected_run_is_pruned_by_the_figure_that_does_not_know_the_exposure(world, quick, monkeypatch) -> None:
     measured = []
 
-    def unpruned(gaussians, contribution, measure, max_drop_db) -> PruneResult:
+    def unpruned(gaussians: Gaussians, contribution, measure, max_drop_db) -> Gaussians:
         measured.append(measure(gaussians))
-        return PruneResult(gaussians, np.arange(len(gaussians)), 0.0)
+        return gaussians
 
     monkeypatch.setattr(train_module, "prune_to_psnr", unpruned)
     for photometric, figure, other in (("on", "psnr_cc", "psnr"), ("off", "psnr", "psnr_cc")):

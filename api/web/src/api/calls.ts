@@ -124,7 +124,7 @@ export function pick(
 
 /** Which thing each Gaussian belongs to: uint16 by row, 0 for none. */
 export async function thingsOfGaussians(sceneId: string, version: string, signal?: AbortSignal): Promise<Uint16Array> {
-  const path = `v1/scenes/${encodeURIComponent(sceneId)}/things.bin?${new URLSearchParams({ version })}`;
+  const path = exportPath(sceneId, "things", version);
   return new Uint16Array(await (await send(path, signal ? { signal } : {})).arrayBuffer());
 }
 

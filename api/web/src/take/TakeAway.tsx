@@ -161,10 +161,10 @@ export function TakeAway({ state, scene, view }: Properties) {
       </ul>
       <h3>{texts.take.cameras}</h3>
       <ul class="chips">
-        {item(texts.take.transforms, "transforms.json", `${path}/cameras?format=transforms`)}
-        {item(texts.take.colmap, named("colmap.zip"), `${path}/cameras?format=colmap`)}
+        {item(texts.take.transforms, named, exportPath(scene.id, "transforms", version))}
+        {item(texts.take.colmap, named, exportPath(scene.id, "colmap", version))}
         {item(texts.take.camerasWithPoints, named, exportPath(scene.id, "cameras", version))}
-        {item(texts.take.camerasJson, "cameras.json", `${path}/cameras?format=json`)}
+        {item(texts.take.camerasJson, named, exportPath(scene.id, "camera_list", version))}
       </ul>
     </section>
   );
