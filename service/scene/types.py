@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.dictionary import Dictionary, label_key
+from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.scene.alignment import Alignment
 from fastsplat.service.scene.scaling import Scaling
 from fastsplat.service.scene.suggestions import SaidName
@@ -23,9 +24,6 @@ from fastsplat_contract.thing_messages import NameSource as NameSource
 from fastsplat_contract.thing_reads import ThingRead
 
 F32 = NDArray[np.float32]
-
-MAX_SH_DEGREE = 3
-"""Of a color's spherical harmonics; kernels and file formats know no higher one."""
 
 SH_COUNTS = tuple((degree + 1) ** 2 for degree in range(MAX_SH_DEGREE + 1))
 """Coefficients of a color by degree: 1, 4, 9, 16."""

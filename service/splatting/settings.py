@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field
 
 from fastsplat.service.common.settings import Options, SettingGroup
-from fastsplat.service.scene.types import MAX_SH_DEGREE
+from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 
 FEWEST_STEPS = 250
 """Steps before which nobody ends a run, neither a time that was asked for nor a person: fewer leave a blur."""

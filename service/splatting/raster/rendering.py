@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import torch
 from torch import Tensor
 
-from fastsplat.service.scene.types import MAX_SH_DEGREE
+from fastsplat.service.common.sh_degree import MAX_SH_DEGREE
 from fastsplat.service.splatting.raster.checks import backend_module, check_call
 from fastsplat.service.splatting.raster.types import Backend, LabelMap, LabelSums, RasterSettings, Rendering, Splats
 from fastsplat_contract.camera import Camera
