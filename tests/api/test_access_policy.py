@@ -207,12 +207,6 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
     guarded.assert_shared_untouched()
 
 
-def test_a_revoked_key_is_none_over_both_protocols(guarded: Guarded) -> None:
-    assert guarded.send("GET /v1/scenes", "revoked", {}).status_code == 401
-    error = guarded.call("GetScene", "revoked", guarded.shared)
-    assert error is not None and rpc_refusal(error).reason == "UNAUTHENTICATED"
-
-
 def test_lists_and_questions_to_all_scenes_show_the_callers_project_only(guarded: Guarded) -> None:
     scene_id = guarded.shared["scene_id"]
     all_of_them = {"page_size": 500}
