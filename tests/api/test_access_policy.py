@@ -47,7 +47,6 @@ _ASKING = {
         f"POST /v1/scenes/{{scene_id}}:{verb}"
         for verb in ("query", "pick", "render", "measure", "localize", "previewEdit")
     ),
-    *("POST /v1/known-names:check", "POST /v1/known-names:export"),
     "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
 }
 _LOOKING = re.compile(

@@ -9,7 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
 from pydantic import ValidationError
@@ -21,7 +21,6 @@ from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuest
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import (
     CancelledError,
-    InvalidInputError,
     PermissionDeniedError,
     UnauthenticatedError,
 )
@@ -91,15 +90,6 @@ def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
     for name in ("transforms.json", *names):
         assert (files / name).read_bytes() == (tmp_path / name).read_bytes()
     service.delete_scene(operation.scene_id)
-
-
-@pytest.mark.parametrize(("options", "field"), [({"preset": "huge"}, "preset"), ({"priority": 101}, "priority")])
-def test_an_impossible_choice_is_refused(
-    faces: Faces, captures: dict[str, Path], options: dict[str, Any], field: str
-) -> None:
-    with client_of(faces) as client, pytest.raises(Exception, match=field) as caught:
-        client.create_scene(captures["folder"], options=SceneOptions(**options))
-    assert caught.value.field == field
 
 
 @contextmanager
@@ -254,11 +244,3 @@ def test_a_deadline_ends_the_rendering_of_many_views(
         _give_up(lambda limit_s: client.ask(request, timeout_s=limit_s, protocol=protocol), watched.begun)
         assert watched.stopped.wait(60)
     assert isinstance(watched.error, CancelledError)
-
-
-def test_a_bare_file_or_folder_that_is_none_is_said_before_anything_is_sent(faces: Faces, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    with client_of(faces) as client:
-        for path in (tmp_path / "none", tmp_path / "empty"):
-            with pytest.raises(InvalidInputError):
-                client.create_scene(path)

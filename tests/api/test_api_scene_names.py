@@ -1,4 +1,4 @@
-"""Renaming a scene over both protocols and in process."""
+"""Renaming a scene by two at once."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import (
-    ConflictError,
-)
+from fastsplat_contract.errors import ConflictError
 from fastsplat_contract.scenes import SceneUpdate
 from tests.api.made_scene import add_scene
 
