@@ -164,6 +164,9 @@ def test_operations_are_listed_newest_first(
     every = list(client.operations())
     assert {operation.id for operation in every} >= {queued, service.get_scene(scene_id).operation_id}
     assert [one.created_at for one in every] == sorted((one.created_at for one in every), reverse=True)
+    first = service.list_operations(1)
+    second = service.list_operations(1, first.next_page_token)
+    assert [one.id for one in (*first.operations, *second.operations)] == [one.id for one in every[:2]]
     waiting = [operation.id for operation in every if operation.state == "QUEUED"]
     assert [operation.id for operation in client.operations("QUEUED")] == waiting and queued in waiting
     assert faces.rest.get("/v1/operations", params={"state": "LOST"}).status_code == 400
