@@ -12,7 +12,7 @@ from fastsplat_contract.scenes import Version
 from fastsplat_contract.wire import Many, Request
 
 ExportFormat = Literal[
-    "ply", "spz", "html", "points", "glb", "mesh", "cameras", "sog", "mcap", "map",
+    "ply", "spz", "html", "points", "mesh", "cameras", "sog", "mcap", "map",
     "camera_list", "transforms", "colmap", "things",
 ]  # fmt: skip
 """The rows of `FORMATS`."""
@@ -52,13 +52,10 @@ FORMATS: Mapping[ExportFormat, FormatFacts] = {
         "a labelled point cloud of the surfaces, as PLY",
         cell="the distance between points",
     ),
-    "glb": FormatFacts(
-        "glb", "model/gltf-binary", "glTF with KHR_gaussian_splatting, a node for each thing, and the cameras"
-    ),
     "mesh": FormatFacts(
-        "mesh.glb",
+        "glb",
         "model/gltf-binary",
-        "the surfaces as triangles, GLB, a node for each thing",
+        "the surfaces as triangles, GLB, a node for each thing, and the cameras",
         cell="the width of its voxels",
     ),
     "cameras": FormatFacts(

@@ -1,4 +1,4 @@
-"""glTF 2.0 binary files: one JSON chunk, one buffer. What is in them is the business of those who write them."""
+"""glTF 2.0 binary files: one JSON chunk, one buffer."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json
 import math
 import struct
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,38 @@ LARGEST = (1 << 32) - 1
 
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0])
 _NEAREST = 0.01
+
+
+@dataclass(frozen=True)
+class NamedRows:
+    """A node of a file.
+
+    Attributes:
+        name: for people.
+        extras: what programs are told of it, JSON-ready.
+        rows: int64 [K], K ≥ 1: its Gaussians, vertices or faces.
+    """
+
+    name: str
+    extras: dict[str, Any]
+    rows: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class GlbScene:
+    """What a file says beside its shapes.
+
+    Attributes:
+        name: of the scene.
+        extras: of the scene, JSON-ready.
+        up: float64 [3], the unit vector up of the world frame, which the file's root turns to +y; None if unknown.
+        cameras: of the scene.
+    """
+
+    name: str
+    extras: dict[str, Any]
+    up: NDArray[np.float64] | None
+    cameras: Sequence[PosedCamera]
 
 
 class GlbBuilder:
@@ -118,6 +151,21 @@ class GlbBuilder:
         padding = bytes(-len(data) % 4)
         self._data += [data, padding]
         self._size += len(data) + len(padding)
+
+
+def finished(builder: GlbBuilder, nodes: list[int], about: GlbScene) -> bytes:
+    """The file of a document whose shapes are complete: their nodes and the cameras under one root, which is upright.
+
+    Raises:
+        LimitExceededError: larger than a GLB can be.
+    """
+    root: dict[str, Any] = {"name": about.name or "scene", "extras": about.extras}
+    if children := nodes + add_camera_nodes(builder, about.cameras):
+        root["children"] = children
+    if (rotation := upright(about.up)) is not None:
+        root["rotation"] = rotation
+    builder.document["scene"] = builder.add("scenes", {"nodes": [builder.add("nodes", root)]})
+    return builder.file()
 
 
 def upright(up: NDArray[np.float64] | None) -> list[float] | None:

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.common.cancellation import check_cancelled
-from fastsplat.service.scene.glb import ELEMENT_ARRAY_BUFFER, GlbBuilder, linear
-from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, finished
+from fastsplat.service.scene.glb import ELEMENT_ARRAY_BUFFER, GlbBuilder, GlbScene, NamedRows, finished, linear
 from fastsplat.service.scene.types import F32
 
 _UNLIT = "KHR_materials_unlit"

@@ -16,7 +16,7 @@ from fastsplat_contract.look_again_messages import LookAgainIn
 from fastsplat_contract.measure_messages import MeasureRequest
 from fastsplat_contract.name_suggestions import SuggestedName, SuggestIn
 from fastsplat_contract.pictures import PictureRequest, Tint
-from fastsplat_contract.places import Place
+from fastsplat_contract.places import Alignment, Place
 from fastsplat_contract.poses import Box, Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Color, Edit, EditIn, SceneUpdate
 from fastsplat_contract.thing_messages import PickRequest
@@ -95,6 +95,7 @@ EXAMPLES = (
     Example("PreviewEdit", PreviewEditIn((Edit("remove", filter=GaussianFilter(isolation_above=1e6)),), "1")),
     Example("SuggestNames", SuggestIn((SuggestedName(1, "beaker", 0.4, "eyes", "v1", ("glass",)),), "told"), "own"),
     Example("LookAgain", LookAgainIn(("toy bulldozer", "trophy"), "again"), "own"),
+    Example("EditScene", EditIn((Edit("align", alignment=Alignment("map", UP)),), "aligned"), "own"),
     Example("UndoEdit", {}, "edited"),
     Example("RedoEdit", {"version": "1"}, "undone"),
     Example("RestoreVersion", {"version": "1"}, "edited"),
@@ -107,7 +108,7 @@ EXAMPLES = (
     *(_render(kind, text="ball", view=None, camera=turned(0.25)) for kind in ("overlay", "relevancy", "mask")),
     _render("rgb", format="jpeg", tints=(Tint((1,), RED, 0.5),), dimming=0.5, version="1"),
     _export("spz", coarse=True),
-    *(_export(name, things=(1, 2)) for name in ("ply", "spz", "glb", "sog", "mcap", "mesh")),
+    *(_export(name, things=(1, 2)) for name in ("ply", "spz", "sog", "mcap", "mesh")),
     *(_export(name) for name in ("ply", "cameras", "points", "spz", "camera_list", "transforms", "things")),
     _export("points", cell=0.2),
     _export("map", "upright", cell=0.1),
@@ -194,6 +195,8 @@ EXAMPLES = (
             ((Edit("recolor", label="mug"),), "edits[0].color", "INVALID_INPUT"),
             ((Edit("name", things=(1,), name="two\nlines"),), "edits[0].name", "INVALID_INPUT"),
             ((replace(_SPLIT, prompt=None),), "edits[0].prompt", "INVALID_INPUT"),
+            ((Edit("align", alignment=Alignment("map")),), "edits[0].alignment", "INVALID_INPUT"),
+            ((Edit("look_again", texts=("trophy",)),), "edits[0].texts", "INVALID_INPUT"),
         )
     ),
     *(

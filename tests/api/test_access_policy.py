@@ -47,7 +47,6 @@ _ASKING = {
         f"POST /v1/scenes/{{scene_id}}:{verb}"
         for verb in ("query", "pick", "render", "measure", "localize", "previewEdit")
     ),
-    *("POST /v1/known-names:check", "POST /v1/known-names:export"),
     "POST /mcp",  # asks nothing itself: each tool makes calls that are decided here
 }
 _LOOKING = re.compile(
@@ -205,12 +204,6 @@ def test_an_rpc_by_samples(guarded: Guarded, name: str) -> None:
             assert error.code() == nothing.code() == grpc.StatusCode.NOT_FOUND
             assert without_ids(rpc_refusal(error).detail) == without_ids(rpc_refusal(nothing).detail)
     guarded.assert_shared_untouched()
-
-
-def test_a_revoked_key_is_none_over_both_protocols(guarded: Guarded) -> None:
-    assert guarded.send("GET /v1/scenes", "revoked", {}).status_code == 401
-    error = guarded.call("GetScene", "revoked", guarded.shared)
-    assert error is not None and rpc_refusal(error).reason == "UNAUTHENTICATED"
 
 
 def test_lists_and_questions_to_all_scenes_show_the_callers_project_only(guarded: Guarded) -> None:

@@ -156,15 +156,6 @@ def test_keys_are_never_logged(locked: Faces, keys: dict[str, str], caplog: pyte
         assert not any(secret in line for line in lines)
 
 
-def test_keys_lie_in_the_database_as_hashes_alone(
-    locked_settings: Settings, locked_service: SceneService, keys: dict[str, str]
-) -> None:
-    stored = b"".join(path.read_bytes() for path in locked_settings.data_dir.glob("fastsplat.sqlite*"))
-    for kind in ("read", "write"):
-        assert keys[kind].split("_")[1].encode() in stored
-        assert keys[kind].split("_", 2)[2].encode() not in stored
-
-
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.7.7", "example.org"])
 def test_without_keys_the_server_stays_on_loopback(tmp_path: Path, host: str) -> None:
     with pytest.raises(InvalidInputError) as caught:

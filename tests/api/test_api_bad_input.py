@@ -40,22 +40,6 @@ def _agree(rest: Refusal, rpc: Refusal) -> None:
     assert (rest.reason, rest.detail, rest.details) == (rpc.reason, rpc.detail, rpc.details)
 
 
-@pytest.mark.parametrize("text", ["", "   ", "\t\n"])
-def test_an_empty_question_is_malformed(faces: Faces, scene_id: str, text: str) -> None:
-    rest = rest_refusal(faces.rest.get("/query", params={"text": text, "scene": scene_id}))
-    rpc = _rpc(faces, pb.QueryRequest(scene_id=scene_id, texts=[text]))
-    assert (rest.code, rpc.code) == (400, "INVALID_ARGUMENT")
-    _agree(rest, rpc)
-
-
-def test_no_question_is_malformed(faces: Faces, scene_id: str) -> None:
-    assert rest_refusal(faces.rest.get("/query")).details["field"] == "text"
-    rest = rest_refusal(faces.rest.post(f"/v1/scenes/{scene_id}:query", json={"texts": []}))
-    rpc = _rpc(faces, pb.QueryRequest(scene_id=scene_id))
-    assert (rest.code, rpc.code) == (400, "INVALID_ARGUMENT")
-    _agree(rest, rpc)
-
-
 def test_a_100_kb_question_passes_a_limit_that_is_named(faces: Faces, scene_id: str) -> None:
     text = "mug " * 25_000
     rpc = _rpc(faces, pb.QueryRequest(scene_id=scene_id, texts=[text]))
@@ -243,8 +227,3 @@ def test_a_text_that_is_none_is_refused_by_its_field(
 def test_a_nul_is_refused_over_grpc(faces: Faces, scene_id: str) -> None:
     refusal = _rpc(faces, pb.QueryRequest(scene_id=scene_id, texts=["mug"], version="a\0b"))
     assert (refusal.code, refusal.details["field"]) == ("INVALID_ARGUMENT", "version")
-
-
-def test_an_id_with_a_nul_names_nothing_or_is_refused(faces: Faces) -> None:
-    for path in ("/v1/scenes/a%00b", "/v1/operations/a%00b", "/v1/scenes/a%00b/objects"):
-        assert rest_refusal(faces.rest.get(path)).code in (400, 404)

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
 import socket
 import threading
-import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
 import pytest
-from PIL import Image
 from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
@@ -25,7 +21,6 @@ from fastsplat_client import Client, DeadlineExceededError, Retry, StandingQuest
 from fastsplat_contract.camera import PosedCamera
 from fastsplat_contract.errors import (
     CancelledError,
-    InvalidInputError,
     PermissionDeniedError,
     UnauthenticatedError,
 )
@@ -35,14 +30,10 @@ from fastsplat_contract.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import EndlessQuestions, Faces, OwnQuestions, served, serving
+from tests.api.uploaded import photo, zipped
 from tests.waiting import with_growing_limit
 
-
-def _photo(seed: int) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
-    return buffer.getvalue()
+_SIZE = (320, 240)
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +41,9 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """The same three photos as a folder and as an archive."""
     folder = tmp_path_factory.mktemp("capture")
     (folder / "photos").mkdir()
-    with zipfile.ZipFile(folder / "photos ü.zip", "w") as archive:
-        for number in range(3):
-            (folder / "photos" / f"{number}.jpg").write_bytes(_photo(number))
-            archive.writestr(f"{number}.jpg", _photo(number))
+    (folder / "photos ü.zip").write_bytes(zipped(3, _SIZE))
+    for number in range(3):
+        (folder / "photos" / f"{number}.jpg").write_bytes(photo(number, _SIZE))
     return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
 
 
@@ -74,7 +64,7 @@ def test_a_capture_arrives_whole_with_its_options(
         record = service._store.scenes.operation(operation.id)
         stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
-        assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
+        assert [path.read_bytes() for path in photos] == [photo(number, _SIZE) for number in range(3)]
         assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
@@ -100,15 +90,6 @@ def test_a_folder_with_poses_masks_and_labels_arrives_as_what_it_is(
     for name in ("transforms.json", *names):
         assert (files / name).read_bytes() == (tmp_path / name).read_bytes()
     service.delete_scene(operation.scene_id)
-
-
-@pytest.mark.parametrize(("options", "field"), [({"preset": "huge"}, "preset"), ({"priority": 101}, "priority")])
-def test_an_impossible_choice_is_refused(
-    faces: Faces, captures: dict[str, Path], options: dict[str, Any], field: str
-) -> None:
-    with client_of(faces) as client, pytest.raises(Exception, match=field) as caught:
-        client.create_scene(captures["folder"], options=SceneOptions(**options))
-    assert caught.value.field == field
 
 
 @contextmanager
@@ -166,7 +147,7 @@ def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
     assert len(carried) > 2
     record = service._store.scenes.operation(operation.id)
     stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
-    assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
+    assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(photo(n, _SIZE) for n in range(3))
     service.delete_scene(operation.scene_id)
 
 
@@ -263,11 +244,3 @@ def test_a_deadline_ends_the_rendering_of_many_views(
         _give_up(lambda limit_s: client.ask(request, timeout_s=limit_s, protocol=protocol), watched.begun)
         assert watched.stopped.wait(60)
     assert isinstance(watched.error, CancelledError)
-
-
-def test_a_bare_file_or_folder_that_is_none_is_said_before_anything_is_sent(faces: Faces, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    with client_of(faces) as client:
-        for path in (tmp_path / "none", tmp_path / "empty"):
-            with pytest.raises(InvalidInputError):
-                client.create_scene(path)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import asyncio
 import http.client
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import grpc
 import pytest
 
-from fastsplat.api.access.caller import Principal, current_principal
 from fastsplat.api.fair_pool import FairPool
 from fastsplat.api.threads import Threads
 from fastsplat.service.application.service import SceneService
@@ -131,26 +130,6 @@ def test_more_uploads_than_the_server_takes_are_refused_at_once(service: SceneSe
         assert refusal.code == 503
         for connection in slow:
             connection.close()
-
-
-def test_work_slots_go_by_key() -> None:
-    callers: list[str] = []
-
-    class Recording(FairPool):
-        def submit(self, caller: str, function: Callable[[], Any], *, background: bool = False) -> Any:
-            callers.append(caller)
-            return super().submit(caller, function, background=background)
-
-    async def main() -> None:
-        threads = Threads(LimitSettings(threads=2))
-        threads._calls = Recording(2, "recorded")
-        for key in ("one", "two"):
-            current_principal.set(Principal(key, "default", "editor"))
-            await threads.answer(lambda: None)
-        await asyncio.to_thread(threads.close)
-
-    asyncio.run(main())
-    assert callers == ["one", "two"]
 
 
 @pytest.mark.parametrize("protocol", ["REST", "gRPC"])

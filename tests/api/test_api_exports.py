@@ -48,7 +48,7 @@ def test_each_format_has_its_row_its_writer_its_number_and_its_line_in_the_docum
     assert len({facts.ending for facts in FORMATS.values()}) == len(FORMATS), "the ending says the format"
 
 
-@pytest.mark.parametrize("name", ["ply", "spz", "points", "glb", "mesh", "cameras", "sog", "mcap"])
+@pytest.mark.parametrize("name", ["ply", "spz", "points", "mesh", "cameras", "sog", "mcap"])
 def test_an_export_is_a_file_that_is_not_sent_again(
     faces: Faces, service: SceneService, scene_id: str, name: ExportFormat
 ) -> None:

@@ -100,32 +100,6 @@ def test_every_face_says_the_same_place(
     assert refused.camera is None and refused.covariance == refused.things == refused.differences == ()
 
 
-def test_every_face_says_what_has_changed(
-    faces: Faces, service: SceneService, client: Client, room_id: str, tmp_path: Path
-) -> None:
-    """The block stands in the photos and not in the scene."""
-    drawn = renderer(textured_room(block=True))
-    views = [looking(angle, height=height) for angle, height in ((-0.5, 1.2), (0.0, 1.7), (0.5, 1.2))]
-    paths = [tmp_path / f"{number}.png" for number in range(len(views))]
-    for path, posed in zip(paths, views, strict=True):
-        path.write_bytes(_file(drawn.colors(posed)))
-    request = LocalizeRequest(scene_id=room_id, photos=tuple(path.read_bytes() for path in paths), focals=(420.0,))
-    truth = service.localizing.localize(request)
-    assert_same(_ask(faces, request), truth)
-    assert_same(client.localize(room_id, paths, focals=(420.0,)), truth)
-    (change,) = truth.changes
-    assert change.kind == "new" and change.thing_id == 0 and change.before is None and change.after is not None
-    assert set(change.photos) == {0, 1, 2} and change.sentence == "Something new stands where nothing stood."
-    middle = np.array(change.after.center.position)
-    np.testing.assert_allclose(middle, [1.03, 1.03, 0.25], atol=0.23)
-    assert len(truth.looked_at) == len(LABELS)
-    for photo in truth.photos:
-        assert [each.kind for each in photo.differences] == ["new"]
-    options = ["--focal", "420", "--server", str(faces.rest.base_url)]
-    printed = CliRunner().invoke(app, ["scenes", "localize", room_id, *map(str, paths), *options])
-    assert printed.exit_code == 0 and change.sentence in printed.stdout
-
-
 def test_the_lens_of_a_scenes_photos_is_kept_with_them(
     service: SceneService, api_settings: Settings, tmp_path: Path
 ) -> None:

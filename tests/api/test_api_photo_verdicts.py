@@ -6,14 +6,12 @@ import pytest
 
 from fastsplat.service.application.answering.photos import photo_page
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import NotFoundError
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.photo_verdicts import PhotoVerdict
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.clients import assert_same, client_of
-from tests.api.made_scene import add_scene
 from tests.api.served import Faces
 from tests.scenes import queued_job
 
@@ -62,17 +60,6 @@ def test_verdicts_are_the_same_over_each_face_while_the_job_still_runs(faces: Fa
         service.delete_scene(job.scene_id)
         with pytest.raises(NotFoundError):
             list(client.photo_verdicts(job.scene_id))
-
-
-def test_a_scene_of_an_earlier_release_says_that_nobody_has_looked(
-    faces: Faces, service: SceneService, api_settings: Settings
-) -> None:
-    scene_id = add_scene(service, api_settings)
-    answer = faces.rpc.ListPhotoVerdicts(pb.ListPhotoVerdictsRequest(scene_id=scene_id))
-    assert not answer.assessed and list(answer.photos) == []
-    with client_of(faces) as client:
-        assert list(client.photo_verdicts(scene_id)) == []
-    service.delete_scene(scene_id)
 
 
 def test_what_training_estimated_of_a_photo_is_in_its_verdict() -> None:

@@ -1,4 +1,4 @@
-"""Renaming a scene over both protocols and in process."""
+"""Renaming a scene by two at once."""
 
 from __future__ import annotations
 
@@ -8,31 +8,15 @@ import pytest
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.settings import Settings
-from fastsplat_contract.errors import (
-    ConflictError,
-)
+from fastsplat_contract.errors import ConflictError
 from fastsplat_contract.scenes import SceneUpdate
-from tests.api.clients import client_of
 from tests.api.made_scene import add_scene
-from tests.api.served import Faces
 
 
 @pytest.fixture
 def scene(service: SceneService, api_settings: Settings) -> str:
     """A scene of one test, which the server of all tests keeps."""
     return add_scene(service, api_settings, "made")
-
-
-def test_a_name_that_was_changed_meanwhile_is_not_overwritten(faces: Faces, service: SceneService, scene: str) -> None:
-    with client_of(faces) as client:
-        assert client.rename_scene(scene, "desk", expected_name="made").name == "desk"
-        assert client.rename_scene(scene, "desk", expected_name="made").name == "desk"  # the same, sent twice
-        with pytest.raises(ConflictError):
-            client.rename_scene(scene, "table", expected_name="made")
-        with pytest.raises(ConflictError):
-            client.rename_scene(scene, "table", expected_name="")
-        assert client.scene(scene).name == "desk"
-    service.delete_scene(scene)
 
 
 def test_of_two_at_once_that_expect_the_same_name_one_wins(service: SceneService, scene: str) -> None:

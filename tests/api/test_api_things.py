@@ -16,13 +16,13 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Parts, Thing, ThingGroup, Things
 from fastsplat.service.settings import Settings
 from fastsplat_client import Client
-from fastsplat_contract.errors import ConflictError, FastSplatError, InvalidInputError, NotFoundError
+from fastsplat_contract.errors import ConflictError, FastSplatError, NotFoundError
 from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.scenes import Edit, InsertSource
 from fastsplat_contract.thing_messages import PickRequest, Pixel, PixelBox
 from tests.api.clients import assert_same
-from tests.api.made_scene import ENCODER, add_scene, made_scene, turned
+from tests.api.made_scene import ENCODER, made_scene, turned
 from tests.api.served import Faces, rest_refusal
 from tests.scenes import finish_job, queued_job, store_scene
 
@@ -31,19 +31,6 @@ _WORDS = ("moon", "violin", "carrot", "volcano")  # the tests' encoder knows few
 
 def _name(ids: tuple[int, ...], text: str, *aliases: str) -> Edit:
     return Edit("name", things=ids, name=text, aliases=aliases)
-
-
-def test_things_are_listed_alike(client: Client, service: SceneService, scene_id: str) -> None:
-    truth = service.answers.list_things(scene_id)
-    assert [thing.name for thing in truth.things] == ["mug", "ball", "story book"] and truth.version == "1"
-    assert_same(tuple(client.things(scene_id)), truth.things)
-    labels = {row.label_id: row.label for row in client.labels(scene_id)}
-    assert [labels[thing.label_id] for thing in truth.things] == [thing.name for thing in truth.things]
-    (answer,) = client.query(scene_id, "ball", outputs=["objects"])
-    (ball,) = answer.objects or ()
-    assert replace(ball, best_views=()) == truth.things[1] and answer.things == (ball.id,)
-    best = client.best_views(scene_id, ball.id, max_views=5)
-    assert {view.view for view in best} == set(ball.best_views) != set()
 
 
 def test_picks_show_the_mask_of_what_is_asked_for_by_name(client: Client, service: SceneService, scene_id: str) -> None:
@@ -135,38 +122,6 @@ def test_two_people_who_name_at_once_are_both_kept_or_one_is_told(client: Client
     assert client.name_things(own, 2, "paperback", looked_at=kept.version).current
     with pytest.raises(NotFoundError):
         client.name_things(own, 2, "paperback", looked_at="e0")
-
-
-@pytest.mark.parametrize("text", ["", " ", "x" * 10_000, "two\nlines"])
-def test_bad_names_leave_no_version(client: Client, own: str, text: str) -> None:
-    with pytest.raises(InvalidInputError) as raised:
-        client.name_things(own, 1, text)
-    assert raised.value.field == "edits[0].name"
-    assert len(client.versions(own)) == 1
-
-
-def test_a_thing_of_another_scene_is_inserted_and_taken_back(
-    client: Client, service: SceneService, api_settings: Settings, own: str
-) -> None:
-    other = add_scene(service, api_settings, "other")
-    client.name_things(other, 1, "violin")
-    up = Pose(Vector3(0.0, -1.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
-    edit = Edit("insert", things=(1,), transform=up, source=InsertSource(other))
-    made = client.edit_scene(own, [edit])
-    assert made.edits == (edit,) and made.gaussians > client.scene(other).gaussians
-    (answer,) = client.query(own, "violin", outputs=["objects"])
-    assert answer.outcome == "here" and [item.id for item in answer.objects or ()] == [4] == list(answer.things)
-    there = next(client.things(other))
-    (here,) = answer.objects or ()
-    np.testing.assert_allclose(np.subtract(here.centroid, there.centroid), up.position, atol=1e-4)
-    client.undo_edit(own)
-    assert client.query(own, "violin")[0].is_absent
-    for source in (InsertSource("0" * 32), InsertSource(other, "e0"), InsertSource(other, "1")):
-        wrong = replace(edit, source=source) if source.version != "1" else replace(edit, source=source, things=(9,))
-        with pytest.raises(NotFoundError) as raised:
-            client.edit_scene(own, [wrong])
-        assert raised.value.field.startswith("edits[0].")
-    service.delete_scene(other)
 
 
 def test_things_of_another_project_do_not_exist(service: SceneService, api_settings: Settings, own: str) -> None:

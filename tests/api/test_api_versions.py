@@ -10,14 +10,9 @@ import numpy as np
 import pytest
 
 from fastsplat.service.application.service import SceneService
-from fastsplat.service.settings import Settings
 from fastsplat_client import Client
 from fastsplat_contract.errors import (
     ConflictError,
-    FastSplatError,
-    InvalidInputError,
-    LimitExceededError,
-    NotFoundError,
 )
 from fastsplat_contract.poses import Pose
 from fastsplat_contract.proto_codec import to_proto
@@ -25,7 +20,6 @@ from fastsplat_contract.queries import QueryRequest
 from fastsplat_contract.scenes import Edit
 from fastsplat_contract.thing_messages import SceneThing
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
-from tests.api.made_scene import add_scene
 from tests.api.served import Faces
 
 _REMOVE = Edit("remove", label="mug")
@@ -78,45 +72,6 @@ def test_edits_of_one_request_build_on_each_other(client: Client, own: str) -> N
     assert client.undo_edit(own).version == made.parent
     with pytest.raises(ConflictError):
         client.undo_edit(own)
-
-
-@pytest.mark.parametrize(
-    ("edits", "error", "field"),
-    [
-        ([], InvalidInputError, "edits"),
-        ([_REMOVE] * 101, LimitExceededError, "edits"),
-        ([Edit("remove")], InvalidInputError, "edits[0].label"),
-        ([_REMOVE, Edit("remove", label="mug", things=(1,))], InvalidInputError, "edits[1].label"),
-        ([Edit("remove", label="unicorn")], NotFoundError, "edits[0].label"),
-        ([Edit("remove", things=(9,))], NotFoundError, "edits[0].things[0]"),
-        ([Edit("recolor", label="mug")], InvalidInputError, "edits[0].color"),
-        ([Edit("move", label="mug")], InvalidInputError, "edits[0].transform"),
-        (
-            [Edit("move", label="mug", transform=Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 2.0)))],
-            InvalidInputError,
-            "edits[0].transform.orientation",
-        ),
-    ],
-)
-def test_a_bad_edit_is_named_and_changes_nothing(
-    faces: Faces, client: Client, scene_id: str, edits: list[Edit], error: type[FastSplatError], field: str
-) -> None:
-    before = client.versions(scene_id)
-    with pytest.raises(error) as caught:
-        client.edit_scene(scene_id, edits)
-    assert caught.value.field == field
-    assert client.versions(scene_id) == before
-
-
-def test_versions_go_with_their_scene(service: SceneService, api_settings: Settings) -> None:
-    scene_id = add_scene(service, api_settings, "gone")
-    made = service.versions.edit(scene_id, [_REMOVE])
-    service.delete_scene(scene_id)
-    assert not (api_settings.data_dir / "scenes" / scene_id).exists()
-    assert not service._store.versions.known(scene_id, made.version)
-    for call in (service.versions.all, service.versions.undo, lambda one: service.versions.edit(one, [_REMOVE])):
-        with pytest.raises(NotFoundError):
-            call(scene_id)
 
 
 def test_no_question_fails_while_versions_come_and_go(service: SceneService, client: Client, own: str) -> None:

@@ -84,7 +84,7 @@ def test_every_tool_is_described_for_a_model_that_has_never_seen_it(faces: Faces
 
     tools, instructions = _talk(faces, talk)
     assert {tool.name for tool in tools} == _TOOLS
-    assert "not_here" in instructions and "meters" in instructions
+    assert all(said in instructions for said in ("not_here", "meters", "never an instruction"))
     for tool in tools:
         assert tool.description and len(tool.description) > 40
         assert tool.output_schema is not None or tool.name == "look_from"
@@ -172,14 +172,6 @@ def test_a_count_is_by_all_that_is_said_or_none(faces: Faces, scene_id: str) -> 
     assert (red["count"], len(red["counted"])) == (1, 1)
     refused = _said(_call(faces, "find", text="the thing left of the ball", scene=scene_id))
     assert refused["count"] is None and refused["counted"] == [] and refused["sentence"].startswith("Cannot say: ")
-
-
-def test_there_are_none_of_what_is_absent(faces: Faces, scene_id: str) -> None:
-    none = _said(_call(faces, "find", text="how many submarines are there?", scene=scene_id))
-    assert (none["outcome"], none["count"], none["counted"]) == ("not_here", 0, [])
-    with client_of(faces) as client:
-        (answer,) = client.query(scene_id, "submarines")
-    assert none["sentence"] == answer.sentence and none["probability"] == answer.probability
 
 
 def test_a_scene_is_described_and_its_things_listed(faces: Faces, scene_id: str) -> None:
@@ -294,34 +286,12 @@ def test_a_link_to_one_scene_shows_an_assistant_that_scene(guarded: Guarded) -> 
     assert _said(_call(guarded.faces, "find", link, text="mug"))["scene"] == scene_id
 
 
-@pytest.mark.parametrize("caller", ["none", "revoked", "uploader"])
-def test_who_may_not_read_does_not_come_in(guarded: Guarded, caller: str) -> None:
-    body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": {}}
-    response = guarded.faces.rest.post("/mcp", json=body, headers=guarded.header(caller))
-    assert rest_refusal(response).code in (401, 403)
-
-
 def test_several_scenes_need_a_name(guarded: Guarded) -> None:
     ids = [add_scene(guarded.service, guarded.settings, "twin") for _ in range(2)]
     header = guarded.header("reader")
     refusal = _refusal(_call(guarded.faces, "find", header, text="mug", scene="twin"))
     assert "2 scenes fit 'twin'" in refusal and all(each in refusal for each in ids)
     assert "none was named" in _refusal(_call(guarded.faces, "find", header, text="mug"))
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        {},
-        {"text": ""},
-        {"text": "x" * 100_000},
-        {"text": "mug", "scene": "\x00"},
-        {"text": 7},
-        {"text": "mug", "scene": []},
-    ],
-)
-def test_a_bad_argument_is_refused_and_named(faces: Faces, scene_id: str, arguments: dict[str, Any]) -> None:
-    assert _refusal(_call(faces, "find", **{"scene": scene_id, **arguments}))
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"null", b'{"jsonrpc": "2.0"}', b"x" * 2**20, b"\xff"])

@@ -66,13 +66,6 @@ def test_a_page_of_another_site_does_not_come_in(faces: Faces, header: dict[str,
     assert refusal.code == 403 and "without keys" in refusal.detail
 
 
-def test_names_are_said_to_be_data(faces: Faces) -> None:
-    async def talk(client: McpClient) -> str:
-        return client.instructions or ""
-
-    assert "never an instruction" in _talk(faces, talk)
-
-
 def test_a_name_that_a_person_gave_is_replaced_only_by_who_names_it(guarded: Guarded) -> None:
     scene_id = add_scene(guarded.service, guarded.settings, "named by a person")
     editor = guarded.header("editor")
@@ -107,32 +100,6 @@ def test_hostile_names_of_scenes_stay_on_one_line() -> None:
     with pytest.raises(InvalidInputError) as raised:
         resolve_scene(cast(Client, _Many(3)), "")
     assert "s0 (sample  room )" in raised.value.hint and "\u202e" not in raised.value.hint
-
-
-def test_a_scene_of_an_id_is_asked_for_and_not_listed() -> None:
-    asked: list[str] = []
-
-    class Known:
-        def scene(self, scene_id: str) -> str:
-            asked.append(scene_id)
-            return f"scene {scene_id}"
-
-    assert resolve_scene(cast(Client, Known()), "0f" * 16) == f"scene {'0f' * 16}"
-    assert asked == ["0f" * 16]
-
-
-def test_scenes_are_listed_no_further_than_it_takes_to_say_that_too_many_fit() -> None:
-    read: list[str] = []
-
-    class Counting(_Many):
-        def scenes(self) -> Any:
-            return (read.append(each.id) or each for each in super().scenes())
-
-    for scene in ("", "sample \u202eroom\n"):
-        read.clear()
-        with pytest.raises(InvalidInputError, match="more than 20 scenes"):
-            resolve_scene(cast(Client, Counting(5_000)), scene)
-        assert len(read) == 21
 
 
 def test_what_is_left_out_is_said() -> None:

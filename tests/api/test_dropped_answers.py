@@ -6,8 +6,6 @@ the process; so the server is a process of its own, and says which of its genera
 
 from __future__ import annotations
 
-import asyncio
-import itertools
 import os
 import subprocess
 import sys
@@ -19,7 +17,6 @@ from typing import Any, NamedTuple
 import grpc
 import httpx
 import pytest
-from grpc import aio
 
 from fastsplat.service.application.service import open_service
 from fastsplat.service.settings import Settings
@@ -132,19 +129,6 @@ def test_an_answer_over_grpc_is_dropped(server: _Server, rpc: str) -> None:
             next(call)
             if turn % 2:
                 call.cancel()
-    server.check()
-
-
-def test_answers_over_grpc_are_dropped_by_an_asyncio_client(server: _Server) -> None:
-    async def main() -> None:
-        async with aio.insecure_channel(f"127.0.0.1:{server.ports[1]}") as channel:
-            stub: Any = SceneServiceStub(channel)
-            for rpc, _ in itertools.product(_STREAMING, range(_TIMES)):
-                call = getattr(stub, rpc)(_argument(rpc, server.scene_id), timeout=60)
-                await anext(aiter(call))
-                call.cancel()
-
-    asyncio.run(main())
     server.check()
 
 

@@ -11,7 +11,7 @@ import pytest
 from fastsplat.service.application.jobs.look_again_orders import look_again_job
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.perception.settings import PerceptionSettings
-from fastsplat.service.settings import QuotaSettings, Settings, StoreOptions
+from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.errors import (
     ConflictError,
     FastSplatError,
@@ -19,7 +19,6 @@ from fastsplat_contract.errors import (
     ModelUnavailableError,
     NotFoundError,
     NotReadyError,
-    QuotaError,
 )
 from fastsplat_contract.look_again_messages import LookAgainIn
 from tests.scenes import labelled_scene, queued_job, store_scene
@@ -140,15 +139,3 @@ def test_the_same_request_is_the_same_operation(open_at: Callable[..., tuple[Sce
     with pytest.raises(InvalidInputError):
         service.look_again(scene_id, LookAgainIn(("trophy",), "no spaces, please"))
     assert service.get_scene(scene_id).state == "READY"
-
-
-def test_looks_count_as_jobs_of_the_project(open_at: Callable[..., tuple[SceneService, str]]) -> None:
-    service, scene_id = open_at(perception=_DETECTOR, quotas=QuotaSettings(queued_jobs=2))
-    for _ in range(2):
-        service.look_again(scene_id, LookAgainIn(("trophy",)))
-    with pytest.raises(QuotaError):
-        service.look_again(scene_id, LookAgainIn(("trophy",)))
-    waiting = [operation for operation in service.list_operations().operations if operation.state == "QUEUED"]
-    assert len(waiting) == 2
-    service.cancel_operation(waiting[0].id)
-    assert service.look_again(scene_id, LookAgainIn(("trophy",))).kind == "look_again"

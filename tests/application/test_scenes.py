@@ -19,18 +19,6 @@ def test_unknown_ids_are_not_found(service):
         assert caught.value.hint
 
 
-def test_pages_hold_every_scene_once_newest_first(service, post):
-    posted = [post(str(number)).id for number in range(6)]
-    seen, token, sizes = [], "", []
-    while True:
-        page, token = service.list_scenes(4, token)
-        seen += [scene.id for scene in page]
-        sizes.append(len(page))
-        if not token:
-            break
-    assert seen == posted[::-1] and sizes == [4, 2]
-
-
 def test_pages_stay_stable_while_scenes_come_and_go(service, post):
     posted = [post(str(number)).id for number in range(6)]
     page, token = service.list_scenes(2)

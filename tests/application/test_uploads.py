@@ -15,7 +15,6 @@ from fastsplat.service.capture.types import ValidatedUpload
 from fastsplat.service.common.cancellation import Cancellation, cancellable
 from fastsplat_contract.errors import (
     CancelledError,
-    ConflictError,
     CorruptImageError,
     FastSplatError,
     InvalidInputError,
@@ -192,22 +191,6 @@ def test_senseless_options_are_refused_and_named(service, settings, options):
             service.create_scene(upload, name, request_id, SceneOptions(**said))
     assert caught.value.field == next(iter(options))
     assert left_behind(service, settings.data_dir) == []
-
-
-def test_the_same_request_twice_is_one_job(service, settings, post):
-    first = post("kitchen", "once")
-    again = post("kitchen", "once")
-    assert first.operation_id == again.operation_id
-    assert len(service.list_scenes()[0]) == 1
-    assert len(list((settings.data_dir / "uploads").iterdir())) == 1
-
-
-@pytest.mark.parametrize("other", [{"content": b"other"}, {"name": "bath"}])
-def test_the_same_id_for_another_request_is_a_conflict(service, settings, post, other):
-    post(**{"name": "kitchen", "request_id": "once"})
-    with pytest.raises(ConflictError):
-        post(**{"name": "kitchen", "request_id": "once", **other})
-    assert len(list((settings.data_dir / "uploads").iterdir())) == 1
 
 
 def test_two_services_share_a_folder(service, another, post):

@@ -1,7 +1,4 @@
-"""Whatever is called at once on two servers: what is acknowledged is there, and undo, redo and restore are exact.
-
-Run for long, with two server processes: `python -m tests.application.versions_at_length`.
-"""
+"""Whatever is called at once on two servers: what is acknowledged is there, and undo, redo and restore are exact."""
 
 from __future__ import annotations
 

@@ -11,19 +11,18 @@ import json
 import shutil
 import threading
 import uuid
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from typing import Protocol
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule, run_state_machine_as_test
 
+from fastsplat.service.application.editing.versions import Versions
 from fastsplat.service.perception.types import TextEncoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.scene_files import read_scene
@@ -34,7 +33,7 @@ from fastsplat.service.store.store import Store
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.errors import ConflictError, NotFoundError
-from fastsplat_contract.scenes import Color, Edit, SceneVersion
+from fastsplat_contract.scenes import Color, Edit
 from tests.api.made_scene import LABELS
 from tests.application.version_model import (
     Acknowledged,
@@ -59,16 +58,6 @@ _KINDS = ("edit", "edit", "edit again", "undo", "undo", "redo", "restore", "job"
 _FOLDERS = {"shared": "scenes/{}/*", "apart": "scenes/{}/*/manifest.json"}
 
 
-class Server(Protocol):
-    """The calls of `Versions` that the machine makes."""
-
-    def edit(self, scene_id: str, edits: Sequence[Edit], request_id: str) -> SceneVersion: ...
-    def undo(self, scene_id: str, version: str) -> SceneVersion: ...
-    def redo(self, scene_id: str, version: str) -> SceneVersion: ...
-    def restore(self, scene_id: str, version: str, expected: str) -> SceneVersion: ...
-    def all(self, scene_id: str) -> tuple[SceneVersion, ...]: ...
-
-
 @dataclass
 class Place:
     """Two servers of one database, and the store of each.
@@ -79,22 +68,13 @@ class Place:
         published: folder of the versions that are published, as the scene folders of both or their object store.
         encoder: embeds the labels.
         apart: whether that is an object store.
-        scenes: how many were made.
-        answers: how many calls were answered so.
     """
 
-    servers: tuple[Server, Server]
+    servers: tuple[Versions, Versions]
     stores: tuple[Store, Store]
     published: Path
     encoder: TextEncoder
     apart: bool = False
-    scenes: int = 0
-    answers: Counter[str] = field(default_factory=Counter)
-
-    @property
-    def calls(self) -> int:
-        """How many there were."""
-        return self.answers.total()
 
 
 class VersionMachine(RuleBasedStateMachine):
@@ -114,7 +94,6 @@ class VersionMachine(RuleBasedStateMachine):
         source = store.blobs.version(self.scene_id, version).rename(store.blobs.root / uuid.uuid4().hex)
         store.blobs.publish(source, self.scene_id, version)
         self.pool = ThreadPoolExecutor(_AT_ONCE)
-        self.place.scenes += 1
         (only,) = self.place.servers[0].all(self.scene_id)
         self.histories = [History({only.version: Known("", (0,) * len(LABELS))}, only.version, LIMIT)]
         self.stale = only.version
@@ -186,9 +165,7 @@ class VersionMachine(RuleBasedStateMachine):
                 return "not found"
             return made
 
-        answers = list(self.pool.map(answer, range(len(calls))))
-        self.place.answers.update(each if isinstance(each, str) else "acknowledged" for each in answers)
-        return answers
+        return list(self.pool.map(answer, range(len(calls))))
 
     def _answer(self, call: Call, number: int, job: ClaimedJob | None) -> Acknowledged:
         server = self.place.servers[number]

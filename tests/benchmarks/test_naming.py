@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
-from benchmarks.naming.__main__ import drawn_index, named_room, summed, with_errors
+from benchmarks.naming.__main__ import drawn_index, named_room
 from benchmarks.reads.drawing import FlatStudio
 from benchmarks.reads.labels import labelled_room
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
@@ -28,17 +26,3 @@ def test_a_room_is_named_whole_with_one_confirmation_a_thing(tmp_path: Path, mod
     assert two["reached"] >= max(one["reached"], two["things"] - 1)  # both may err about the same thing
     assert one["keystrokes"] > 1 + one["things"]  # the wrong names are typed
     assert one["seconds"] <= 90
-
-
-def test_one_thing_in_ten_is_called_wrong() -> None:
-    truth = {number: f"kind {number}" for number in range(1, 31)}
-    seen = with_errors(truth, [1, 0])
-    assert seen.keys() == truth.keys() and sum(seen[each] != truth[each] for each in truth) == 3
-    assert with_errors(truth, [1, 1]) != seen
-
-
-def test_rooms_are_summed_and_the_longest_told() -> None:
-    rows = [{"things": 9, "reached": 9, "seconds": 20.0}, {"things": 11, "reached": 9, "seconds": 40.0}]
-    total = summed(rows)
-    assert (total["things"], total["seconds"], total["seconds_of_longest"]) == (20, 60.0, 40.0)
-    assert total["reached_share"] == pytest.approx(0.9)

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.reads.__main__ import figures, judged
 from benchmarks.reads.drawing import FlatStudio
-from benchmarks.reads.labels import Line, labelled_room, surface_points
+from benchmarks.reads.labels import Line, labelled_room
 from benchmarks.rooms.drawing import camera_of
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.types import Thing, Things
@@ -35,14 +35,6 @@ def test_ink_is_where_lines_are_and_covered_lines_have_no_height() -> None:
                 assert np.percentile(light, 95) > 1.5 * np.percentile(light, 5)  # ink on its ground
                 assert line.height_in(studio.shown(PosedCamera(camera, pose @ np.diag([-1, 1, -1, 1]), "back"))) == 0
     assert seen > 10
-
-
-def test_surface_points_are_on_things_that_may_be_read() -> None:
-    room, lines = labelled_room(4)
-    points, owners = surface_points(room, 0.02)
-    assert len(points) == len(owners) and {line.thing for line in lines} <= set(owners.tolist())
-    for line in lines:
-        assert np.linalg.norm(points[owners == line.thing] - line.corners.mean(axis=0), axis=1).min() < 0.03
 
 
 def test_figures_count_lines_of_the_right_thing_letter_for_letter() -> None:

@@ -30,7 +30,7 @@ def test_a_scene_is_written_as_its_ending_says(fastsplat: Run, service: SceneSer
         ("b.ply", ["--thing", "2"], ExportRequest(scene_id, "ply", things=(2,))),
         ("c.bin", ["--format", "spz"], ExportRequest(scene_id, "spz")),
         ("d.points.ply", ["--cell", "0.2"], ExportRequest(scene_id, "points", cell=0.2)),
-        ("D.glb", [], ExportRequest(scene_id, "glb")),
+        ("D.glb", [], ExportRequest(scene_id, "mesh")),
         ("e.mcap", ["--thing", "2"], ExportRequest(scene_id, "mcap", things=(2,))),
     ):
         result = fastsplat("scenes", "export", scene_id, str(tmp_path / name), *more)

@@ -19,9 +19,25 @@ from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.scene.sog_writing import MOST_GAUSSIANS, palette_entries, sog_bytes
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import LimitExceededError
-from tests.interop.test_glb import gaussians
 
 Reader = Callable[[Gaussians], Gaussians]
+
+
+def gaussians(degree: int = 3, count: int = 40) -> Gaussians:
+    """Drawn ones of every shape, color and opacity."""
+    rng = np.random.default_rng(5)
+
+    def draw(*shape: int) -> NDArray[np.float32]:
+        return rng.normal(size=shape).astype(np.float32)
+
+    return Gaussians(
+        means=2 * draw(count, 3),
+        quats=3 * draw(count, 4),
+        log_scales=draw(count, 3) - 3,
+        logit_opacities=2 * draw(count),
+        sh=0.4 * draw(count, (degree + 1) ** 2, 3),
+        codes=np.zeros((count, 0), np.float32),
+    )
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import time
 from pathlib import Path
 
@@ -50,18 +49,6 @@ def test_a_jump_adds_at_most_an_hour_and_takes_nothing_back(tmp_path: Path, jump
         wall.at += 60.0
         clock.now()
     assert clock.now() == pytest.approx(before + 3_600.0, abs=_UNWRITTEN_S)  # and goes on
-
-
-def test_any_walk_of_the_wall_clock_keeps_the_laws(tmp_path: Path) -> None:
-    rng = random.Random(1)
-    wall = _Wall()
-    clock = ActivityClock(tmp_path, wall)
-    before = clock.now()
-    for _ in range(500):
-        wall.at = max(0.0, wall.at + rng.choice([1.0, 60.0, 600.0, -30.0, -_DAY, _DAY, 7 * _DAY]) * rng.random())
-        now = clock.now()
-        assert before - _UNWRITTEN_S <= now <= before + 3_600.0 + _UNWRITTEN_S
-        before = now
 
 
 def test_a_damaged_file_is_begun_anew(tmp_path: Path) -> None:

@@ -65,14 +65,6 @@ def test_without_a_request_id_every_request_is_new(store):
     assert [store.scenes.create(job(number))[1] for number in range(3)] == [True, True, True]
 
 
-def test_unknown_ids_are_not_found(store):
-    with pytest.raises(NotFoundError):
-        store.scenes.operation("nothing")
-    for call in (store.scenes.scene, store.scenes.delete_scene):
-        with pytest.raises(NotFoundError):
-            call("nothing")
-
-
 def test_a_newer_claim_fences_every_write_of_the_older(store):
     store.scenes.create(job(1))
     old = store.jobs.claim("op1")

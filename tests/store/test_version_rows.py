@@ -56,18 +56,6 @@ def _lineage(store: Store, scene_id: str) -> list[str]:
     return names
 
 
-@pytest.mark.parametrize("limit", [2, 3, 6])
-def test_beyond_the_limit_the_oldest_go_whatever_their_request_ids(stores: tuple[Store, Store], limit: int) -> None:
-    scene_id, made = _scene(stores[0]), ["trained"]
-    for number in range(3 * limit):
-        stores[number % 2].versions.publish(_new(scene_id, f"e{number}", made[-1], limit))
-        made.append(f"e{number}")
-        kept = [made[0], *made[1:][1 - limit :]]
-        rows = stores[0].versions.of(stores[0].scenes.scene(scene_id))
-        assert [row.version for row in rows] == kept == _lineage(stores[1], scene_id)[::-1]
-        assert [row.number for row in rows] == sorted({row.number for row in rows})
-
-
 def _at_once(*calls: Callable[[], object]) -> list[bool]:
     """Which of some calls that begin at the same moment are acknowledged; the others are refused."""
     barrier = threading.Barrier(len(calls))
@@ -154,18 +142,6 @@ def test_a_redo_goes_to_the_version_that_was_left_whatever_the_clocks_say(
     monkeypatch.setattr(time, "time", lambda: now - 3600)  # another machine's clock
     assert store.versions.step_back(scene_id, "first").version == "trained"
     assert store.versions.step_forward(scene_id, "trained").version == "first"
-
-
-def test_without_an_expected_version_an_undo_is_of_whatever_is_current(stores: tuple[Store, Store]) -> None:
-    scene_id = _scene(stores[0])
-    names = [f"e{number}" for number in range(6)]
-    for parent, name in zip(["trained", *names], names, strict=False):
-        stores[0].versions.publish(_new(scene_id, name, parent))
-    with ThreadPoolExecutor(6) as pool:
-        back = pool.map(lambda number: stores[number % 2].versions.step_back(scene_id).version, range(6))
-    assert sorted(back) == sorted(["trained", *names[:-1]])
-    with pytest.raises(ConflictError):
-        stores[0].versions.step_back(scene_id)
 
 
 def test_versions_go_in_the_transaction_that_deletes_their_scene(stores: tuple[Store, Store]) -> None:

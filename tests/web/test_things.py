@@ -18,7 +18,7 @@ from tests.api.made_scene import LABELS
 from tests.scenes import store_scene
 from tests.web.browser import visiting
 from tests.web.places import MARKUP, Place
-from tests.web.table import add_table, table
+from tests.web.table import table
 
 _VIEW = "0_-3.2_1.6_0_0_0.2"
 _BESIDE = 150
@@ -252,16 +252,6 @@ def test_suggested_names_are_taken_by_one_key_a_thing_or_all_likely_ones_at_once
         expect(page.get_by_role("button", name="Name the next one")).to_be_visible()
     assert [thing.name for thing in place.service.answers.list_things(own).things] == ["elephant", "", "moon"]
     assert {"jumbo"} <= {alias for each in place.service.get_scene(own).dictionary for alias in each.aliases}
-
-
-def test_a_label_full_of_markup_stays_text(place: Place, browser: Browser) -> None:
-    scene_id = add_table(place.service, place.settings, labels=(MARKUP, "ball", "story book"))
-    with visiting(browser, place.url, f"#/scenes/{scene_id}") as visit:
-        canvas = visit.scene_shown()
-        expect(visit.page.locator(".ask")).to_contain_text(MARKUP)
-        visit.tab("Things").locator(".thing-list").get_by_role("button", name=MARKUP).click()
-        expect(visit.page.locator(".thing-card h2")).to_have_text(MARKUP)
-        assert canvas.is_visible() and visit.page.locator("b, main script").count() == 0
 
 
 def test_a_change_by_somebody_else_is_seen(place: Place, browser: Browser, own: str) -> None:

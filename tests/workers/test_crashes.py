@@ -6,14 +6,11 @@ import json
 import os
 import sys
 from contextlib import closing
-from functools import partial
 from pathlib import Path
 
 import pytest
 
 from fastsplat.cli.devices import worker_roles
-from fastsplat.workers.cleanup import remove_unneeded
-from fastsplat_contract.errors import NotFoundError
 from tests.postgres import PostgresServer
 from tests.workers.deployment import STAGES, Deployment, kill, on_both_databases
 
@@ -119,21 +116,6 @@ def test_a_job_whose_worker_died_too_often_has_its_upload_and_is_finished_by_a_r
     assert deployment.service.get_scene(operation.scene_id).state == "READY"
     assert deployment.post("training:kill_worker_until 2", request_id="once").id == operation.id
     deployment.wait_for(lambda: deployment.left_over(operation) == [])
-
-
-def test_an_upload_is_removed_when_nobody_may_retry_its_job_any_more(deployment: Deployment) -> None:
-    operation = deployment.post("capture:fail")
-    deployment.start_worker()
-    assert deployment.wait_over(operation).state == "FAILED"
-    store = deployment.service._store
-    clean = partial(remove_unneeded, store, upload_expiry_s=-1, ended_job_retention_s=3600)
-    clean(failed_upload_retention_s=3600)
-    assert deployment.left_over() == deployment.uploads_of(operation)
-    clean(failed_upload_retention_s=-1)
-    assert deployment.left_over() == []
-    with pytest.raises(NotFoundError):
-        deployment.service.retry_operation(operation.id)
-    assert deployment.state(operation) == "FAILED"
 
 
 def test_workers_of_two_devices_work_at_once_and_their_trainers_see_that_device_and_no_secret(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fastsplat.service.scene.scene_files import read_scene
-from fastsplat_contract.errors import ConflictError, NotFoundError
+from fastsplat_contract.errors import NotFoundError
 from tests.workers.deployment import STAGES, on_both_databases
 
 
@@ -150,25 +150,3 @@ def test_a_scene_deleted_while_it_is_read_is_read_whole_or_not_at_all(shared_dep
     assert whole.gaussians.means.shape == (5, 3) and np.isfinite(np.asarray(whole.gaussians.means)).all()
     with pytest.raises(NotFoundError):
         deployment.service.get_scene(operation.scene_id)
-
-
-@on_both_databases("shared_deployment")
-def test_one_request_id_makes_one_job_however_often_and_by_whomever_it_is_sent(shared_deployment):
-    deployment = shared_deployment
-    before = deployment.left_over()
-    barrier = threading.Barrier(6)
-
-    def post(_: int) -> str:
-        barrier.wait()
-        return deployment.post("training:sleep 0.1", request_id="once").id
-
-    with ThreadPoolExecutor(6) as pool:
-        ids = set(pool.map(post, range(6)))
-    operation = deployment.service.get_operation(ids.pop())
-    assert not ids
-    assert deployment.wait_over(operation).state == "SUCCEEDED"
-    assert deployment.post("training:sleep 0.1", request_id="once").id == operation.id
-    with pytest.raises(ConflictError):
-        deployment.post(request_id="once")
-    assert all(len(deployment.visits(stage, operation)) == 1 for stage in STAGES)
-    deployment.wait_for(lambda: deployment.left_over() == before)

@@ -92,22 +92,6 @@ def test_an_early_end_outlives_the_worker_and_its_pictures_count_on(deployment: 
     assert len(deployment.visits("training", operation)) == 2
 
 
-def test_a_job_is_taken_up_again_with_its_pictures_by_another_worker(deployment: Deployment) -> None:
-    operation = deployment.post("training:until_finish")
-    first = deployment.start_worker()
-    before = _wait_for_pictures(deployment, operation, 3)
-    kill(first)
-    deployment.start_worker()
-    deployment.wait_for(
-        lambda: deployment.service.jobs.preview(operation.id).picture.startswith(b"attempt 2 "),
-    )
-    after = deployment.service.get_operation(operation.id)
-    assert after.attempt == 2 and after.worker == "working"
-    assert before.preview is not None and after.preview is not None and after.preview.number > before.preview.number
-    deployment.service.jobs.finish(operation.id)
-    assert deployment.wait_over(operation).state == "SUCCEEDED"
-
-
 def test_pictures_are_seen_from_machines_that_share_no_folder(
     postgres: PostgresServer, s3: str, tmp_path: Path
 ) -> None:

@@ -283,7 +283,6 @@ class ExportFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EXPORT_FORMAT_SPZ: _ClassVar[ExportFormat]
     EXPORT_FORMAT_HTML: _ClassVar[ExportFormat]
     EXPORT_FORMAT_POINTS: _ClassVar[ExportFormat]
-    EXPORT_FORMAT_GLB: _ClassVar[ExportFormat]
     EXPORT_FORMAT_MESH: _ClassVar[ExportFormat]
     EXPORT_FORMAT_CAMERAS: _ClassVar[ExportFormat]
     EXPORT_FORMAT_SOG: _ClassVar[ExportFormat]
@@ -551,7 +550,6 @@ EXPORT_FORMAT_PLY: ExportFormat
 EXPORT_FORMAT_SPZ: ExportFormat
 EXPORT_FORMAT_HTML: ExportFormat
 EXPORT_FORMAT_POINTS: ExportFormat
-EXPORT_FORMAT_GLB: ExportFormat
 EXPORT_FORMAT_MESH: ExportFormat
 EXPORT_FORMAT_CAMERAS: ExportFormat
 EXPORT_FORMAT_SOG: ExportFormat

@@ -1,4 +1,4 @@
-"""A scene's points, meshes and Gaussians as files in which its things have their names."""
+"""A scene's points and meshes as files in which its things have their names."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from fastsplat.service.query.surfaces.surface_mesh import surface_mesh
 from fastsplat.service.query.surfaces.surface_points import MAX_SURFACE_POINTS, surface_points
 from fastsplat.service.query.surfaces.surface_views import BYTES_PER_PIXEL, SurfaceView, surface_cameras, surface_views
 from fastsplat.service.scene.colmap_writing import colmap_model
+from fastsplat.service.scene.glb import GlbScene, NamedRows
 from fastsplat.service.scene.mesh_glb import mesh_glb
 from fastsplat.service.scene.point_ply import point_ply, point_rows
-from fastsplat.service.scene.splat_glb import GlbScene, NamedRows, splat_glb
 from fastsplat.service.scene.types import Thing
 from fastsplat_contract.errors import InvalidInputError
 
@@ -88,19 +88,6 @@ def points_file(
             "label": labels,
             "thing": {thing.id: thing.name for thing in _things(index, things)},
         },
-    )
-
-
-def splats_file(index: SceneIndex, name: str, things: Sequence[int]) -> bytes:
-    """The Gaussians as GLB, a node for each thing, see `splat_glb`.
-
-    Raises:
-        NotFoundError, InvalidInputError: as `points_file`.
-        LimitExceededError: larger than a GLB can be.
-    """
-    _check_whole(index, things)
-    return splat_glb(
-        index.scene.gaussians, nodes_of(index, index.things.owner, things), about(index, name, index.scene.cameras)
     )
 
 

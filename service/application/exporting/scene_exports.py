@@ -21,7 +21,6 @@ from fastsplat.service.application.exporting.geometry_files import (
     cameras_file,
     mesh_file,
     points_file,
-    splats_file,
     surface_bytes,
 )
 from fastsplat.service.application.exporting.map_files import map_bytes, map_file, map_of
@@ -171,10 +170,6 @@ class Exports:
         with self._memory.reserve(surface_bytes(index, mesh=True), "scene_id"):
             return mesh_file(index, self._name(request), request.things, request.cell, self._views_of(request, version))
 
-    def _glb(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
-        with self._memory.reserve(export_bytes(index.scene.gaussians), "scene_id"):
-            return splats_file(index, self._name(request), request.things)
-
     def _mcap(self, index: SceneIndex, version: str, request: ExportRequest) -> bytes:
         with needed(MCAP, 'the format "mcap"'):
             from fastsplat.service.application.exporting.foxglove_file import foxglove_file
@@ -249,7 +244,6 @@ _WRITERS: Mapping[ExportFormat, Callable[[Exports, SceneIndex, str, ExportReques
     "spz": Exports._spz,
     "html": Exports._html,
     "points": Exports._points,
-    "glb": Exports._glb,
     "mesh": Exports._mesh,
     "cameras": Exports._cameras,
     "sog": Exports._sog,

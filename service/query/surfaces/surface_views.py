@@ -94,7 +94,7 @@ def surface_cameras(cameras: Sequence[PosedCamera], settings: QuerySettings) -> 
         raise InvalidInputError(
             "a scene without cameras has no views to take its surfaces from",
             field="format",
-            hint="Export it as ply, spz, sog or glb, which hold its Gaussians.",
+            hint="Export it as ply, spz or sog, which hold its Gaussians.",
         )
     count = min(len(cameras), settings.surface_views)
     rows = np.unique(np.linspace(0, len(cameras) - 1, count).round().astype(int))

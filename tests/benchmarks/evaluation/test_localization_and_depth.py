@@ -38,23 +38,12 @@ def test_a_plateau_peaks_at_its_depth_not_at_its_first_pixel() -> None:
     assert peak(flat) == (row, column)
 
 
-def test_a_peak_is_the_highest_value_where_there_is_one() -> None:
-    values = np.random.default_rng(0).random((9, 13))
-    assert peak(values) == np.unravel_index(values.argmax(), values.shape)
-
-
 def test_one_of_several_boxes_is_enough() -> None:
     relevancy = np.zeros((10, 10))
     relevancy[8, 8] = 1
     assert peak_in_box(relevancy, [(0, 0, 2, 2), (8, 8, 9, 9)])
     assert not peak_in_box(relevancy, [(0, 0, 2, 2), (8.6, 8, 9, 9)])
     assert not peak_in_box(relevancy, [])
-
-
-def test_true_depth_has_no_error_and_a_scaled_one_its_share() -> None:
-    truth = np.random.default_rng(1).uniform(1, 3, (6, 8))
-    assert depth_error(truth, truth) == 0
-    assert depth_error(truth * 1.1, truth) == pytest.approx(0.1)
 
 
 def test_missing_depth_counts_as_all_wrong_and_unknown_truth_not_at_all() -> None:
