@@ -47,7 +47,7 @@ class ClaimedJob:
     """
 
     def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
-        self.max_versions, self._calls = calls.max_versions, calls
+        self.calls = calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
@@ -102,6 +102,21 @@ class ClaimedJob:
         if current is None:
             raise no_scene(self.scene_id)
         return current, version
+
+    @patient
+    def parent(self, version: str) -> Path:
+        """Folder, on this machine, of the version that a result was made of.
+
+        Raises:
+            ConflictError: it was removed; so it is not the current one any more.
+            NotFoundError: the scene was deleted.
+        """
+        self._jobs.check(self.claim)
+        folder = self._blobs.fetch_version(self.scene_id, version)
+        if folder is None:
+            self._scenes.current_version(self.scene_id)
+            raise ConflictError(f"version {version!r} was removed meanwhile", field="version")
+        return folder
 
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
         """Write progress. Returns what was asked of the job, as far as is known: does not wait.
@@ -301,7 +316,7 @@ class ClaimedJob:
         self._carried = ()
         place = self._version_or(version, folder)
         made = read_made(
-            place, self.scene_id, version, self._calls, lambda name: self._version_or(name, place / CARRIED / name)
+            place, self.scene_id, version, self.calls, lambda name: self._version_or(name, place / CARRIED / name)
         )
         if check:
             edited = self._edited()

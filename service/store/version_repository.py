@@ -69,8 +69,8 @@ class VersionRecord:
 
 @dataclass(frozen=True)
 class NewVersion:
-    """A version whose folder is in place, to become the current one; without a `scaling`, an `alignment` or a `quality`
-    it has its parent's.
+    """A version whose folder is in place, to become the current one; without a `scaling` or an `alignment` it has its
+    parent's, as it has all of its parent's quality that `quality` does not replace.
 
     Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
     version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
@@ -89,7 +89,7 @@ class NewVersion:
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    quality: Mapping[str, Any] | None = None
+    quality: Mapping[str, Any] = field(default_factory=dict)
     max_versions: int | None = None
 
 
@@ -260,7 +260,7 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         new,
         scaling=new.scaling or scene.scaling,
         alignment=new.alignment or scene.alignment,
-        quality=new.quality or scene.quality,
+        quality={**scene.quality, **new.quality},
     )
     values = {
         **version_row(new), "request_id": new.request_id or None, "created_at": time.time(),
@@ -326,7 +326,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
         "alignment": None if to.alignment is None else dict(to.alignment), "things": to.things,
-        **({} if to.quality is None else {"quality": dict(to.quality)}),
+        "quality": dict(to.quality),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
     # Later than all before it, whatever the clocks of several machines say: by it a redo knows what an undo left.

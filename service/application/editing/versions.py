@@ -13,6 +13,7 @@ from typing import Any
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
+from fastsplat.service.application.editing.new_versions import new_version
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.version_files import new_version_name, write_version
 from fastsplat.service.application.editing.version_rows import (
@@ -24,17 +25,11 @@ from fastsplat.service.application.editing.version_rows import (
 )
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.names_by_looks import described
-from fastsplat.service.scene.alignment import alignment_to_json
-from fastsplat.service.scene.changes import changed_views
-from fastsplat.service.scene.drafts import provisional_of
-from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.scene.things import thing_count
-from fastsplat.service.scene.types import Scene, Things
+from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.store import Store
-from fastsplat.service.store.version_repository import NewVersion, VersionRecord
+from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import (
     ConflictError,
@@ -281,35 +276,29 @@ class Versions:
         scene_id = order.scene_id
         edited = index.scene
         version = version or new_version_name()
-        record = self._store.scenes.scene(scene_id)
-        dictionary = dictionary_rows(record.dictionary, index)
-        changes = list(changed_views(edited.quality))
+        dictionary = dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
         same = edited.gaussians is before.scene.gaussians
         write_version(
             edited, self._store.blobs, scene_id, version, self._scenes.folder(scene_id, parent), same, add_files
         )
         key = self._store.keys.find(order.author) if order.author else None
         try:
-            appearances = described(edited.things, index.ranked.sizes)
-            limit = self._settings.calls.max_known_names
-            names = names_between(before.scene.things, edited.things, appearances, limit)
             published, removed = self._store.versions.publish(
-                NewVersion(
-                    scene_id=scene_id,
-                    version=version,
-                    parent=parent,
-                    request_id=order.request_id,
-                    request_digest=order.digest,
+                new_version(
+                    scene_id,
+                    version,
+                    parent,
+                    before.scene.things,
+                    edited,
+                    self._settings.calls,
                     gaussians=len(edited.gaussians),
+                    things=thing_count(index.things.table),
                     dictionary=dictionary,
                     edits=order.rows,
-                    names=names,
+                    sizes=index.ranked.sizes,
                     author=key.name if key is not None else "",
-                    scaling=scaling_to_json(edited.scaling),
-                    alignment=alignment_to_json(edited.alignment),
-                    quality={**record.quality, "changed_by": changes} if changes else None,
-                    things=thing_count(index.things.table),
-                    max_versions=self._max_versions(edited),
+                    request_id=order.request_id,
+                    request_digest=order.digest,
                 )
             )
         except BaseException:
@@ -324,10 +313,6 @@ class Versions:
                 self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)
         return version_of(published)
-
-    def _max_versions(self, scene: Scene) -> int | None:
-        """All versions of a draft stay: they are made again on the scene that takes its place."""
-        return None if provisional_of(scene.quality) else self._settings.calls.max_versions
 
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]
