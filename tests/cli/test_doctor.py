@@ -20,6 +20,7 @@ from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import write_scene
 from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.settings import load_settings
+from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.json_codec import to_plain
@@ -102,6 +103,17 @@ def test_a_flipped_bit_of_a_scene_is_named(name: str, data: Path, doctor: Doctor
     assert status == 1
     assert [(problem["place"], problem["mendable"]) for problem in problems] == [("scenes/ready/v1", False)]
     assert "damaged" in str(problems[0]["message"]) and problems[0]["hint"]
+
+
+@pytest.mark.parametrize("names", [["scene.json", "gaussians.safetensors", "../scene.ply"], ["cameras.json"]])
+def test_every_damaged_file_of_a_published_version_is_named(names: list[str], data: Path, doctor: Doctor) -> None:
+    folder = data / "scenes/ready/v1"
+    write_digests(folder)
+    for name in names:
+        path = folder / "artefact" / name
+        path.write_bytes(path.read_bytes()[:-1] + b"#")
+    messages = " ".join(str(problem["message"]) for problem in doctor()[1])
+    assert len(doctor()[1]) == len(names) and all(Path(name).name in messages for name in names)
 
 
 def test_missing_versions_and_uploads_are_named(data: Path, doctor: Doctor) -> None:
