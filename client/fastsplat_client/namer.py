@@ -29,6 +29,7 @@ from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_sheets import ThingSheet
+from fastsplat_contract.unseen_characters import unseen_in
 
 if TYPE_CHECKING:
     from fastsplat_client.client import Client
@@ -349,7 +350,7 @@ def _usable(answer: _Answer, sheet: ThingSheet) -> list[_Name]:
 
 
 def _is_name(text: str) -> bool:
-    return 0 < len(text) <= _MAX_NAME and text.isprintable()
+    return 0 < len(text) <= _MAX_NAME and not unseen_in(text)
 
 
 def _not_obeyed(told: Sequence[tuple[ThingSheet, Sequence[_Name]]], shown: int) -> list[_Name]:

@@ -200,7 +200,13 @@ def test_without_a_source_of_keys_nobody_gets_in() -> None:
     assert asyncio.run(asked()) == 401
 
 
-_DISGUISED = ("http://127.0.0.1:80@evil", "http://[::1].evil.example", "ftp://localhost", "http://localhost:x", "://[::1")
+_DISGUISED = (
+    "http://127.0.0.1:80@evil",
+    "http://[::1].evil.example",
+    "ftp://localhost",
+    "http://localhost:x",
+    "://[::1",
+)
 
 
 def test_without_keys_no_origin_of_another_machine_can_be_allowed() -> None:
