@@ -103,21 +103,6 @@ class ClaimedJob:
             raise no_scene(self.scene_id)
         return current, version
 
-    @patient
-    def parent(self, version: str) -> Path:
-        """Folder, on this machine, of the version that a result was made of.
-
-        Raises:
-            ConflictError: it was removed; so it is not the current one any more.
-            NotFoundError: the scene was deleted.
-        """
-        self._jobs.check(self.claim)
-        folder = self._blobs.fetch_version(self.scene_id, version)
-        if folder is None:
-            self._scenes.current_version(self.scene_id)
-            raise ConflictError(f"version {version!r} was removed meanwhile", field="version")
-        return folder
-
     def report(self, stages: Sequence[Mapping[str, Any]], *, starts: int | None = None) -> frozenset[JobRequest]:
         """Write progress. Returns what was asked of the job, as far as is known: does not wait.
 

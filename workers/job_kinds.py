@@ -68,17 +68,18 @@ def _publish_version(job: ClaimedJob, stage: str) -> None:
 
     folder = job.publish(stage, "summary.json")
     summary = json.loads((folder / "summary.json").read_text())
-    result, parent = {**summary["result"], "version": job.run_id}, summary["parent"]
+    result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
     new = new_version(
-        job.scene_id,
-        job.run_id,
-        parent,
-        read_scene(job.parent(parent) / "artefact").things,
+        read_scene(job.current_version()[0] / "artefact").things,  # its parent, or it is refused
         read_scene(folder / "artefact"),
         job.calls,
+        scene_id=job.scene_id,
+        version=job.run_id,
+        request_id="",
+        request_digest="",
         edits=summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
-        **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
+        **{name: summary[name] for name in ("parent", "gaussians", "things", "dictionary")},
     )
     job.succeed_with_version(new, result)
 

@@ -22,7 +22,7 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
-_OF_CARRIED = ("gaussians", "things", "dictionary", "edits", "author", "request_id", "request_digest")
+_OF_CARRIED = ("gaussians", "things", "dictionary", "edits", "author", "request_id", "request_digest", "version")
 _OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 
@@ -137,6 +137,6 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
         scene = read_scene(find(row["version"]) / "artefact")
         parent = carried[-1].version if carried else version
         of_row = {name: row[name] for name in _OF_CARRIED}
-        carried.append(new_version(scene_id, row["version"], parent, before, scene, calls, **of_row))
+        carried.append(new_version(before, scene, calls, scene_id=scene_id, parent=parent, **of_row))
         before = scene.things
     return MadeScene(summary, tuple(carried), values.get("edited", ""), tuple(values.get("lost", ())))

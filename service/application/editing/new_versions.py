@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -24,59 +24,37 @@ from fastsplat.service.store.version_repository import NewVersion
 
 
 def new_version(
-    scene_id: str,
-    version: str,
-    parent: str,
-    before: Things | None,
-    scene: Scene,
-    limits: CallSettings,
-    *,
-    gaussians: int,
-    things: int,
-    dictionary: Sequence[Mapping[str, Any]],
-    edits: Sequence[Mapping[str, Any]],
-    sizes: Sizes | None = None,
-    author: str = "",
-    request_id: str = "",
-    request_digest: str = "",
+    before: Things | None, scene: Scene, limits: CallSettings, sizes: Sizes | None = None, **row: Any
 ) -> NewVersion:
     """The row of a version, with all that follows from its scene.
 
     Args:
-        scene_id, version, parent, author, request_id, request_digest, edits: see `NewVersion`.
-        before: the things of the parent.
+        before: the things of its parent.
         scene: of the version.
         limits: how many versions, and names of people, are kept.
-        gaussians, things, dictionary: see `content_of`.
         sizes: see `sizes_in_meters`; None: not known yet.
+        row: the other fields of `NewVersion`: who made it of what by which edits, and what `content_of` says.
     """
     appearances = described(scene.things, sizes_in_meters(scene) if sizes is None else sizes)
+    changed = list(changed_views(scene.quality))
     return NewVersion(
-        scene_id=scene_id,
-        version=version,
-        parent=parent,
-        request_id=request_id,
-        request_digest=request_digest,
-        gaussians=gaussians,
-        dictionary=dictionary,
-        edits=edits,
-        things=things,
         names=names_between(before, scene.things, appearances, limits.max_known_names),
-        author=author,
         scaling=scaling_to_json(scene.scaling),
         alignment=alignment_to_json(scene.alignment),
-        quality={"changed_by": list(changes)} if (changes := changed_views(scene.quality)) else {},
+        quality={"changed_by": changed} if changed else {},
         # All versions of a draft stay: they are made again on the scene that takes its place.
         max_versions=None if provisional_of(scene.quality) else limits.max_versions,
+        **row,
     )
 
 
-def content_of(scene: Scene) -> dict[str, Any]:
+def content_of(scene: Scene, counts: Sequence[int] | None = None) -> dict[str, Any]:
     """What stands in a version's row of what it holds: "gaussians" and "things", their numbers, and "dictionary", its
-    rows by label id."""
-    counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1)
+    rows by label id; `counts` are the Gaussians of each, if they are known."""
+    if counts is None:
+        counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1).tolist()
     dictionary = [
-        {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
+        {"label_id": number, **asdict(entry), "gaussian_count": counts[number]}
         for number, entry in enumerate(scene.dictionary.entries, start=1)
     ]
     return {"gaussians": len(scene.gaussians), "things": thing_count(things_of(scene)), "dictionary": dictionary}

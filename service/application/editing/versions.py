@@ -13,19 +13,17 @@ from typing import Any
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
-from fastsplat.service.application.editing.new_versions import new_version
+from fastsplat.service.application.editing.new_versions import content_of, new_version
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.version_files import new_version_name, write_version
 from fastsplat.service.application.editing.version_rows import (
     ASKS_KIND,
     PROMPTED,
     check_edits,
-    dictionary_rows,
     version_of,
 )
 from fastsplat.service.common.cancellation import check_cancelled
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings
 from fastsplat.service.store.store import Store
@@ -276,7 +274,6 @@ class Versions:
         scene_id = order.scene_id
         edited = index.scene
         version = version or new_version_name()
-        dictionary = dictionary_rows(self._store.scenes.scene(scene_id).dictionary, index)
         same = edited.gaussians is before.scene.gaussians
         write_version(
             edited, self._store.blobs, scene_id, version, self._scenes.folder(scene_id, parent), same, add_files
@@ -285,20 +282,18 @@ class Versions:
         try:
             published, removed = self._store.versions.publish(
                 new_version(
-                    scene_id,
-                    version,
-                    parent,
                     before.scene.things,
                     edited,
                     self._settings.calls,
-                    gaussians=len(edited.gaussians),
-                    things=thing_count(index.things.table),
-                    dictionary=dictionary,
+                    index.ranked.sizes,
+                    scene_id=scene_id,
+                    version=version,
+                    parent=parent,
                     edits=order.rows,
-                    sizes=index.ranked.sizes,
                     author=key.name if key is not None else "",
                     request_id=order.request_id,
                     request_digest=order.digest,
+                    **content_of(edited, index.label_counts),
                 )
             )
         except BaseException:
