@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from io import BytesIO
@@ -20,7 +19,7 @@ from fastsplat_contract.operations import Operation
 from fastsplat_contract.proto_codec import from_proto
 from fastsplat_contract.v1 import fastsplat_pb2 as pb
 from tests.api.served import Faces, rest_refusal, rpc_refusal
-from tests.api.training_job import add_training_job, picture, show_training
+from tests.api.training_job import add_training_job, make_old, picture, show_training
 from tests.scenes import queued_job
 
 
@@ -109,7 +108,7 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     assert (running.worker, running.attempt, running.seconds_left) == ("working", 1, 199.0)
     assert "job_seconds_left" not in running.stages[-1].metrics
 
-    _age(service, training.operation.id)
+    make_old(service, training.operation.id)
     silent = client.operation(training.operation.id)
     assert silent.worker == "silent" and silent.seconds_left is None
     service._store.workers.unregister("somebody")
@@ -121,11 +120,3 @@ def test_who_works_on_a_job(service: SceneService, client: Client, training: Cla
     service._store.jobs.cancelled(again)
     assert client.operation(training.operation.id).worker is None
     service.delete_scene(queued.scene_id)
-
-
-def _age(service: SceneService, operation_id: str) -> None:
-    """Make a job's last report an hour old."""
-    with service._store.engine.begin() as connection:
-        connection.exec_driver_sql(
-            f"UPDATE operations SET updated_at = {time.time() - 3600} WHERE id = '{operation_id}'"
-        )

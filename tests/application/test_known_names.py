@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -336,10 +336,7 @@ def test_a_tag_names_what_bears_it_in_other_captures_until_the_name_is_taken_bac
         service.versions.edit(second, [Edit("suggest", suggestions=(replace(seen, source="tag"),))])
 
 
-_VERSION_JOBS = [kind for kind, job in KINDS.items() if job.sources is not KINDS["create_scene"].sources]
-
-
-@pytest.mark.parametrize("kind", _VERSION_JOBS)
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"create_scene"}))
 def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     service: SceneService, add: Callable[..., str], kind: OperationKind
 ) -> None:
@@ -352,10 +349,11 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
     claimed = ClaimedJob(store, claim, service._settings.calls)
     upload, version = claimed.current_version()
     job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, service._settings, stages, {}, version)
-    things = read_scene(upload / "artefact").things
-    assert things is not None
-    table = (replace(things.table[0], name="moon", source="person", probability=1.0), *things.table[1:])
-    scene = replace(read_scene(upload / "artefact"), things=replace(things, table=table))
+    scene = read_scene(upload / "artefact")
+    assert scene.things is not None
+    first, *others = scene.things.table
+    named = replace(first, name="moon", source="person", probability=1.0)
+    scene = replace(scene, things=replace(scene.things, table=(named, *others)))
     folder = start_stage(job, stages[-1])
     edits = [to_plain(Edit("name", things=(1,), name="moon"))]
     write_renamed(job, scene, folder, {"result": {}, "edits": edits})
@@ -367,28 +365,24 @@ def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
 
 _HERE = Place(point=Vector3(0.0, 0.0, 0.0))
 _MOVED = Pose(Vector3(0.0, -2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
-_EDITS: Mapping[EditAction, Edit] = {
-    "recolor": Edit("recolor", things=(2,), color=Color(1.0, 0.0, 0.0)),
-    "remove": Edit("remove", things=(2,)),
-    "move": Edit("move", things=(2,), transform=_MOVED),
-    "duplicate": Edit("duplicate", things=(2,), transform=_MOVED),
-    "name": Edit("name", things=(2,), name="carrot"),
-    "unname": Edit("unname", things=(2,)),
-    "merge": Edit("merge", things=(2, 3)),
-    "discard": Edit("discard", things=(2,)),
-    "insert": Edit("insert", things=(1,), transform=_MOVED),
-    "scale": Edit("scale", known_lengths=(KnownLength(_HERE, Place(point=Vector3(1.0, 0.0, 0.0)), 2.0),)),
-    "align": Edit("align", alignment=Alignment("map", _MOVED)),
-    "suggest": Edit("suggest", suggestions=(SuggestedName(2, "carrot", 0.8, "eyes"),)),
-}
+_EDITS = (
+    *(Edit(action, things=(2,)) for action in ("remove", "unname", "discard")),
+    *(Edit(action, things=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
+    Edit("recolor", things=(2,), color=Color(1.0, 0.0, 0.0)),
+    Edit("name", things=(2,), name="carrot"),
+    Edit("merge", things=(2, 3)),
+    Edit("scale", known_lengths=(KnownLength(_HERE, Place(point=Vector3(1.0, 0.0, 0.0)), 2.0),)),
+    Edit("align", alignment=Alignment("map", _MOVED)),
+    Edit("suggest", suggestions=(SuggestedName(2, "carrot", 0.8, "eyes"),)),
+)
 
 
-@pytest.mark.parametrize("action", sorted({*get_args(EditAction)} - {"split", "add", "look_again", "observe"}))
-def test_no_edit_of_other_things_forgets_a_name(
-    service: SceneService, add: Callable[..., str], action: EditAction
-) -> None:
-    scene_id, edit = add(3, 7, 9), _EDITS[action]
-    _name(service, scene_id, 1, "moon")
-    source = InsertSource(add(1, 2, 3), "") if action == "insert" else None
-    service.versions.edit(scene_id, [replace(edit, source=source)], looked_at=_current(service, scene_id))
-    assert (scene_id, 1, "moon", bytes([3])) in _known(service)
+def test_no_edit_of_other_things_forgets_a_name(service: SceneService, add: Callable[..., str]) -> None:
+    # A prompt needs a segmenter; the last two are no edits to send.
+    assert {edit.action for edit in _EDITS} == {*get_args(EditAction)} - {"split", "add", "look_again", "observe"}
+    for edit in _EDITS:
+        scene_id = add(3, 7, 9)
+        _name(service, scene_id, 1, "moon")
+        source = InsertSource(add(1, 2, 3)) if edit.action == "insert" else None
+        service.versions.edit(scene_id, [replace(edit, source=source)], looked_at=_current(service, scene_id))
+        assert (scene_id, 1, "moon", bytes([3])) in _known(service), edit.action
