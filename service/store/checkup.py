@@ -94,12 +94,8 @@ def mend_folder(data_dir: Path) -> None:
 
 
 def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatError]]) -> Iterator[Problem]:
-    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain.
-
-    Args:
-        store: whose.
-        damage: reads a version's folder to its last byte, and says what is damaged.
-    """
+    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain; `damage` reads a
+    version's folder to its last byte, and says what is damaged."""
     with store.engine.execution_options(read_only=True).begin() as connection:
         current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
         rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()

@@ -173,11 +173,7 @@ class VersionRepository:
             ) from error
 
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make the parent of the current version current; returns it.
-
-        Args:
-            scene_id: which scene.
-            expected: the current version; "" for whatever it is.
+        """Make the parent of the current version, `expected` ("": whatever it is), current; returns it.
 
         Raises:
             ConflictError: another version than `expected` is current, or the trained one is.
@@ -195,18 +191,8 @@ class VersionRepository:
         return replace(parent, current=True)
 
     def step_forward(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make a version current that was made of the current one, of several the one that was current last.
-
-        Returns:
-            It.
-
-        Args:
-            scene_id: which scene.
-            expected: the current version; "" for whatever it is.
-
-        Raises:
-            ConflictError: another version than `expected` is current, or none was made of it.
-            NotFoundError: the scene was deleted.
+        """Make a version current that was made of the current one, of several the one that was current last; returns
+        it. Errors as `step_back`, where none was made of it.
         """
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
@@ -224,13 +210,8 @@ class VersionRepository:
     def restore(self, scene_id: str, version: str, expected: str = "") -> VersionRecord:
         """Make a version current, wherever it is in the tree of versions; returns it.
 
-        Args:
-            scene_id: which scene.
-            version: to become current.
-            expected: the current version; "" for whatever it is.
-
         Raises:
-            ConflictError: another version than `expected` is current.
+            ConflictError: another version than `expected` ("": whatever it is) is current.
             NotFoundError: the scene was deleted, or has no such version.
         """
         with self._writing() as connection:
@@ -245,12 +226,7 @@ class VersionRepository:
 
 
 def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
-    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet.
-
-    Raises:
-        ConflictError: the scene has another current version by now.
-        NotFoundError: the scene was deleted.
-    """
+    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet."""
     scene = locked_scene(connection, new.scene_id, new.parent)
     records = versions_of(connection, scene.id)
     if not records:

@@ -141,11 +141,7 @@ class Versions:
         return self._scenes.reading(scene_id, version, read)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one; returns it.
-
-        Args:
-            scene_id: which scene.
-            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
+        """Go back to the version before the current one, `version` ("": whatever it is); returns it.
 
         Raises:
             NotFoundError, NotReadyError: as `edit`.
@@ -155,29 +151,15 @@ class Versions:
         return version_of(self._store.versions.step_back(scene_id, version))
 
     def redo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go forward to the version that was current last of those made of the current one; returns it.
+        """Go forward to the version that was current last of those made of the current one; errors as `undo`.
 
-        An edit after an undo ends nothing: what was undone stays, to be restored, and a redo from where both were made
-        goes to the one that was current last.
-
-        Args:
-            scene_id: which scene.
-            version: redo only if this is the current version, so that a retry redoes once; "" whatever it is.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit`.
-            ConflictError: there is nothing to redo, or another version is current.
+        An edit after an undo ends nothing: what was undone stays, to be restored.
         """
         self._scenes.version(scene_id, "")
         return version_of(self._store.versions.step_forward(scene_id, version))
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
-        """Make any version current, before the current one, after it or beside it; returns it. All others stay.
-
-        Args:
-            scene_id: which scene.
-            version: to become current.
-            expected: restore only if this is the current version; "" whatever it is.
+        """Make any version current in the place of `expected` ("": whatever is current); returns it. All others stay.
 
         Raises:
             NotFoundError, NotReadyError: as `edit`.
