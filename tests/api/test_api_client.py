@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shutil
 import socket
@@ -13,9 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
 import pytest
-from PIL import Image
 from pydantic import ValidationError
 
 from fastsplat.service.application.service import SceneService
@@ -35,14 +32,8 @@ from fastsplat_contract.queries import QueryOut, QueryRequest
 from tests.api.clients import client_of
 from tests.api.made_scene import add_scene, turned
 from tests.api.served import EndlessQuestions, Faces, OwnQuestions, served, serving
+from tests.api.uploaded import photo
 from tests.waiting import with_growing_limit
-
-
-def _photo(seed: int) -> bytes:
-    pixels = np.random.default_rng(seed).integers(0, 255, (240, 320, 3), dtype=np.uint8)
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "JPEG", quality=95)
-    return buffer.getvalue()
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +43,8 @@ def captures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     (folder / "photos").mkdir()
     with zipfile.ZipFile(folder / "photos ü.zip", "w") as archive:
         for number in range(3):
-            (folder / "photos" / f"{number}.jpg").write_bytes(_photo(number))
-            archive.writestr(f"{number}.jpg", _photo(number))
+            (folder / "photos" / f"{number}.jpg").write_bytes(photo(number, (320, 240)))
+            archive.writestr(f"{number}.jpg", photo(number, (320, 240)))
     return {"folder": folder / "photos", "archive": folder / "photos ü.zip"}
 
 
@@ -74,7 +65,7 @@ def test_a_capture_arrives_whole_with_its_options(
         record = service._store.scenes.operation(operation.id)
         stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
         photos = sorted(path for path in stored.rglob("*.jpg"))
-        assert [path.read_bytes() for path in photos] == [_photo(number) for number in range(3)]
+        assert [path.read_bytes() for path in photos] == [photo(number, (320, 240)) for number in range(3)]
         assert record.priority == 3 and record.options["preset"] == "draft" and record.options["privacy"] == "people"
         assert record.options["labels"] == ["mug", "story book"] and record.options["max_gaussians"] == 500
         client.delete_scene(operation.scene_id)
@@ -166,7 +157,7 @@ def test_an_upload_over_a_line_that_breaks_again_and_again_arrives_whole(
     assert len(carried) > 2
     record = service._store.scenes.operation(operation.id)
     stored = service._store.blobs.upload(record.upload_id) / record.options["validated"]
-    assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(_photo(n) for n in range(3))
+    assert sorted(path.read_bytes() for path in stored.rglob("*.jpg")) == sorted(photo(n, (320, 240)) for n in range(3))
     service.delete_scene(operation.scene_id)
 
 

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import itertools
 import random
 import socket
 import time
-import zipfile
 from email.utils import parsedate_to_datetime
 
 import httpx
-import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.service.application.service import SceneService
 from tests.api.conftest import MAX_UPLOAD_BYTES
 from tests.api.served import Faces, rest_refusal
+from tests.api.uploaded import archive_of_photos
 
 _TUS = {"Tus-Resumable": "1.0.0"}
 _PIECE = {**_TUS, "Content-Type": "application/offset+octet-stream"}
@@ -44,17 +41,6 @@ def _form(fields: dict[str, str]) -> dict[str, tuple[None, str]]:
     return {name: (None, value) for name, value in fields.items()}
 
 
-def _capture() -> bytes:
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as archive:
-        for number in range(3):
-            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-            photo = io.BytesIO()
-            Image.fromarray(pixels).save(photo, "JPEG")
-            archive.writestr(f"{number}.jpg", photo.getvalue())
-    return buffer.getvalue()
-
-
 def test_the_server_says_what_it_speaks(faces: Faces) -> None:
     told = faces.rest.options("/v1/uploads")
     assert told.status_code == 204 and told.headers["tus-version"] == "1.0.0"
@@ -65,7 +51,7 @@ def test_the_server_says_what_it_speaks(faces: Faces) -> None:
 
 
 def test_a_capture_comes_in_pieces_and_becomes_a_scene_once(faces: Faces, service: SceneService) -> None:
-    data = _capture()
+    data = archive_of_photos()
     path = _create(faces, "capture.zip", len(data))
     rng = random.Random(3)
     cuts = [0, *sorted(rng.sample(range(1, len(data)), 20)), len(data)]

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import base64
-import io
 import threading
 import time
 import uuid
-import zipfile
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
 
 import grpc
 import httpx
-import numpy as np
 import pytest
-from PIL import Image
 from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
@@ -43,6 +39,7 @@ from tests.api.clients import assert_same, client_of
 from tests.api.guarded import Guarded
 from tests.api.made_scene import ENCODER, made_scene
 from tests.api.served import Faces, rpc_refusal
+from tests.api.uploaded import archive_of_photos, photo
 from tests.scenes import finish_job, queued_job
 
 _TUS = {"Tus-Resumable": "1.0.0"}
@@ -93,12 +90,7 @@ def _add_scene(place: _Place) -> str:
 @pytest.fixture
 def capture(tmp_path: Path) -> Path:
     path = tmp_path / "capture.zip"
-    with zipfile.ZipFile(path, "w") as archive:
-        for number in range(3):
-            photo = io.BytesIO()
-            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-            Image.fromarray(pixels).save(photo, "JPEG")
-            archive.writestr(f"{number}.jpg", photo.getvalue())
+    path.write_bytes(archive_of_photos())
     return path
 
 
@@ -162,11 +154,8 @@ def test_of_two_phones_with_the_same_link_one_makes_the_scene(place: _Place, cap
     outcomes: list[str] = []
     start = threading.Barrier(2)
     for number, session in enumerate(sessions):
-        for photo in range(3):
-            pixels = np.random.default_rng(10 * number + photo).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-            content = io.BytesIO()
-            Image.fromarray(pixels).save(content, "JPEG")
-            session.write(f"{photo}.jpg", [content.getvalue()])
+        for each in range(3):
+            session.write(f"{each}.jpg", [photo(10 * number + each)])
 
     def post(number: int) -> None:
         start.wait()
@@ -216,9 +205,7 @@ def test_one_that_expires_before_its_scene_is_made_makes_none(place: _Place) -> 
     upload = OneUpload(place.service, link.key.id)
     session = upload.new_upload()
     for number in range(2):
-        content = io.BytesIO()
-        Image.fromarray(np.full((48, 64, 3), 90 * number + 20, np.uint8)).save(content, "PNG")
-        session.write(f"{number}.png", [content.getvalue()])
+        session.write(f"{number}.jpg", [photo(number)])
     _expire(place, link.key.id)
     with pytest.raises(ConflictError):
         upload.create_scene(session, "late", "", SceneOptions())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import zipfile
 import zlib
 from collections.abc import Iterator
 
@@ -26,6 +27,15 @@ def photo(seed: int, size: tuple[int, int] = (64, 48)) -> bytes:
 
 def photos(count: int) -> Files:
     return [(f"photo {number} ü.jpg", photo(number)) for number in range(count)]
+
+
+def archive_of_photos() -> bytes:
+    """A capture of three photos."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        for number in range(3):
+            archive.writestr(f"{number}.jpg", photo(number))
+    return buffer.getvalue()
 
 
 def messages(files: Files, **header: object) -> Iterator[pb.CreateSceneRequest]:
