@@ -202,7 +202,6 @@ def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
 
     Args:
         client: of the scene's server; a key of the role suggester will do.
-        scene_id: which scene.
         namer: whom to ask.
     """
     named = ask_namer(namer, client.thing_sheets(scene_id))

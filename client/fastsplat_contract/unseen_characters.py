@@ -28,11 +28,8 @@ def unseen_in(text: str) -> str:
 def check_seen(name: str, field: str) -> None:
     """Raise `InvalidInputError` about `field` if a name holds a character that is not seen."""
     if unseen := unseen_in(name):
-        raise InvalidInputError(
-            f"the name has the character {unseen}, which nobody sees",
-            field=field,
-            hint="Write the name on one line, in plain text.",
-        )
+        told = f"the name has the character {unseen}, which nobody sees"
+        raise InvalidInputError(told, field=field, hint="Write the name on one line, in plain text.")
 
 
 def _joins(before: str, joiner: str, after: str) -> bool:

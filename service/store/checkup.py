@@ -133,7 +133,6 @@ def check_left_over(
     """Folders that nothing needs any more. Workers remove them once a minute; so they stay where no worker runs.
 
     Args:
-        store: whose.
         upload_expiry_s: age in seconds of an upload that nobody committed, after which it is not needed.
         failed_upload_since: seconds since 1970; uploads of jobs that failed before are not needed.
         ids_before: names of the folders of a kind, listed before the rows are read.

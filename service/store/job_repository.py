@@ -181,7 +181,6 @@ class JobRepository(JobQueue):
         """Queue a failed or cancelled operation again; one in another state stays as it is.
 
         Args:
-            operation_id: which.
             ended_since: seconds since 1970; what ended before has lost its upload.
             exclude: paths of photos of its upload to leave out, beside those of earlier retries.
 

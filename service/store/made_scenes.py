@@ -41,7 +41,6 @@ def publish_made_within(
 
     Args:
         connection: of the transaction.
-        scene_id: which scene.
         summary: of what was made.
         carried: versions that hold edits of the draft before, the first made of `summary.version`, each other one of
             the one before.

@@ -56,7 +56,6 @@ def check_rows(
     """Rows that cannot be read, and that name what is not there; and folders of versions that no row names.
 
     Args:
-        store: whose.
         read_scene, read_operation, read_version: make what callers see of a row, and raise `SceneFileError` or
             `ArtefactError` if that cannot be done.
         kept_since: seconds since 1970; operations that ended later have their rows.

@@ -14,11 +14,7 @@ from benchmarks.naming.replay import ReplayNamer, replayed
 from fastsplat.cli.main import app
 from fastsplat.service.application.service import SceneService, open_service
 from fastsplat.service.settings import NamerSettings, Settings, load_settings
-from fastsplat_contract.errors import (
-    InvalidInputError,
-    ModelUnavailableError,
-    PermissionDeniedError,
-)
+from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, PermissionDeniedError
 from tests.api.clients import client_of
 from tests.api.nameless import Nameless, nameless_sample
 from tests.cli.conftest import configured

@@ -185,7 +185,7 @@ def test_names_that_are_none_are_refused_wherever_they_come_from(name: str) -> N
 
 
 @pytest.mark.parametrize(
-    "name", ["caf\u00e9", "می\u200cخواهم", "क\u094d\u200dष", "👩🏽\u200d🍳", "🏳\ufe0f\u200d🌈", "3½ cups", "花瓶"]
+    "name", ["می\u200cخواهم", "क\u094d\u200dष", "👩🏽\u200d🍳", "🏳\ufe0f\u200d🌈", "3½ cups", "花瓶"]
 )
 def test_names_of_every_script_pass(name: str) -> None:
     assert checked_name(name, "name") == name and unseen_in(name) == ""

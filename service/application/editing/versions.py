@@ -85,8 +85,6 @@ class Versions:
         Questions that are being answered keep the version they began with.
 
         Args:
-            scene_id: which scene.
-            edits: at least one.
             request_id: the same id with the same edits returns the version that they made; "" for none.
             looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
             author: the id of the key by which this is asked for; "" for none.
@@ -95,8 +93,7 @@ class Versions:
             NotFoundError: there is no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, duplicates that make the scene too large, or more memory than a request
-                may hold.
+            LimitExceededError: too many edits, too many Gaussians, or more memory than a request may hold.
             ConflictError: the request id was used before for other edits, or a person has given a thing another name.
             ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
         """
@@ -243,9 +240,7 @@ class Versions:
 
         Args:
             order: what it is made by.
-            parent: the current version, of which it was made.
-            before: the index of that.
-            index: of the new one.
+            parent, before: the current version, of which it was made, and its index.
             version: its name, of `new_version_name`.
             add_files: writes what else belongs to it into its folder, before anybody sees it.
 
