@@ -14,12 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.application.editing.new_versions import content_of
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.capture.types import Capture
 from fastsplat.service.carried_edits import DraftVersion, carry_edits
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.drafts import first_draft, training_draft
+from fastsplat.service.new_versions import content_of
 from fastsplat.service.perception.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling

@@ -63,7 +63,7 @@ def _publish_scene(job: ClaimedJob, stage: str) -> None:
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:
     # What a worker needs only where a job makes a version.
-    from fastsplat.service.application.editing.new_versions import new_version
+    from fastsplat.service.new_versions import new_version
     from fastsplat.service.scene.scene_files import read_scene
 
     folder = job.publish(stage, "summary.json")

@@ -9,10 +9,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from fastsplat.service.application.editing.new_versions import content_of
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
+from fastsplat.service.new_versions import content_of
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.ply import write_ply

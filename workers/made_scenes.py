@@ -124,7 +124,7 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
         find: the folder of one of the versions in `carried`, wherever it is by now.
     """
     # What a worker needs only where a draft was edited.
-    from fastsplat.service.application.editing.new_versions import new_version
+    from fastsplat.service.new_versions import new_version
     from fastsplat.service.scene.scene_files import read_scene
 
     values = json.loads((folder / SUMMARY).read_text())

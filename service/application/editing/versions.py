@@ -13,7 +13,6 @@ from typing import Any
 from fastsplat.service.application.answering.open_scenes import OpenScenes
 from fastsplat.service.application.base.memory import MemoryBudget, edit_bytes
 from fastsplat.service.application.base.validate import check_request_id, check_texts
-from fastsplat.service.application.editing.new_versions import content_of, new_version
 from fastsplat.service.application.editing.prompted_edits import PromptedEdits
 from fastsplat.service.application.editing.version_files import new_version_name, write_version
 from fastsplat.service.application.editing.version_rows import (
@@ -23,6 +22,7 @@ from fastsplat.service.application.editing.version_rows import (
     version_of,
 )
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.new_versions import content_of, new_version
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings
