@@ -5,18 +5,18 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
 
 from fastsplat.cli.connection import local_store
 from fastsplat.cli.settings import load_settings
-from fastsplat_contract.errors import ConflictError, NotFoundError, SceneFileError
+from fastsplat_contract.errors import ConflictError, FastSplatError, NotFoundError, SceneFileError
 
 if TYPE_CHECKING:
     from fastsplat.service.settings import Settings
@@ -79,8 +79,9 @@ def _examine(settings: Settings) -> Sequence[Problem]:
             return [*problems, Problem("database", error.message, error.hint)]
         ids = {kind: store.blobs.ids(kind) for kind in ("jobs", "uploads", "scenes")}
         failed_since = time.time() - settings.uploads.failed_retention_s
-        problems += check_rows(store, scene_of, operation_of, version_of)
-        problems += check_artefacts(store, _check_version)
+        kept_since = time.time() - settings.jobs.ended_job_retention_s
+        problems += check_rows(store, scene_of, operation_of, version_of, kept_since)
+        problems += check_artefacts(store, _damage)
         problems += check_left_over(store, settings.uploads.expiry_s, failed_since, ids.__getitem__)
     return problems
 
@@ -99,23 +100,23 @@ def _mend(settings: Settings, problems: Sequence[Problem]) -> None:
         store.blobs.remove_partial(PARTIAL_EXPIRY_S)
 
 
-def _check_version(folder: Path) -> None:
-    """Read a version as serving does, every byte against its digest, and the files beside it.
-
-    Raises:
-        FastSplatError: it is damaged.
-    """
+def _damage(folder: Path) -> Iterator[FastSplatError]:
+    """Read a version as serving does, every byte against its digest, and the files beside it: what is damaged."""
     from fastsplat.service.scene.ply import read_ply
     from fastsplat.service.scene.scene_files import read_scene
 
-    arrays = vars(read_scene(folder / "artefact").gaussians)
-    exported = vars(read_ply(folder / "scene.ply"))
-    for name in ("means", "quats", "log_scales", "logit_opacities", "sh"):
-        if not np.array_equal(arrays[name], exported[name]):
-            raise SceneFileError(f"scene.ply has other {name} than the scene", field="scene.ply")
+    read: dict[str, Mapping[str, Any]] = {}
+    for name, reader in (("artefact", lambda path: read_scene(path).gaussians), ("scene.ply", read_ply)):
+        try:
+            read[name] = vars(reader(folder / name))
+        except FastSplatError as error:
+            yield error
+    for name in ("means", "quats", "log_scales", "logit_opacities", "sh") if len(read) == 2 else ():
+        if not np.array_equal(read["artefact"][name], read["scene.ply"][name]):
+            yield SceneFileError(f"scene.ply has other {name} than the scene", field="scene.ply")
     try:
         json.loads((folder / "summary.json").read_text())
     except FileNotFoundError:
         pass  # versions that edits made have none; one that was published and is gone, its digest misses
-    except (OSError, ValueError) as error:
-        raise SceneFileError("summary.json cannot be read", field="summary.json") from error
+    except (OSError, ValueError, RecursionError):
+        yield SceneFileError("summary.json cannot be read", field="summary.json")

@@ -119,7 +119,7 @@ def _bytes(path: Path) -> bytes:
 def _poses(path: Path) -> tuple[Pose, ...]:
     try:
         rows = json.loads(_bytes(path))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InvalidInputError(f"{path} is no JSON: {error}", field="poses") from error
     if not isinstance(rows, list):
         raise InvalidInputError(f"{path} holds no list", field="poses", hint="Write one pose for each photo.")

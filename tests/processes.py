@@ -1,4 +1,4 @@
-"""Processes by their environment."""
+"""Processes by their environment, and whether one runs."""
 
 from __future__ import annotations
 
@@ -15,3 +15,11 @@ def processes_with(variable: str, folder: Path) -> list[str]:
         except OSError:
             continue
     return found
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process runs (a zombie does not)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
+    except OSError:
+        return False

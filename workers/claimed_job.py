@@ -47,7 +47,7 @@ class ClaimedJob:
     """
 
     def __init__(self, store: Store, claim: Claim, calls: CallSettings, namer_host: str = "") -> None:
-        self.max_versions, self._calls = calls.max_versions, calls
+        self.calls = calls
         self._jobs = store.jobs
         self._versions = store.versions
         self._scenes = store.scenes
@@ -212,11 +212,7 @@ class ClaimedJob:
     @patient
     def publish(self, stage: str, *files: str) -> Path:
         """Move the result of `stage`, the last one, to the scene's folder, unless an earlier attempt did, and check
-        `files` of it. Returns where it is, a version whose name is the run's.
-
-        Raises:
-            OSError: the disk is full.
-        """
+        `files` of it. Returns where it is, a version whose name is the run's; `OSError` where the disk is full."""
         folder = self._blobs.fetch_version(self.scene_id, self.run_id)
         if folder is None:
             folder = self._blobs.publish(self.folder / stage, self.scene_id, self.run_id)
@@ -238,12 +234,8 @@ class ClaimedJob:
 
     @patient
     def succeed_with_version(self, new: NewVersion | None, result: Mapping[str, Any]) -> None:
-        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED.
-
-        Raises:
-            ConflictError: the scene has another version by now than the one that this was made of.
-            NotFoundError: the scene was deleted.
-        """
+        """Add a published version, None for none, to the finished scene and make the operation SUCCEEDED; errors as
+        `JobRepository.succeed_with_version`."""
         self._drop_versions(self._jobs.succeed_with_version(self.claim, new, result))
 
     @patient
@@ -301,7 +293,7 @@ class ClaimedJob:
         self._carried = ()
         place = self._version_or(version, folder)
         made = read_made(
-            place, self.scene_id, version, self._calls, lambda name: self._version_or(name, place / CARRIED / name)
+            place, self.scene_id, version, self.calls, lambda name: self._version_or(name, place / CARRIED / name)
         )
         if check:
             edited = self._edited()

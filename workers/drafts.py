@@ -19,23 +19,20 @@ from fastsplat.service.capture.types import Capture
 from fastsplat.service.carried_edits import DraftVersion, carry_edits
 from fastsplat.service.common.atomic import link_or_copy
 from fastsplat.service.drafts import first_draft, training_draft
+from fastsplat.service.new_versions import content_of
 from fastsplat.service.perception.early_look import EARLY_VIEWS, covering_order
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.perception.types import Labelling
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.scene.alignment import alignment_to_json
-from fastsplat.service.scene.changes import changed_views
 from fastsplat.service.scene.drafts import DRAFTS as PLAN
 from fastsplat.service.scene.drafts import provisional_of
 from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scaling import scaling_to_json
 from fastsplat.service.scene.scene_files import read_scene, write_scene
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.types import TrainedSplats
 from fastsplat.service.store.blobs import remove
 from fastsplat.service.store.codec import camera_to_json
-from fastsplat.workers.look_again_stages import content_of
 from fastsplat.workers.made_scenes import CARRIED, DRAFTS, EDITS, SUMMARY, read_edited
 from fastsplat.workers.progress_files import ProgressFiles
 from fastsplat.workers.protocol import Job
@@ -100,9 +97,6 @@ def carry_into(job: Job, scene: Scene, folder: Path) -> Sequence[str]:
                 "request_id": before.request_id,
                 "request_digest": before.request_digest,
                 **{name: summary[name] for name in ("gaussians", "things", "dictionary")},
-                "scaling": scaling_to_json(each.index.scene.scaling),
-                "alignment": alignment_to_json(each.index.scene.alignment),
-                "quality": summary["quality"] if changed_views(each.index.scene.quality) else None,
             }
         )
     _note(folder, edited.versions[-1].version, rows, carried.lost)

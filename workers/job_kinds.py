@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from fastsplat.service.store.ordered_jobs import order_job
-from fastsplat.service.store.version_repository import NewVersion
 from fastsplat.workers.claimed_job import ClaimedJob
 from fastsplat_contract.json_codec import from_plain, to_plain
 from fastsplat_contract.operations import OperationKind
@@ -63,21 +62,24 @@ def _publish_scene(job: ClaimedJob, stage: str) -> None:
 
 
 def _publish_version(job: ClaimedJob, stage: str) -> None:
-    summary = json.loads((job.publish(stage, "summary.json") / "summary.json").read_text())
+    # What a worker needs only where a job makes a version.
+    from fastsplat.service.new_versions import new_version
+    from fastsplat.service.scene.scene_files import read_scene
+
+    folder = job.publish(stage, "summary.json")
+    summary = json.loads((folder / "summary.json").read_text())
     result = {**summary["result"], "version": job.run_id}
     of_job = {"action": job.claim.operation.kind, "texts": result.get("texts", ())}
-    edits = summary.get("edits") or [to_plain(from_plain(Edit, of_job))]
-    new = NewVersion(
-        job.scene_id,
-        job.run_id,
-        summary["parent"],
-        "",
-        "",
-        summary["gaussians"],
-        summary["dictionary"],
-        edits,
-        things=summary["things"],
-        max_versions=job.max_versions,
+    new = new_version(
+        read_scene(job.current_version()[0] / "artefact").things,  # its parent, or it is refused
+        read_scene(folder / "artefact"),
+        job.calls,
+        scene_id=job.scene_id,
+        version=job.run_id,
+        request_id="",
+        request_digest="",
+        edits=summary.get("edits") or [to_plain(from_plain(Edit, of_job))],
+        **{name: summary[name] for name in ("parent", "gaussians", "things", "dictionary")},
     )
     job.succeed_with_version(new, result)
 

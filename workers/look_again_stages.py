@@ -9,18 +9,14 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fastsplat.service.capture.photos.scene_photos import share_photos
 from fastsplat.service.common.progress import Progress, ProgressEvent
 from fastsplat.service.look_again import Sightings, look_for, name_sightings
+from fastsplat.service.new_versions import content_of
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.gaussian_labels import label_gaussians
-from fastsplat.service.query.things.labeled_things import things_of
 from fastsplat.service.scene.ply import write_ply
 from fastsplat.service.scene.scene_files import read_scene, write_scene
-from fastsplat.service.scene.things import thing_count
 from fastsplat.service.scene.types import Scene
 from fastsplat.service.store.blobs import remove
 from fastsplat.workers.protocol import Job, Stage
@@ -77,17 +73,6 @@ def write_renamed(job: Job, scene: Scene, folder: Path, more: Mapping[str, Any])
         write_ply(scene.gaussians, folder / "scene.ply")
     share_photos(job.upload, folder)
     (folder / "summary.json").write_text(json.dumps({"parent": job.version, **content_of(scene), **more}))
-
-
-def content_of(scene: Scene) -> dict[str, Any]:
-    """What stands in a version's row of what it holds: "gaussians" and "things", their numbers, and "dictionary", its
-    rows by label id."""
-    counts = np.bincount(label_gaussians(scene).classes, minlength=len(scene.dictionary) + 1)
-    dictionary = [
-        {"label_id": number, **asdict(entry), "gaussian_count": int(counts[number])}
-        for number, entry in enumerate(scene.dictionary.entries, start=1)
-    ]
-    return {"gaussians": len(scene.gaussians), "things": thing_count(things_of(scene)), "dictionary": dictionary}
 
 
 def open_current(job: Job) -> SceneIndex:

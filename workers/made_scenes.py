@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from fastsplat.service.settings import CallSettings
-from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.records import SceneSummary
 from fastsplat.service.store.version_repository import NewVersion, VersionRecord
 
@@ -23,6 +22,7 @@ SUMMARY = "summary.json"
 EDITS = "edits.json"
 DRAFTS = "drafts"
 CARRIED = "carried"
+_OF_CARRIED = ("gaussians", "things", "dictionary", "edits", "author", "request_id", "request_digest", "version")
 _OF_SCENE = ("gaussians", "scale", "dictionary", "cameras", "quality", "things")
 
 
@@ -120,12 +120,11 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     Args:
         folder: see above.
         scene_id, version: of the scene.
-        calls: how many names of people count.
+        calls: how many names of people are kept.
         find: the folder of one of the versions in `carried`, wherever it is by now.
     """
     # What a worker needs only where a draft was edited.
-    from fastsplat.service.query.things.look_alikes import sizes_in_meters
-    from fastsplat.service.query.things.names_by_looks import described
+    from fastsplat.service.new_versions import new_version
     from fastsplat.service.scene.scene_files import read_scene
 
     values = json.loads((folder / SUMMARY).read_text())
@@ -136,10 +135,8 @@ def read_made(folder: Path, scene_id: str, version: str, calls: CallSettings, fi
     before = read_scene(folder / "artefact").things if rows else None
     for row in rows:
         scene = read_scene(find(row["version"]) / "artefact")
-        names = names_between(
-            before, scene.things, described(scene.things, sizes_in_meters(scene)), calls.max_known_names
-        )
         parent = carried[-1].version if carried else version
-        carried.append(NewVersion(scene_id=scene_id, parent=parent, names=names, **row))
+        of_row = {name: row[name] for name in _OF_CARRIED}
+        carried.append(new_version(before, scene, calls, scene_id=scene_id, parent=parent, **of_row))
         before = scene.things
     return MadeScene(summary, tuple(carried), values.get("edited", ""), tuple(values.get("lost", ())))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from fastsplat_contract.errors import InvalidInputError, PermissionDeniedError
 
@@ -72,6 +73,13 @@ def check_local(headers: Mapping[str, str]) -> None:
 
 
 def _host_of(value: str) -> str:
-    """The host of an origin, or of a Host header."""
-    host = value.rpartition("://")[2]
-    return host[: host.rfind("]") + 1] if host.startswith("[") else host.partition(":")[0]
+    """The host of an origin, or of a Host header; "" where it is neither in its one plain form."""
+    try:
+        parts = urlsplit(value if "://" in value else f"http://{value}")
+        host, port = parts.hostname or "", parts.port
+    except ValueError:
+        return ""
+    plain = f"[{host}]" if ":" in host else host
+    plain += "" if port is None else f":{port}"
+    whole = parts.scheme in ("http", "https") and parts.netloc.lower() == plain
+    return host if whole and value.endswith(parts.netloc) else ""

@@ -241,7 +241,6 @@ class Client(ThingCalls, JobCalls, PhotoCalls, StreamCalls):
         """Ask one scene, one answer a text; or, with "" for a scene, all of them.
 
         Args:
-            scene_id: which scene.
             texts: one question or several.
             cameras, views: free viewpoints, and names of the scene's own, for 2D masks.
             outputs: any of "mask2d", "mask3d" and "objects".

@@ -65,7 +65,7 @@ def problem_of(content: str | bytes, status: int = 0, after: str = "") -> FastSp
     try:
         body = json.loads(content)
         reason, detail, status = str(body["reason"]), str(body["detail"]), status or int(body["status"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         body, reason, detail = {}, "", f"HTTP {status} without a problem to read"
     kind = _KINDS.get(status) or (Kind.INVALID_ARGUMENT if 400 <= status < 500 else Kind.INTERNAL)
     return error_of(reason, kind, detail, body, seconds_after(after))

@@ -49,7 +49,6 @@ class JobCalls(TableCalls):
         """The scene as soon as it is so far, or its job has ended, whichever way.
 
         Args:
-            scene_id: which scene.
             until: first: anything can be asked; good: a draft of the training can be; done: nothing more comes.
         """
         while True:
@@ -72,7 +71,6 @@ class JobCalls(TableCalls):
         """Queue a failed or cancelled job again, with the upload that it had; one in another state stays as it is.
 
         Args:
-            operation_id: which.
             exclude: photos of the upload to leave out, e.g. `Operation.error.photos`, beside those of earlier retries.
 
         Raises:

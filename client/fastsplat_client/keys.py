@@ -35,7 +35,6 @@ class ClientKeys(TableCalls):
         """Make a key that shows one scene alone, read-only; `share_link` makes a link to the page of it.
 
         Args:
-            scene_id: which scene.
             name: for whom, for people.
             lifetime_s: seconds until it expires.
         """

@@ -9,16 +9,19 @@ from __future__ import annotations
 import base64
 import json
 import math
+import socket
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from statistics import fmean, median
 from typing import TYPE_CHECKING, Annotated, Any
 from urllib.parse import urlsplit
 
 import httpx
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from fastsplat_client.errors import seconds_after
 from fastsplat_client.transport import Retry
@@ -26,6 +29,7 @@ from fastsplat_contract.errors import InvalidInputError, NamerError
 from fastsplat_contract.name_suggestions import SuggestedName
 from fastsplat_contract.poses import Vector3
 from fastsplat_contract.thing_sheets import ThingSheet
+from fastsplat_contract.unseen_characters import unseen_in
 
 if TYPE_CHECKING:
     from fastsplat_client.client import Client
@@ -198,7 +202,6 @@ def suggest_by(client: Client, scene_id: str, namer: Namer) -> NamedSheets:
 
     Args:
         client: of the scene's server; a key of the role suggester will do.
-        scene_id: which scene.
         namer: whom to ask.
     """
     named = ask_namer(namer, client.thing_sheets(scene_id))
@@ -238,23 +241,57 @@ class _AgainError(Exception):
         self.after_s = after_s
 
 
+class _Deadline:
+    """Shuts the connection of a request once its time is over; timeouts of httpx begin anew with each byte."""
+
+    def __init__(self, seconds: float) -> None:
+        self._socket: socket.socket | None = None
+        self._over = False
+        self._seconds, self._timer = seconds, threading.Timer(seconds, self._end)
+        self.traced = {"trace": self._trace}
+
+    def __enter__(self) -> _Deadline:
+        self._timer.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: object) -> None:
+        self._timer.cancel()
+        if self._over and (error is None or isinstance(error, httpx.HTTPError)):
+            raise _AgainError(f"no whole answer within {self._seconds:g} seconds") from error
+
+    def _trace(self, event: str, info: Mapping[str, Any]) -> None:
+        if event in ("connection.connect_tcp.complete", "connection.start_tls.complete"):
+            self._socket = info["return_value"].get_extra_info("socket")
+            if self._over:
+                self._end()
+
+    def _end(self) -> None:
+        self._over = True
+        if self._socket is not None:
+            with suppress(OSError):  # during a handshake, which has a deadline of its own, TLS holds the socket
+                socket.socket.shutdown(self._socket, socket.SHUT_RDWR)
+
+
 def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -> _Answer:
-    ends = time.monotonic() + seconds
-    headers = {"Authorization": f"Bearer {namer.key}"} if namer.key else {}
+    # A compressed answer of some kilobytes may be gigabytes; a connection for each request has its own deadline.
+    headers = {"Accept-Encoding": "identity", "Connection": "close"}
+    if namer.key:
+        headers["Authorization"] = f"Bearer {namer.key}"
+    request: dict[str, Any] = {"json": _request(namer, sheet), "headers": headers, "timeout": seconds}
     url = namer.url.rstrip("/") + "/chat/completions"
-    with http.stream("POST", url, json=_request(namer, sheet), headers=headers, timeout=seconds) as response:
+    with _Deadline(seconds) as deadline, http.stream("POST", url, **request, extensions=deadline.traced) as response:
         status = response.status_code
         if status in (401, 403):
             raise NamerError(f"the namer at {namer.host} refuses the key", field="key")
         if status in _AGAIN or status >= 500:
             raise _AgainError(f"status {status}", seconds_after(response.headers.get("retry-after", "")))
-        content = b""
-        for piece in response.iter_bytes(65_536):
+        if (coding := response.headers.get("content-encoding", "identity")) != "identity":
+            raise _AgainError(f"an answer in the coding {coding[:80]!r}, which was not asked for")
+        content = bytearray()
+        for piece in response.iter_raw():
             content += piece
             if len(content) > _MAX_ANSWER:
                 raise _AgainError(f"an answer of more than {_MAX_ANSWER} bytes")
-            if time.monotonic() > ends:
-                raise _AgainError(f"no whole answer within {seconds:.0f} seconds")
     if status != 200:
         raise NamerError(
             f"the namer at {namer.host} answers with status {status}: {content[:200].decode(errors='replace')!r}",
@@ -264,7 +301,7 @@ def _once(namer: Namer, http: httpx.Client, sheet: ThingSheet, seconds: float) -
     try:
         message = json.loads(content)["choices"][0]["message"]["content"]
         return _Answer.model_validate_json(message)
-    except (ValueError, LookupError, TypeError, ValidationError) as error:
+    except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise _AgainError(f"an answer that is not as asked for ({type(error).__name__})") from error
 
 
@@ -312,7 +349,7 @@ def _usable(answer: _Answer, sheet: ThingSheet) -> list[_Name]:
 
 
 def _is_name(text: str) -> bool:
-    return 0 < len(text) <= _MAX_NAME and text.isprintable()
+    return 0 < len(text) <= _MAX_NAME and not unseen_in(text)
 
 
 def _not_obeyed(told: Sequence[tuple[ThingSheet, Sequence[_Name]]], shown: int) -> list[_Name]:

@@ -49,7 +49,6 @@ class PhotoCalls(TableCalls):
         scene does not; a photo without a sure place comes back with the reason.
 
         Args:
-            scene_id: which scene.
             photos: image files, or their bytes.
             focals: focal length of each photo, pixels of the upright photo; one number is that of all; none: found out.
             poses: roughly where each was taken, in any one frame, scene units, OpenCV camera axes: the photos find
@@ -77,7 +76,6 @@ class PhotoCalls(TableCalls):
         takes the newest back.
 
         Args:
-            scene_id: which scene.
             photos: image files, or their bytes; two at least.
             focals, poses: as for `localize`.
             seen_at: when they were taken, with its time zone; None: by their metadata, or now.
@@ -109,7 +107,6 @@ class PhotoCalls(TableCalls):
         """Which of the scene's cameras show some things best, best first, and where in their pictures those are.
 
         Args:
-            scene_id: which scene.
             things: ids of things or parts, seen together.
             text: instead of `things`: those that answer it.
             max_views: at most so many, up to 16; 0: three.

@@ -58,7 +58,6 @@ class ThingCalls(TableCalls):
         """The thing at a place, the part of it there and the group that it is in, with the mask of one of these.
 
         Args:
-            scene_id: which scene.
             viewpoint: one of the scene's own cameras (its name) or a free viewpoint; None for a point.
             pixel: x, y in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
             box: left, top, right, bottom, instead of `pixel`.
@@ -84,7 +83,6 @@ class ThingCalls(TableCalls):
         """Where one place is, how large one thing is, or how far two places are from each other.
 
         Args:
-            scene_id: which scene.
             places: one or two; a number is the id of a thing.
             version: of the scene; "" is the current one.
         """
@@ -95,7 +93,6 @@ class ThingCalls(TableCalls):
         """The free place nearest to a thing from which a robot sees it; of scenes in meters with z up.
 
         Args:
-            scene_id: which scene.
             thing_id: of a thing or a part.
             robot_radius: meters; 0: 0.2.
             version: of the scene; "" is the current one.
@@ -151,7 +148,6 @@ class ThingCalls(TableCalls):
         gives them, by `name_things` or `confirm_names`.
 
         Args:
-            scene_id: which scene.
             suggestions: 1 to 1,000; what a source says of a thing replaces what it said before.
             request_id: the same id returns the version that it made; by default a new one.
         """
@@ -164,7 +160,6 @@ class ThingCalls(TableCalls):
         `agree_to_namer`.
 
         Args:
-            scene_id: which scene.
             request_id: the same id returns the same operation; by default a new one.
 
         Raises:
@@ -183,7 +178,6 @@ class ThingCalls(TableCalls):
         word, as by `name_things`. Returns these things as they were.
 
         Args:
-            scene_id: which scene.
             least: 0..1, the probability.
         """
         likely = [
@@ -213,7 +207,6 @@ class ThingCalls(TableCalls):
         """Make a new version in which a piece of a thing is a thing of its own, see `SceneVersion.prompted`.
 
         Args:
-            scene_id: which scene.
             thing: its id; it keeps what is left of it, and its name.
             viewpoint: one of the scene's own cameras (its name) or a free viewpoint.
             pixels: x, y on the piece in the viewpoint's picture; the middle of its first pixel is (0.5, 0.5).
@@ -255,7 +248,6 @@ class ThingCalls(TableCalls):
         """Make a new version; it is current on return.
 
         Args:
-            scene_id: which scene.
             edits: at least one, applied in order.
             request_id: the same id returns the version that it made; by default a new one.
             looked_at: the version that was looked at: only names that stood in it are replaced.
@@ -276,7 +268,6 @@ class ThingCalls(TableCalls):
         and the scene has a new version.
 
         Args:
-            scene_id: which scene.
             texts: what to look for, in plain words.
             request_id: the same id returns the same operation; by default a new one.
         """

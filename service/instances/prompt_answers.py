@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fastsplat.service.perception.mask_postprocessing import upsampled
+from fastsplat.service.perception.segmenters.mask_selection import box_agreement, stability
 from fastsplat.service.perception.types import MaskLogits, Prompts, Segmenter
 
 Mask = NDArray[np.bool_]
@@ -85,7 +86,7 @@ def prompted_mask(
     """
     masks = _enlarged(answer, ids.shape[1], ids.shape[0])
     areas = masks.sum(axis=(1, 2))
-    stable = np.array([_stability(layer) for layer in answer.logits[0]])
+    stable = np.array([stability(layer) for layer in answer.logits[0]])
     scores = np.where(areas >= _LEAST_PX, answer.quality[0] * stable, 0.0)
     for number in np.flatnonzero(scores):
         scores[number] *= _fit(masks[number], prompt)
@@ -120,7 +121,7 @@ def matching_mask(segmenter: Segmenter, embedding: Callable[[], Any], drawn: F32
     for prompt in _prompts_for(shown, other > 0.5):
         answer = segmenter.mask_logits(known, prompt.prompts())
         for layer, mask in zip(answer.logits[0], _enlarged(answer, width, height), strict=True):
-            score = float(piece[mask].sum()) / (total + float(other[mask].sum())) * _stability(layer)
+            score = float(piece[mask].sum()) / (total + float(other[mask].sum())) * stability(layer)
             if score > highest:
                 best, highest = mask, score
     return best if highest >= _AGREES else None
@@ -148,7 +149,7 @@ def _fit(mask: Mask, prompt: PicturePrompt) -> float:
     """How well a mask keeps to the prompt's pixels and box, 0..1."""
     on, beside = values_at(mask, prompt.pixels), values_at(mask, prompt.background)
     score = (1.0 if on.all() else _DOUBT) * (_DOUBT if beside.any() else 1.0)
-    return score if prompt.box is None else score * _box_agreement(mask, prompt.box)
+    return score if prompt.box is None else score * box_agreement(mask, prompt.box)
 
 
 def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
@@ -159,19 +160,6 @@ def _eaten(mask: Mask, prompt: PicturePrompt, ids: NDArray[np.integer]) -> int:
     eaten[0] = False
     eaten[values_at(ids, prompt.pixels)] = False
     return int(within[eaten].sum())
-
-
-def _box_agreement(mask: Mask, box: F64) -> float:
-    columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
-    own = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1], np.float64)
-    inner = np.clip(np.minimum(own[2:], box[2:]) - np.maximum(own[:2], box[:2]), 0, None).prod()
-    union = (own[2:] - own[:2]).prod() + (box[2:] - box[:2]).prod() - inner
-    return float(inner / max(union, 1e-6))
-
-
-def _stability(logits: NDArray[np.floating[Any]]) -> float:
-    """Segment-Anything's: the intersection over union of the masks cut at logits +1 and -1."""
-    return float((logits > 1).sum() / max(1, (logits > -1).sum()))
 
 
 def _deepest(mask: Mask) -> F64:

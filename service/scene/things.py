@@ -8,7 +8,6 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +16,7 @@ from fastsplat.service.scene.label_evidence import evidence_of, posterior, rows_
 from fastsplat.service.scene.reads import bounded_reads
 from fastsplat.service.scene.types import Evidence, Parts, Scene, Thing, ThingGroup, Things
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
-
-if TYPE_CHECKING:
-    pass
+from fastsplat_contract.unseen_characters import check_seen
 
 MAX_NAME_CHARS = 200
 """Of a thing's name."""
@@ -188,8 +185,5 @@ def checked_name(name: str, field: str) -> str:
             limit=f"1 to {MAX_NAME_CHARS} characters",
             hint="Shorten it.",
         )
-    if any(unicodedata.category(character) in ("Cc", "Cs", "Zl", "Zp") for character in text):
-        raise InvalidInputError(
-            "the name has control characters", field=field, hint="Write the name on one line, in plain text."
-        )
+    check_seen(text, field)
     return text

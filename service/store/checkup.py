@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import stat
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +17,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fastsplat.service.store.damaged_rows import is_name
 from fastsplat.service.store.database import SQLITE_NAME, resolve_url
+from fastsplat.service.store.file_digests import DIGESTS, damaged_files
 from fastsplat.service.store.migrations import revisions
 from fastsplat.service.store.object_store import ObjectStoreBlobs
 from fastsplat.service.store.reserve import floor_of
@@ -92,13 +93,9 @@ def mend_folder(data_dir: Path) -> None:
             path.chmod(path.stat().st_mode & ~_OTHERS & 0o777)
 
 
-def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iterator[Problem]:
-    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain.
-
-    Args:
-        store: whose.
-        check_version: reads a version's folder to its last byte, and raises a `FastSplatError` if it is damaged.
-    """
+def check_artefacts(store: Store, damage: Callable[[Path], Iterable[FastSplatError]]) -> Iterator[Problem]:
+    """Versions of scenes that are missing or damaged, and uploads that jobs wait for in vain; `damage` reads a
+    version's folder to its last byte, and says what is damaged."""
     with store.engine.execution_options(read_only=True).begin() as connection:
         current = connection.execute(select(scenes.c.id, scenes.c.version).where(scenes.c.version != "")).all()
         rows = connection.execute(select(scene_versions.c.scene_id, scene_versions.c.version)).all()
@@ -107,20 +104,22 @@ def check_artefacts(store: Store, check_version: Callable[[Path], None]) -> Iter
     ready = {scene_id for scene_id, _ in current}
     versions = {tuple(row) for row in current} | {tuple(row) for row in rows if row[0] in ready}
     versions = {row for row in versions if is_name(row[1])}  # others are damage of a row
+    hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
     for scene_id, version in sorted(versions):
         place = f"scenes/{scene_id}/{version}"
         inner = "the current version" if (scene_id, version) in {tuple(row) for row in current} else "an older version"
         try:
             folder = store.blobs.fetch_version(scene_id, version)
             if folder is None:
-                hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
                 yield Problem(place, f"{inner} of the scene is missing", hint)
-            else:
-                store.blobs.check_version(folder)
-                check_version(folder)
+                continue
+            digests = tuple(damaged_files(folder))
+            read = {error.field for error in digests} <= {DIGESTS}
+            errors: tuple[Exception, ...] = (*digests, *(damage(folder) if read else ()))
         except (FastSplatError, OSError) as error:
-            hint = "Restore it from a backup, undo to an earlier version, or delete the scene."
-            yield Problem(place, f"{inner} of the scene is damaged: {error}", hint)
+            errors = (error,)
+        for each in errors:
+            yield Problem(place, f"{inner} of the scene is damaged: {each}", hint)
     there = set(store.blobs.ids("uploads"))
     for operation_id, upload_id in unfinished:
         if upload_id not in there:
@@ -134,7 +133,6 @@ def check_left_over(
     """Folders that nothing needs any more. Workers remove them once a minute; so they stay where no worker runs.
 
     Args:
-        store: whose.
         upload_expiry_s: age in seconds of an upload that nobody committed, after which it is not needed.
         failed_upload_since: seconds since 1970; uploads of jobs that failed before are not needed.
         ids_before: names of the folders of a kind, listed before the rows are read.

@@ -79,13 +79,7 @@ class JobQueue:
 
         A job that was begun goes first. Else the next is of the project with the fewest jobs under way; of several, the
         one whose latest job is longest ago, then the one that has waited longest. Within a project priority decides,
-        then age.
-
-        Args:
-            worker: who claims it, by its executor id.
-
-        Returns:
-            None if nothing waits, or another worker was faster.
+        then age. None if nothing waits, or another worker was faster.
         """
         waiting = self.waiting()
         job = waiting[0] if waiting and waiting[0].state == "RUNNING" else self._in_turn(waiting)
@@ -109,11 +103,8 @@ class JobQueue:
         return first[min(first, key=lambda name: (active.get(name, 0), latest.get(name, 0.0), oldest[name]))]
 
     def claim(self, operation_id: str, worker: str = "") -> Claim | None:
-        """Start an attempt of a job that waits: counts one start and fences earlier claims.
-
-        Args:
-            operation_id: which job.
-            worker: who claims it; until it ends, or `take_back`, nobody else may, unless that is "".
+        """Start an attempt of a job that waits: counts one start and fences earlier claims. Until `worker`, by its
+        executor id ("": nobody), ends, or `take_back`, nobody else may claim it.
 
         Returns:
             None if the operation does not wait: another worker has it, or it is over or deleted.

@@ -11,6 +11,7 @@ import re
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Iterator
 from pathlib import Path
 
 from fastsplat_contract.errors import SceneFileError
@@ -37,21 +38,26 @@ def write_digests(folder: Path) -> None:
 def check_files(folder: Path, *names: str) -> None:
     """Check files of a published folder, by default all, against their digests.
 
-    A folder without any passes.
-
     Raises:
-        SceneFileError: one is damaged or missing; names it.
+        SceneFileError: the first of `damaged_files`.
     """
-    digests = _read(folder)
-    if digests is None:
+    for error in damaged_files(folder, *names):
+        raise error
+
+
+def damaged_files(folder: Path, *names: str) -> Iterator[SceneFileError]:
+    """An error for each damaged or missing file, of `names` or all; of a folder without digests none."""
+    try:
+        digests = _read(folder) or {}
+    except SceneFileError as error:
+        yield error
         return
-    for name in names or digests:
+    for name in names or digests if digests else ():
         if name not in digests:
-            raise SceneFileError(f"{DIGESTS} has no digest of {name}", field=DIGESTS, hint=_HINT)
-        if not _CHECKED.holds(folder / name, digests[name]):
-            raise SceneFileError(
-                f"{name} is damaged: it does not match its digest in {DIGESTS}", field=name, hint=_HINT
-            )
+            yield SceneFileError(f"{DIGESTS} has no digest of {name}", field=DIGESTS, hint=_HINT)
+        elif not _CHECKED.holds(folder / name, digests[name]):
+            told = f"{name} is damaged: it does not match its digest in {DIGESTS}"
+            yield SceneFileError(told, field=name, hint=_HINT)
 
 
 def _read(folder: Path) -> dict[str, str] | None:

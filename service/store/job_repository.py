@@ -129,12 +129,9 @@ class JobRepository(JobQueue):
 
         Args:
             claim: of which job.
-            summary, carried, edited: see `publish_made_within`.
+            summary, carried, edited: see `publish_made_within`, as for what it returns.
             result: what became of edits of drafts, as JSON; None for no edits.
             follow: a job on the finished scene, queued with its end.
-
-        Returns:
-            The names of the drafts and of what they were edited to; their folders are the caller's to remove.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first, or the scene was deleted.
@@ -152,15 +149,11 @@ class JobRepository(JobQueue):
 
     def succeed_with_version(self, claim: Claim, new: NewVersion | None, result: Mapping[str, Any]) -> Sequence[str]:
         """Publish a version, None for none, and end the operation, which made it, as SUCCEEDED with its result; both at
-        once.
-
-        Returns:
-            The names of the versions that were removed, whose folders are the caller's to remove.
+        once. Returns the names of the versions that were removed, whose folders are the caller's to remove.
 
         Raises:
             FencedError: as `report`; also when a cancellation came first.
-            ConflictError: the scene has another current version by now.
-            NotFoundError: the scene was deleted.
+            ConflictError, NotFoundError: as `publish_within`.
         """
         options = {**claim.operation.options, RESULT: dict(result)}
         with self._writing() as connection:
@@ -188,7 +181,6 @@ class JobRepository(JobQueue):
         """Queue a failed or cancelled operation again; one in another state stays as it is.
 
         Args:
-            operation_id: which.
             ended_since: seconds since 1970; what ended before has lost its upload.
             exclude: paths of photos of its upload to leave out, beside those of earlier retries.
 

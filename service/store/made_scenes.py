@@ -41,7 +41,6 @@ def publish_made_within(
 
     Args:
         connection: of the transaction.
-        scene_id: which scene.
         summary: of what was made.
         carried: versions that hold edits of the draft before, the first made of `summary.version`, each other one of
             the one before.
@@ -80,5 +79,5 @@ def publish_made_within(
         number = max(record.number for record in records.values()) + 1
         connection.execute(insert(scene_versions).values({**row, "number": number, "created_at": time.time()}))
     for new in carried:
-        publish_within(connection, new)
+        publish_within(connection, replace(new, max_versions=None))  # whatever was carried arrives
     return () if draft else sorted(records)

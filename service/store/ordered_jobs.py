@@ -18,7 +18,6 @@ def order_job(kind: OperationKind, scene_id: str, request_id: str, order: Mappin
 
     Args:
         kind: of the work, the key of the order in the job's options.
-        scene_id: which scene.
         request_id: the same id with the same order is the same operation; "" for none.
         order: what is asked for, as JSON.
         project: whose scene it is.

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
-from sqlalchemy import RowMapping, Table, select
+from sqlalchemy import Column, RowMapping, Table, select
 
 from fastsplat.service.store.checkup import Problem
 from fastsplat.service.store.key_repository import ROLES
@@ -16,6 +16,7 @@ from fastsplat.service.store.records import OperationRecord, SceneRecord
 from fastsplat.service.store.scene_repository import as_operation
 from fastsplat.service.store.schema import (
     api_keys,
+    known_names,
     operations,
     projects,
     quota_usage,
@@ -29,6 +30,20 @@ from fastsplat_contract.errors import ArtefactError, SceneFileError
 
 _RESTORE = "Restore a backup of the database, or delete what the row is about."
 _HASH = re.compile(r"[0-9a-f]{64}")
+_TABLES = (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
+_COLUMNS: Mapping[Table, Sequence[Table | Column[Any]]] = {
+    **{
+        table: (table,) for table in (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
+    },
+    known_names: (known_names.c.id, known_names.c.version, known_names.c.scene_id),  # others are large
+}
+_POINTING = (
+    (scenes, "operation_id", operations), (scenes, "project", projects),
+    (operations, "project", projects), (operations, "scene_id", scenes),
+    (scene_versions, "scene_id", scenes), (known_names, "scene_id", scenes), (scene_photos, "scene_id", scenes),
+    (api_keys, "project", projects), (api_keys, "operation_id", operations), (api_keys, "scene_id", scenes),
+)  # fmt: skip
+"""Columns that name a row of another table. Usage of a scene that was deleted stays until the next is counted."""
 
 
 def check_rows(
@@ -36,55 +51,62 @@ def check_rows(
     read_scene: Callable[[SceneRecord], object],
     read_operation: Callable[[OperationRecord], object],
     read_version: Callable[[VersionRecord], object],
+    kept_since: float,
 ) -> Iterator[Problem]:
     """Rows that cannot be read, and that name what is not there; and folders of versions that no row names.
 
     Args:
-        store: whose.
         read_scene, read_operation, read_version: make what callers see of a row, and raise `SceneFileError` or
             `ArtefactError` if that cannot be done.
+        kept_since: seconds since 1970; operations that ended later have their rows.
     """
     folders = {} if isinstance(store.blobs, ObjectStoreBlobs) else _folders(store)  # listed before the rows are read
     with store.engine.execution_options(read_only=True).begin() as connection:
         rows = {
-            table.name: connection.execute(select(table)).mappings().all()
-            for table in (scenes, operations, scene_versions, scene_photos, projects, api_keys, quota_usage)
+            table.name: connection.execute(select(*columns)).mappings().all() for table, columns in _COLUMNS.items()
         }
-    own = {row["name"] for row in rows[projects.name]}
-    jobs = {row["id"]: row for row in rows[operations.name]}
+    for table, column, other in _POINTING:
+        (key,) = other.primary_key.columns
+        there = {row[key.name] for row in rows[other.name]}
+        for row in rows[table.name]:
+            if row[column] not in there and _points(table, column, row, kept_since):
+                yield _problem(table, row, f"its {column} {row[column]!r} has no row in {other.name}")
     versions = {(row["scene_id"], row["version"]) for row in rows[scene_versions.name]}
     for row in rows[scenes.name]:
-        problem = partial(_problem, scenes, row["id"])
-        yield from _unreadable(problem, row, lambda row: read_scene(SceneRecord(**row)))
-        if row["operation_id"] not in jobs:
-            yield problem(f"its operation {row['operation_id']} has no row")
-        if row["project"] not in own:
-            yield problem(f"its project {row['project']!r} has no row")
+        yield from _unreadable(scenes, row, lambda row: read_scene(SceneRecord(**row)))
         named = {version for scene_id, version in versions if scene_id == row["id"]}
         if named and row["version"] not in named:
-            yield problem(f"its current version {row['version']!r} has no row")
-        made = {_run_id(job) for job in jobs.values() if job["scene_id"] == row["id"]}
+            yield _problem(scenes, row, f"its current version {row['version']!r} has no row")
+        made = {_run_id(job) for job in rows[operations.name] if job["scene_id"] == row["id"]}
         for version in sorted(folders.get(row["id"], frozenset()) - named - made - {row["version"]}):
             hint = "Restore a database that has it; or, if nobody needs it, remove the folder."
             yield Problem(f"scenes/{row['id']}/{version}", "no row names this version: is it the right database?", hint)
     for row in rows[operations.name]:
-        problem = partial(_problem, operations, row["id"])
-        yield from _unreadable(problem, row, lambda row: read_operation(as_operation(row)))
-        if row["project"] not in own:
-            yield problem(f"its project {row['project']!r} has no row")
+        yield from _unreadable(operations, row, lambda row: read_operation(as_operation(row)))
+    authors = {"", *(row["name"] for row in rows[api_keys.name])}
     for row in rows[scene_versions.name]:
-        problem = partial(_problem, scene_versions, f"{row['scene_id']}/{row['version']}")
-        yield from _unreadable(problem, row, lambda row: read_version(VersionRecord(**row)))
+        yield from _unreadable(scene_versions, row, lambda row: read_version(VersionRecord(**row)))
         if row["parent"] and (row["scene_id"], row["parent"]) not in versions:
-            yield problem(f"the version {row['parent']!r} that it was made of has no row")
+            yield _problem(scene_versions, row, f"the version {row['parent']!r} that it was made of has no row")
+        if row["author"] not in authors:
+            yield _problem(scene_versions, row, f"no key is called {row['author']!r}, as its author")
     for row in rows[scene_photos.name]:
-        yield from _unreadable(partial(_problem, scene_photos, row["scene_id"]), row, read_verdicts)
+        yield from _unreadable(scene_photos, row, read_verdicts)
     for row in rows[api_keys.name]:
         if row["role"] not in ROLES or not _HASH.fullmatch(str(row["hash"])):
-            yield _problem(api_keys, row["id"], "its role or its hash cannot be read")
+            yield _problem(api_keys, row, "its role or its hash cannot be read")
     for row in rows[quota_usage.name]:
         if not isinstance(row["bytes"], int) or row["bytes"] < 0:
-            yield _problem(quota_usage, row["scene_id"], f"{row['bytes']} bytes")
+            yield _problem(quota_usage, row, f"{row['bytes']} bytes")
+
+
+def _points(table: Table, column: str, row: RowMapping, kept_since: float) -> bool:
+    """Whether what a row names is to be there: work that is over, and keys that are of no use, outlive it."""
+    if table is operations and column == "scene_id":
+        return row["state"] in ("QUEUED", "RUNNING") and not row["cancel_requested"]
+    if table is api_keys and column == "operation_id":
+        return row[column] is not None and row["created_at"] > kept_since
+    return table is not api_keys or column != "scene_id" or (row[column] != "" and row["revoked_at"] is None)
 
 
 def _folders(store: Store) -> dict[str, frozenset[str]]:
@@ -98,14 +120,13 @@ def _run_id(job: RowMapping) -> str:
         return str(job["id"])
 
 
-def _unreadable(
-    problem: Callable[[str], Problem], row: RowMapping, read: Callable[[RowMapping], object]
-) -> Iterator[Problem]:
+def _unreadable(table: Table, row: RowMapping, read: Callable[[RowMapping], object]) -> Iterator[Problem]:
     try:
         read(row)
     except (SceneFileError, ArtefactError) as error:
-        yield problem(error.message)
+        yield _problem(table, row, error.message)
 
 
-def _problem(table: Table, name: str, message: str) -> Problem:
+def _problem(table: Table, row: RowMapping, message: str) -> Problem:
+    name = "/".join(str(row[column.name]) for column in table.primary_key.columns)
     return Problem(f"database, {table.name} {name}", message, _RESTORE)

@@ -69,8 +69,8 @@ class VersionRecord:
 
 @dataclass(frozen=True)
 class NewVersion:
-    """A version whose folder is in place, to become the current one; without a `scaling`, an `alignment` or a `quality`
-    it has its parent's.
+    """A version whose folder is in place, to become the current one; without a `scaling` or an `alignment` it has its
+    parent's, as it has all of its parent's quality that `quality` does not replace.
 
     Beyond `max_versions` of the scene (None: all stay) undone versions are removed first, then the oldest. The current
     version, the new one and the trained one stay; what was made of a removed one is undone to the one before that.
@@ -89,7 +89,7 @@ class NewVersion:
     author: str = ""
     scaling: Mapping[str, Any] | None = None
     alignment: Mapping[str, Any] | None = None
-    quality: Mapping[str, Any] | None = None
+    quality: Mapping[str, Any] = field(default_factory=dict)
     max_versions: int | None = None
 
 
@@ -173,11 +173,7 @@ class VersionRepository:
             ) from error
 
     def step_back(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make the parent of the current version current; returns it.
-
-        Args:
-            scene_id: which scene.
-            expected: the current version; "" for whatever it is.
+        """Make the parent of the current version, `expected` ("": whatever it is), current; returns it.
 
         Raises:
             ConflictError: another version than `expected` is current, or the trained one is.
@@ -195,18 +191,8 @@ class VersionRepository:
         return replace(parent, current=True)
 
     def step_forward(self, scene_id: str, expected: str = "") -> VersionRecord:
-        """Make a version current that was made of the current one, of several the one that was current last.
-
-        Returns:
-            It.
-
-        Args:
-            scene_id: which scene.
-            expected: the current version; "" for whatever it is.
-
-        Raises:
-            ConflictError: another version than `expected` is current, or none was made of it.
-            NotFoundError: the scene was deleted.
+        """Make a version current that was made of the current one, of several the one that was current last; returns
+        it. Errors as `step_back`, where none was made of it.
         """
         with self._writing() as connection:
             scene = locked_scene(connection, scene_id, expected)
@@ -224,13 +210,8 @@ class VersionRepository:
     def restore(self, scene_id: str, version: str, expected: str = "") -> VersionRecord:
         """Make a version current, wherever it is in the tree of versions; returns it.
 
-        Args:
-            scene_id: which scene.
-            version: to become current.
-            expected: the current version; "" for whatever it is.
-
         Raises:
-            ConflictError: another version than `expected` is current.
+            ConflictError: another version than `expected` ("": whatever it is) is current.
             NotFoundError: the scene was deleted, or has no such version.
         """
         with self._writing() as connection:
@@ -245,12 +226,7 @@ class VersionRepository:
 
 
 def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionRecord, Sequence[str]]:
-    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet.
-
-    Raises:
-        ConflictError: the scene has another current version by now.
-        NotFoundError: the scene was deleted.
-    """
+    """As `VersionRepository.publish`, as a part of somebody's transaction, which has no scene's row locked yet."""
     scene = locked_scene(connection, new.scene_id, new.parent)
     records = versions_of(connection, scene.id)
     if not records:
@@ -260,7 +236,7 @@ def publish_within(connection: Connection, new: NewVersion) -> tuple[VersionReco
         new,
         scaling=new.scaling or scene.scaling,
         alignment=new.alignment or scene.alignment,
-        quality=new.quality or scene.quality,
+        quality={**scene.quality, **new.quality},
     )
     values = {
         **version_row(new), "request_id": new.request_id or None, "created_at": time.time(),
@@ -326,7 +302,7 @@ def _point(connection: Connection, scene: SceneRecord, to: NewVersion | VersionR
         "version": to.version, "gaussians": to.gaussians, "dictionary": [dict(row) for row in to.dictionary],
         "scaling": None if to.scaling is None else dict(to.scaling),
         "alignment": None if to.alignment is None else dict(to.alignment), "things": to.things,
-        **({} if to.quality is None else {"quality": dict(to.quality)}),
+        "quality": dict(to.quality),
     }  # fmt: skip
     connection.execute(update(scenes).where(scenes.c.id == scene.id).values(values))
     # Later than all before it, whatever the clocks of several machines say: by it a redo knows what an undo left.

@@ -191,8 +191,17 @@ def test_without_a_source_of_keys_nobody_gets_in() -> None:
     assert asyncio.run(asked()) == 401
 
 
+_DISGUISED = (
+    "http://127.0.0.1:80@evil",
+    "http://[::1].evil.example",
+    "ftp://localhost",
+    "http://localhost:x",
+    "://[::1",
+)
+
+
 def test_without_keys_no_origin_of_another_machine_can_be_allowed() -> None:
-    for origin in ("https://app.example", "*"):
+    for origin in ("https://app.example", "*", *_DISGUISED):
         with pytest.raises(InvalidInputError) as caught:
             check_exposure(Settings(host="127.0.0.1", auth="off", cors_origins=(origin,)))
         assert caught.value.field == "cors_origins" and caught.value.hint
@@ -203,6 +212,9 @@ def test_without_keys_no_origin_of_another_machine_can_be_allowed() -> None:
 def test_without_keys_a_page_of_this_machine_is_answered_whatever_its_name_for_it() -> None:
     own = {"host": "127.0.0.1:8000", "sec-fetch-site": "cross-site"}
     check_local({**own, "origin": "http://localhost:3000"})
-    for origin in ({}, {"origin": "null"}, {"origin": "https://app.example"}):
+    for headers in ({}, *({"origin": origin} for origin in ("null", "https://app.example", *_DISGUISED))):
         with pytest.raises(PermissionDeniedError):
-            check_local({**own, **origin})
+            check_local({**own, **headers})
+    for host in ("localhost@evil.example", "[::1].evil.example:8000", "localhost:8000/evil"):
+        with pytest.raises(PermissionDeniedError):
+            check_local({"host": host})

@@ -34,9 +34,10 @@ from fastsplat_contract.proto_codec import from_proto, to_proto
 from tests.api.clients import assert_same
 from tests.api.made_scene import ENCODER, LABELS, PLAIN_PNG
 from tests.api.served import Faces, rest_refusal, rpc_refusal
+from tests.api.test_api_observations import add_room
 from tests.api.uploaded import huge_png
 from tests.localization.textured_room import looking, renderer, textured_room, through_lens
-from tests.scenes import add_photos, store_scene
+from tests.scenes import store_scene
 
 _POSED = looking(0.11, height=1.15, away=2.45)
 _LIMITS = LocalizationSettings()
@@ -57,12 +58,7 @@ def picture() -> np.ndarray:
 @pytest.fixture(scope="module")
 def room_id(service: SceneService, api_settings: Settings) -> str:
     """A room with its photos; the block of `picture` is not in it."""
-    encoder = open_text_encoder(ENCODER, api_settings.models)
-    scene = textured_room(labels=LABELS, encoder=encoder, templates=QuerySettings().templates)
-    made = store_scene(service._store, scene, "room")
-    drawn = renderer(scene)
-    add_photos(service._store, made, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])
-    return made
+    return add_room(service, api_settings, block=False)
 
 
 def _ask(faces: Faces, request: LocalizeRequest) -> Localization:

@@ -75,11 +75,11 @@ def with_cube() -> tuple[bytes, ...]:
     return drawn_photos(block=True)
 
 
-def add_room(service: SceneService, settings: Settings, **others: Any) -> str:
-    """A room in which a cube stands, with its photos."""
+def add_room(service: SceneService, settings: Settings, *, block: bool = True, **others: Any) -> str:
+    """A room in which a cube stands or not, with its photos."""
     encoder = open_text_encoder(ENCODER, settings.models)
-    labels = (*LABELS, _CUBE)
-    scene = textured_room(block=True, labels=labels, encoder=encoder, templates=QuerySettings().templates, **others)
+    labels = (*LABELS, _CUBE) if block else LABELS
+    scene = textured_room(block=block, labels=labels, encoder=encoder, templates=QuerySettings().templates, **others)
     made = store_scene(service._store, scene, "room")
     drawn = renderer(scene)
     add_photos(service._store, made, [Image.fromarray(drawn.colors(posed)) for posed in scene.cameras])

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import io
 import json
-import zipfile
 from collections.abc import Iterator
 from typing import Any
 
 import httpx
 import jsonschema_rs
-import numpy as np
 import pytest
-from PIL import Image
 
 from fastsplat.api.examples.example_parameters import IDS
 from fastsplat.api.rest import openapi
@@ -21,6 +17,7 @@ from fastsplat.service.settings import NamerSettings, Settings
 from tests.api.made_scene import OBSERVED, PLAIN_PNG, add_known_name, add_scene
 from tests.api.served import Faces, served
 from tests.api.training_job import add_cancelled_job, add_training_job
+from tests.api.uploaded import zipped
 from tests.api.upright_scene import add_upright_scene
 
 _DOCUMENT: dict[str, Any] = json.loads(openapi.COMMITTED.read_text())
@@ -154,16 +151,10 @@ def test_a_server_takes_every_example_and_answers_as_described(place: _Place, na
 
 def test_the_form_of_the_example_posts_a_scene(place: _Place) -> None:
     form = next(_examples(_OPERATIONS["create_scene"][2]["requestBody"]["content"]["multipart/form-data"]))
-    capture = io.BytesIO()
-    with zipfile.ZipFile(capture, "w") as archive:
-        for number in range(3):
-            photo = io.BytesIO()
-            pixels = np.random.default_rng(number).integers(0, 255, (48, 64, 3), dtype=np.uint8)
-            Image.fromarray(pixels).save(photo, "JPEG")
-            archive.writestr(f"{number}.jpg", photo.getvalue())
+    capture = zipped(3)
     uploads = place.service.resumable
-    upload_id = uploads.create("default", "capture.zip", len(capture.getvalue())).id
-    uploads.append("default", upload_id, 0, iter([capture.getvalue()]))
+    upload_id = uploads.create("default", "capture.zip", len(capture)).id
+    uploads.append("default", upload_id, 0, iter([capture]))
     assert form["uploads"] == [IDS["upload_id"]]
     texts = [(key, one) for key, value in form.items() for one in (value if isinstance(value, list) else [value])]
     real = {IDS["upload_id"]: upload_id}

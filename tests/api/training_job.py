@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import time
 import uuid
 from io import BytesIO
 
 import numpy as np
 from PIL import Image
+from sqlalchemy import update
 
 from fastsplat.service.application.service import SceneService
 from fastsplat.service.capture.formats.image_io import PhotoInfo
@@ -14,6 +16,7 @@ from fastsplat.service.capture.formats.upload_manifest import VALIDATED, UploadM
 from fastsplat.service.capture.sfm.placed_cameras import PlacedViews, placed_to_json
 from fastsplat.service.store.claims import Claim
 from fastsplat.service.store.records import NewJob
+from fastsplat.service.store.schema import operations
 from fastsplat_contract.camera import Camera, PosedCamera
 
 
@@ -84,3 +87,10 @@ def _placed() -> PlacedViews:
     points = np.random.default_rng(0).normal(0, 0.4, (200, 3)).astype(np.float32) + np.float32([0.5, 0, 2])
     colors = np.random.default_rng(1).integers(40, 255, (200, 3), dtype=np.uint8)
     return PlacedViews(cameras, points, colors, placed=2, images=3, complete=True)
+
+
+def make_old(service: SceneService, operation_id: str) -> None:
+    """Make a job's last report an hour old."""
+    with service._store.engine.begin() as connection:
+        old = update(operations).values(updated_at=time.time() - 3600)
+        connection.execute(old.where(operations.c.id == operation_id))

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -18,16 +19,26 @@ from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.settings import QuerySettings
 from fastsplat.service.scene.label_evidence import evidence_of
+from fastsplat.service.scene.scene_files import read_scene
 from fastsplat.service.scene.types import Thing, Things
 from fastsplat.service.settings import CallSettings, Settings
 from fastsplat.service.store.name_repository import KnownNameRecord, KnownNameRepository
+from fastsplat.service.store.ordered_jobs import order_job
 from fastsplat.service.store.schema import known_names
+from fastsplat.workers.claimed_job import ClaimedJob
+from fastsplat.workers.job_kinds import KINDS
+from fastsplat.workers.look_again_stages import write_renamed
+from fastsplat.workers.protocol import Job
+from fastsplat.workers.results import finish_stage, start_stage
 from fastsplat_contract.camera import Camera, PosedCamera
 from fastsplat_contract.errors import InvalidInputError, NotFoundError
+from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.name_suggestions import SuggestedName
-from fastsplat_contract.poses import Vector3
+from fastsplat_contract.operations import OperationKind
+from fastsplat_contract.places import Alignment, KnownLength, Place
+from fastsplat_contract.poses import Pose, Quaternion, Vector3
 from fastsplat_contract.queries import QueryRequest
-from fastsplat_contract.scenes import Edit
+from fastsplat_contract.scenes import Color, Edit, EditAction, InsertSource
 from fastsplat_contract.thing_messages import NameSuggestion, PickRequest
 from fastsplat_contract.thing_reads import ThingRead
 from tests.api.made_scene import ENCODER, write_words
@@ -323,3 +334,55 @@ def test_a_tag_names_what_bears_it_in_other_captures_until_the_name_is_taken_bac
     assert [one.source for one in _suggested(service, second)[3][0].said_by] == ["assistant"]
     with pytest.raises(InvalidInputError, match="source"):
         service.versions.edit(second, [Edit("suggest", suggestions=(replace(seen, source="tag"),))])
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS.keys() - {"create_scene"}))
+def test_a_version_that_a_job_makes_keeps_names_and_gives_its_own(
+    service: SceneService, add: Callable[..., str], kind: OperationKind
+) -> None:
+    scene_id, store, stages = add(3, 7, 9), service._store, KINDS[kind].stages
+    _name(service, scene_id, 2, "mug")
+    order = order_job(kind, scene_id, "", {}, "default")
+    store.scenes.add_job(order)
+    claim = store.jobs.claim(order.operation_id)
+    assert claim is not None
+    claimed = ClaimedJob(store, claim, service._settings.calls)
+    upload, version = claimed.current_version()
+    job = Job(order.operation_id, 1, upload, claimed.folder, claimed.options, service._settings, stages, {}, version)
+    scene = read_scene(upload / "artefact")
+    assert scene.things is not None
+    first, *others = scene.things.table
+    named = replace(first, name="moon", source="person", probability=1.0)
+    scene = replace(scene, things=replace(scene.things, table=(named, *others)))
+    folder = start_stage(job, stages[-1])
+    edits = [to_plain(Edit("name", things=(1,), name="moon"))]
+    write_renamed(job, scene, folder, {"result": {}, "edits": edits})
+    finish_stage(job, stages[-1], folder, 1.0)
+    KINDS[kind].publish(claimed, stages[-1])
+    assert _current(service, scene_id) == claimed.run_id
+    assert {(thing, name) for _, thing, name, _ in _known(service)} == {(1, "moon"), (2, "mug")}
+
+
+_HERE = Place(point=Vector3(0.0, 0.0, 0.0))
+_MOVED = Pose(Vector3(0.0, -2.0, 0.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+_EDITS = (
+    *(Edit(action, things=(2,)) for action in ("remove", "unname", "discard")),
+    *(Edit(action, things=(2,), transform=_MOVED) for action in ("move", "duplicate", "insert")),
+    Edit("recolor", things=(2,), color=Color(1.0, 0.0, 0.0)),
+    Edit("name", things=(2,), name="carrot"),
+    Edit("merge", things=(2, 3)),
+    Edit("scale", known_lengths=(KnownLength(_HERE, Place(point=Vector3(1.0, 0.0, 0.0)), 2.0),)),
+    Edit("align", alignment=Alignment("map", _MOVED)),
+    Edit("suggest", suggestions=(SuggestedName(2, "carrot", 0.8, "eyes"),)),
+)
+
+
+def test_no_edit_of_other_things_forgets_a_name(service: SceneService, add: Callable[..., str]) -> None:
+    # A prompt needs a segmenter; the last two are no edits to send.
+    assert {edit.action for edit in _EDITS} == {*get_args(EditAction)} - {"split", "add", "look_again", "observe"}
+    for edit in _EDITS:
+        scene_id = add(3, 7, 9)
+        _name(service, scene_id, 1, "moon")
+        source = InsertSource(add(1, 2, 3)) if edit.action == "insert" else None
+        service.versions.edit(scene_id, [replace(edit, source=source)], looked_at=_current(service, scene_id))
+        assert (scene_id, 1, "moon", bytes([3])) in _known(service), edit.action

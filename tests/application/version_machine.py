@@ -198,12 +198,9 @@ class VersionMachine(RuleBasedStateMachine):
         assert claim is not None
         job = ClaimedJob(store, claim, CallSettings(max_versions=LIMIT))
         folder = job.folder / "naming"
-        parent = store.blobs.fetch_version(self.scene_id, call.parent)
-        if parent is None:  # a call at the same moment has removed it; it is not found below, either
-            folder.mkdir(parents=True)
-        else:
-            shutil.copytree(parent, folder)
         record = store.scenes.scene(self.scene_id)
+        parent = store.blobs.fetch_version(self.scene_id, call.parent)  # which an earlier call may have removed
+        shutil.copytree(parent or store.blobs.version(self.scene_id, record.version), folder)
         summary = {
             "result": {}, "parent": call.parent, "gaussians": record.gaussians,
             "things": record.things, "dictionary": list(record.dictionary),

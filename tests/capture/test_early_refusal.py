@@ -19,6 +19,7 @@ from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import ProgressEvent
 from fastsplat_contract.errors import ReconstructionError
 from tests.capture import made_room
+from tests.capture.synthetic_views import synthesize_views
 
 _WIDTH, _HEIGHT = 1000, 750
 
@@ -59,16 +60,6 @@ def test_only_photos_from_different_places_show_depth(seed: int, focal: float, k
     assert shows_depth(camera, camera, *_matches(seed, focal, 0.25, flat=False))
 
 
-def _database(folder: Path, images: int) -> Path:
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, images
-    options.num_points3D, options.inlier_match_ratio = 60, 1.0
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(folder / "features.db") as writer:
-        pycolmap.synthesize_dataset(options, writer)
-    return folder / "features.db"
-
-
 def _keep(database: Path, pairs: set[tuple[int, int]]) -> None:
     with pycolmap.Database.open(database) as editor:
         for pair in verified_matches(database).keys() - pairs:
@@ -76,7 +67,8 @@ def _keep(database: Path, pairs: set[tuple[int, int]]) -> None:
 
 
 def test_what_could_be_placed_is_never_refused(tmp_path: Path) -> None:
-    database = _database(tmp_path, 10)
+    database = tmp_path / "features.db"
+    synthesize_views(database, 10, 60)
     for complete in (False, True):
         refuse_hopeless(database, min_share=0.2, complete=complete)
     _keep(database, {(1, 2), (2, 3)})
@@ -85,7 +77,8 @@ def test_what_could_be_placed_is_never_refused(tmp_path: Path) -> None:
 
 
 def test_photos_that_share_nothing_or_too_little_are_refused_once_all_pairs_are_matched(tmp_path: Path) -> None:
-    database = _database(tmp_path, 10)
+    database = tmp_path / "features.db"
+    synthesize_views(database, 10, 60)
     for pairs, share, text in (
         ({(1, 2), (4, 5), (5, 6), (9, 10)}, 0.5, "no more than 3 of 10"),
         (set[tuple[int, int]](), 0.2, "no two of the 10 photos"),

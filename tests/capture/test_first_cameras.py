@@ -12,19 +12,15 @@ from fastsplat.service.capture.sfm import reconstruction
 from fastsplat.service.capture.sfm.first_cameras import FIRST_IMAGES, first_pairs, place_first
 from fastsplat.service.capture.sfm.mapping_snapshots import take_placed
 from fastsplat.service.capture.sfm.pairs import choose_pairs
+from tests.capture.synthetic_views import synthesize_views
 
 _REQUEST = {"sfm_max_side": 400, "sfm_features": 10, "sfm_threads": 1, "min_registered_share": 0.2}
 
 
 def _features(database: Path) -> dict[str, str]:
-    """Features and perfect matches of as many synthetic images; their names."""
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, FIRST_IMAGES
-    options.num_points3D = 150
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(database) as writer:
-        pycolmap.synthesize_dataset(options, writer)
-        return {image.name: f"{image.name}.jpg" for image in writer.read_all_images()}
+    """The names of as many images as are looked at first."""
+    truth = synthesize_views(database, FIRST_IMAGES)
+    return {image.name: f"{image.name}.jpg" for image in truth.images.values()}
 
 
 def test_the_first_images_get_cameras_by_the_matches_so_far(tmp_path: Path) -> None:

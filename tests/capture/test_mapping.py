@@ -19,19 +19,9 @@ from fastsplat.service.capture.sfm.model_agreement import (
     withhold,
 )
 from fastsplat.service.common.similarity import fit_similarity
+from tests.capture.synthetic_views import synthesize_views
 
 _ALL_AT_ONCE, _ONE_BY_ONE = 2, 1_000
-
-
-def _dataset(database: Path, images: int) -> pycolmap.Reconstruction:
-    """Features and perfect matches of synthetic images, and their truth."""
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 1, 1, images
-    options.num_points3D = 150
-    options.inlier_match_ratio = 1.0
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(database) as writer:
-        return pycolmap.synthesize_dataset(options, writer)
 
 
 def _mapping(folder: Path) -> Mapping:
@@ -66,7 +56,7 @@ def _largest_error(models: Models, truth: pycolmap.Reconstruction) -> float:
 def test_an_image_with_few_matches_is_placed_where_the_first_mapping_leaves_it_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    truth = _dataset(tmp_path / "features.db", 8)
+    truth = synthesize_views(tmp_path / "features.db", 8)
     # The last image shares 22 points with one other, fewer than the 30 that COLMAP asks for.
     _thin(tmp_path / "features.db", lambda first, second, rows: rows if second < 8 else rows[: 22 * (first == 1)])
     (tmp_path / "usual").mkdir()
@@ -94,7 +84,7 @@ def test_copies_of_a_photo_do_not_take_the_matching_that_would_join_it() -> None
 
 
 def test_where_all_are_placed_nothing_more_is_tried(tmp_path: Path) -> None:
-    _dataset(tmp_path / "features.db", 6)
+    synthesize_views(tmp_path / "features.db", 6)
     models = _mapping(tmp_path).run(_ONE_BY_ONE).models
     assert models[0].num_reg_images() == 6
     assert not (tmp_path / "again.db").exists() and not (tmp_path / "global").exists()
@@ -105,7 +95,7 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
     for name in ("first", "second"):
         folder = tmp_path / name
         folder.mkdir()
-        truth = _dataset(folder / "features.db", 10)
+        truth = synthesize_views(folder / "features.db", 10)
         models = _mapping(folder).run(_ALL_AT_ONCE).models
         assert not (folder / "models").exists()  # one by one was not needed
         assert models[0].num_reg_images() == 10 and _largest_error(models, truth) < 0.01
@@ -115,14 +105,14 @@ def test_all_at_once_is_as_right_as_one_by_one_and_the_same_again(tmp_path: Path
 
 @pytest.mark.parametrize("global_images", [_ALL_AT_ONCE, _ONE_BY_ONE])
 def test_photos_that_share_nothing_give_no_model(tmp_path: Path, global_images: int) -> None:
-    _dataset(tmp_path / "features.db", 4)
+    synthesize_views(tmp_path / "features.db", 4)
     _thin(tmp_path / "features.db", lambda first, second, rows: rows[:0])
     assert _mapping(tmp_path).run(global_images).models == []
 
 
 def test_held_out_matches_tell_a_wrong_pose(tmp_path: Path) -> None:
     database = tmp_path / "features.db"
-    truth = _dataset(database, 6)
+    truth = synthesize_views(database, 6)
     before = verified_matches(database)
     held_out = choose_held_out(before, 60)
     withhold(database, held_out)

@@ -25,6 +25,7 @@ from fastsplat.service.scene.types import SH_C0, Gaussians
 from fastsplat.service.splatting.raster.rendering import sh_to_rgb
 from fastsplat_contract.errors import FastSplatError, InvalidInputError, LimitExceededError
 from tests.capture.splat_writers import columns_of, spz_content, write_compressed, write_spz, write_table
+from tests.scene.conftest import make_gaussians
 
 _LIMITS = SplatLimits(100_000, "SOME_SETTING")
 _TRIALS = 300
@@ -33,15 +34,6 @@ _FIELDS = ("means", "quats", "log_scales", "logit_opacities", "sh")
 
 def read(path: Path) -> SplatFile:
     return read_splat_file(path, path.name, _LIMITS)
-
-
-def make_gaussians(count: int, sh: int, code: int) -> Gaussians:
-    rng = np.random.default_rng(count)
-
-    def draw(*shape: int) -> np.ndarray:
-        return rng.standard_normal(shape).astype(np.float32)
-
-    return Gaussians(draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, sh, 3), draw(count, code))
 
 
 def assert_same(gaussians: Gaussians, rows: SplatRows) -> None:

@@ -20,19 +20,11 @@ from fastsplat.service.common.progress import silent
 from fastsplat.service.scene.types import Gaussians
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from tests.capture.splat_writers import columns_of, spz_content, write_table
-
-
-def some_gaussians(count: int = 40) -> Gaussians:
-    rng = np.random.default_rng(0)
-
-    def draw(*shape: int) -> np.ndarray:
-        return rng.standard_normal(shape).astype(np.float32)
-
-    return Gaussians(draw(count, 3), draw(count, 4), draw(count, 3), draw(count), draw(count, 4, 3), draw(count, 0))
+from tests.scene.conftest import make_gaussians
 
 
 def splat_bytes(tmp_path: Path, gaussians: Gaussians | None = None) -> bytes:
-    write_table(tmp_path / "own.ply", columns_of(gaussians or some_gaussians()))
+    write_table(tmp_path / "own.ply", columns_of(gaussians or make_gaussians(40, 4, 0)))
     content = (tmp_path / "own.ply").read_bytes()
     (tmp_path / "own.ply").unlink()
     return content
@@ -48,7 +40,7 @@ def _transforms(names: list[str], **others: object) -> bytes:
 
 @pytest.mark.parametrize("sent", ["ply", "spz", "zip"])
 def test_a_splat_alone(sent: str, upload, settings, tmp_path: Path) -> None:
-    gaussians = some_gaussians()
+    gaussians = make_gaussians(40, 4, 0)
     content = splat_bytes(tmp_path, gaussians)
     if sent == "spz":
         files = {"desk.spz": gzip.compress(spz_content(gaussians))}
@@ -77,7 +69,7 @@ def test_photos_without_poses_beside_a_splat_are_named(upload, photo, settings, 
 
 
 def test_posed_photos_and_a_splat_are_one_capture(upload, photo, settings, tmp_path: Path) -> None:
-    gaussians = some_gaussians()
+    gaussians = make_gaussians(40, 4, 0)
     files = {"desk.ply": splat_bytes(tmp_path, gaussians), "a.jpg": photo(1), "b.jpg": photo(2)}
     folder = upload({**files, "transforms.json": _transforms(["a.jpg", "b.jpg"])})
     validated = validate_upload(folder, settings)
@@ -153,7 +145,7 @@ def test_a_splat_that_is_cut_off_is_refused_by_the_confined_process(upload, sett
 
 
 def test_rows_that_cannot_be_shown_are_said(upload, settings, tmp_path: Path) -> None:
-    gaussians = some_gaussians()
+    gaussians = make_gaussians(40, 4, 0)
     gaussians.means[11] = np.nan
     validated = validate_upload(upload({"desk.ply": splat_bytes(tmp_path, gaussians)}), settings)
     assert "row 11" in validated.warnings[0]

@@ -18,6 +18,7 @@ from fastsplat.service.capture.sfm.impossible_cameras import take_out_impossible
 from fastsplat.service.capture.uploads.upload_validation import validate_upload
 from fastsplat.service.common.progress import silent
 from fastsplat_contract.errors import ReconstructionError
+from tests.capture.synthetic_views import synthesize_views
 from tests.capture.upload_files import PINHOLE, captured, frames_of, points_file
 
 _GOOD = range(0, 40, 3)
@@ -111,16 +112,6 @@ def test_a_camera_of_the_upload_that_folds_the_picture_costs_its_photo(upload, p
     assert [verdict.not_placed for verdict in capture.report.photos] == [None, "lens", None]
 
 
-def _own_cameras(folder: Path) -> pycolmap.Reconstruction:
-    """Eight images, each with a camera of its own, and what they see."""
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs, options.num_cameras_per_rig, options.num_frames_per_rig = 8, 1, 1
-    options.num_points3D = 60
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(folder / "features.db") as writer:
-        return pycolmap.synthesize_dataset(options, writer)
-
-
 def _runaway(image: pycolmap.Image) -> None:
     camera = image.camera
     camera.width, camera.height = 219, 463
@@ -153,7 +144,7 @@ def _lost(image: pycolmap.Image) -> None:
     ],
 )
 def test_an_impossible_camera_leaves_with_its_observations_and_no_other(tmp_path: Path, spoil, reason: str) -> None:
-    model = _own_cameras(tmp_path)
+    model = synthesize_views(tmp_path / "features.db", 8, 60, cameras=8)
     spoiled = model.images[3]
     before = {image.name: image.cam_from_world().matrix() for image in model.images.values()}
     spoil(spoiled)

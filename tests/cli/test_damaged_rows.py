@@ -28,6 +28,8 @@ from tests.api.made_scene import ENCODER, made_scene, write_words
 from tests.scenes import add_photos, store_scene
 
 _EDIT = Edit("recolor", "mug", color=Color(1.0, 0.0, 0.0))
+_KEY = "insert into api_keys (id, name, role, hash, created_at, operation_id, project, scene_id) values "
+_KEY += f"('k', 'k', 'reader', '{'0' * 64}', 2e9,"
 
 DAMAGES = {
     "state": "update scenes set state='EVIL' where {S}",
@@ -66,6 +68,14 @@ DAMAGES = {
     "versions' time": "update scene_versions set created_at='abc' where scene_id='{id}'",
     "versions' parent": "update scene_versions set parent='ghost' where scene_id='{id}' and parent!=''",
     "photos": "insert or replace into scene_photos values ('{id}', '[1]')",
+    "versions' author": "update scene_versions set author='ghost' where scene_id='{id}' and parent!=''",
+    "photos of no scene": "insert into scene_photos values ('ghost', '[]')",
+    "names of no scene": "insert into known_names (id, version, scene_id, thing_id, name, named_at, appearance, "
+    "picture, said, tags) values ('n', 'v', 'ghost', 1, 'mug', 1.0, '', '', '[]', '[]')",
+    "job of no scene": "update operations set scene_id='ghost', state='QUEUED' where {O}",
+    "key of no operation": f"{_KEY} 'ghost', 'default', '')",
+    "key of no project": f"{_KEY} null, 'ghost', '')",
+    "key of no scene": f"{_KEY} null, 'default', 'ghost')",
     "no projects": "delete from projects",
     "no table": "drop table scene_photos",
     "key": "insert into api_keys (id, name, role, hash, created_at, project, scene_id) "
@@ -187,7 +197,7 @@ def test_a_damaged_row_is_typed_or_left_out_and_the_doctor_finds_it(
 def _problems(place: Place) -> list[str]:
     problems = list(check_database(place.settings.data_dir, ""))
     if not problems:
-        problems += check_rows(place.service._store, scene_of, operation_of, version_of)
+        problems += check_rows(place.service._store, scene_of, operation_of, version_of, 1e9)
     return [problem.message for problem in problems]
 
 

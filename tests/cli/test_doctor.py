@@ -15,15 +15,13 @@ import pytest
 from typer.testing import CliRunner
 
 from fastsplat.cli.main import app
-from fastsplat.service.common.dictionary import dictionary_of
-from fastsplat.service.scene.ply import write_ply
-from fastsplat.service.scene.scene_files import write_scene
-from fastsplat.service.scene.types import Gaussians, Scene, SemanticHead
 from fastsplat.service.settings import load_settings
+from fastsplat.service.store.file_digests import write_digests
 from fastsplat.service.store.records import NewJob, SceneSummary
 from fastsplat.service.store.store import open_store
 from fastsplat_contract.json_codec import to_plain
 from fastsplat_contract.operations import OperationError
+from tests.scenes import labelled_scene, write_version
 
 Doctor = Callable[..., tuple[int, list[dict[str, object]]]]
 
@@ -42,33 +40,15 @@ def data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     failing, working = store.jobs.claim("op-failed"), store.jobs.claim("op-ready")
     assert failing is not None and working is not None
     store.jobs.fail(failing, to_plain(OperationError("INTERNAL", "INTERNAL", "it failed", "capture", {})))
-    _write_version(store.blobs.version("ready", "v1"))
+    means = np.random.default_rng(0).normal(size=(5, 3))
+    write_version(labelled_scene(means, [0] * 5, ["mug"]), store.blobs.version("ready", "v1"))
+    (store.blobs.version("ready", "v1") / "summary.json").write_text("{}")
     store.jobs.succeed(working, SceneSummary("v1", 5, "METRIC", (), (), {}, 0))
     store.close()
     for path in folder.glob("*.sqlite"):
         path.chmod(0o600)
     yield folder
     load_settings.cache_clear()
-
-
-def _write_version(folder: Path) -> None:
-    folder.mkdir(parents=True)
-    rng = np.random.default_rng(0)
-    gaussians = Gaussians(
-        means=rng.normal(size=(5, 3)).astype(np.float32),
-        quats=np.tile(np.float32([1, 0, 0, 0]), (5, 1)),
-        log_scales=np.full((5, 3), -2, np.float32),
-        logit_opacities=np.zeros(5, np.float32),
-        sh=np.zeros((5, 1, 3), np.float32),
-        codes=np.zeros((5, 3), np.float32),
-    )
-    head = SemanticHead(np.zeros((2, 3), np.float32), np.zeros(2, np.float32))
-    scene = Scene(
-        gaussians, head, dictionary_of(["mug"]), np.eye(1, 4, dtype=np.float32), ("none", "0" * 64), (), "METRIC"
-    )
-    write_scene(scene, folder / "artefact")
-    write_ply(gaussians, folder / "scene.ply")
-    (folder / "summary.json").write_text("{}")
 
 
 @pytest.fixture
@@ -102,6 +82,15 @@ def test_a_flipped_bit_of_a_scene_is_named(name: str, data: Path, doctor: Doctor
     assert status == 1
     assert [(problem["place"], problem["mendable"]) for problem in problems] == [("scenes/ready/v1", False)]
     assert "damaged" in str(problems[0]["message"]) and problems[0]["hint"]
+
+
+def test_every_damaged_file_of_a_published_version_is_named(data: Path, doctor: Doctor) -> None:
+    folder = data / "scenes/ready/v1"
+    write_digests(folder)
+    damaged = ["artefact/scene.json", "artefact/gaussians.safetensors", "scene.ply"]
+    for name in damaged:
+        (folder / name).write_bytes((folder / name).read_bytes()[:-1] + b"#")
+    assert sorted(str(problem["message"]).split()[8] for problem in doctor()[1]) == sorted(damaged)
 
 
 def test_missing_versions_and_uploads_are_named(data: Path, doctor: Doctor) -> None:

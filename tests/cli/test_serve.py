@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from release.check_wheels import free_ports
+from tests.processes import is_alive
 from tests.waiting import wait_for
 
 ROOT = Path(__file__).parent.parent.parent
@@ -38,13 +39,6 @@ with here.with_suffix(".pids").open("a") as file:
     file.write(f"{os.getpid()}\\n")
 time.sleep(600)
 """
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
 
 
 class Serving:
@@ -98,7 +92,7 @@ def test_what_dies_is_started_again(serving):
 def test_what_dies_again_and_again_ends_all(serving):
     served = serving(one=_STEADY, bad="raise SystemExit(3)")
     assert served.process.wait(timeout=60) == 1
-    assert not any(alive(pid) for pid in served.pids("one"))
+    assert not any(is_alive(pid) for pid in served.pids("one"))
 
 
 def test_crashes_however_many_end_nothing(serving):
@@ -113,14 +107,14 @@ def test_what_is_stopped_for_long_is_killed_and_started_again(serving):
     wait_for(lambda: served.pids("one"))
     os.kill(served.pids("one")[0], signal.SIGSTOP)
     wait_for(lambda: len(served.pids("one")) == 2)
-    assert not alive(served.pids("one")[0])
+    assert not is_alive(served.pids("one")[0])
 
 
 def test_children_do_not_outlive_a_killed_supervisor(serving):
     served = serving(one=_STEADY)
     wait_for(lambda: served.pids("one"))
     served.process.kill()
-    wait_for(lambda: not alive(served.pids("one")[0]))
+    wait_for(lambda: not is_alive(served.pids("one")[0]))
 
 
 _DEMONSTRATION = """
@@ -144,7 +138,7 @@ def test_the_service_of_a_demonstration_that_is_killed_ends_with_it(tmp_path: Pa
             assert len(children) >= 3  # serve, the API and a worker
         finally:
             process.kill()
-    wait_for(lambda: not any(alive(pid) for pid in children))
+    wait_for(lambda: not any(is_alive(pid) for pid in children))
 
 
 def _descendants(pid: int) -> list[int]:

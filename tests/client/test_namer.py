@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import socket
+import threading
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -126,6 +131,8 @@ _BAD: dict[str, Any] = {
     "more than asked": _whole('{"names": [], "run": "rm"}'),
     "probability": _whole('{"names": [{"number": 1, "name": "mug", "probability": 2, "aliases": []}]}'),
     "too large": (200, {}, b" " * 1_000_001),
+    "nested": (200, {}, b"[" * 900_000),
+    "compressed": (200, {"Content-Encoding": "gzip"}, gzip.compress(_GOOD[2])),
 }
 
 
@@ -187,6 +194,35 @@ def test_tries_are_further_and_further_apart_and_as_far_as_the_namer_says(
     with pytest.raises(NamerError, match=r"60 seconds are over \(status 429\)"):
         ask_namer(namer, [_sheet(1)])
     assert sum(clock.slept) == 0
+
+
+_HEAD = b"HTTP/1.1 200 OK\r\nContent-Length: %d\r\n" % (len(_GOOD[2]) + 60)
+
+
+@pytest.mark.parametrize(
+    "pieces",
+    [(_HEAD + b"\r\n", *[b" "] * 60, _GOOD[2]), (_HEAD, *[b"a: b\r\n"] * 60, b"\r\n" + b" " * 60 + _GOOD[2])],
+    ids=["body", "headers"],
+)
+def test_an_answer_in_drops_ends_with_its_time(pieces: tuple[bytes, ...]) -> None:
+    """Drops come one by one, for longer than an answer may take: the connection is closed before the last one."""
+    sent = []
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with suppress(OSError), server.accept()[0] as connection:
+                connection.recv(1 << 20)
+                for piece in pieces:
+                    connection.sendall(piece)
+                    sent.append(piece)
+                    time.sleep(0.05)
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        with pytest.raises(NamerError, match="does not answer"):
+            ask_namer(Namer(f"http://127.0.0.1:{server.getsockname()[1]}", "eyes", total_s=1.0), [_sheet(1)])
+        thread.join()
+    assert len(sent) < len(pieces)
 
 
 def test_a_redirect_is_not_followed(scripted_namer: Scripted) -> None:

@@ -7,9 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
+
+from tests.processes import is_alive
 
 _CHILD = """
 import sys, time
@@ -28,21 +29,14 @@ time.sleep(600)
 """
 
 
-def _is_over(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] in "ZX"
-    except OSError:
-        return True
-
-
 def test_a_child_dies_with_its_parent() -> None:
     with subprocess.Popen([sys.executable, "-c", _PARENT], stdout=subprocess.PIPE) as parent:
         assert parent.stdout is not None
         child = int(parent.stdout.readline())
-        assert not _is_over(child)
+        assert is_alive(child)
         parent.send_signal(signal.SIGKILL)
         parent.wait()
-        while not _is_over(child):  # a child that lives on hangs the test
+        while is_alive(child):  # a child that lives on hangs the test
             time.sleep(0.01)
 
 

@@ -11,6 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fastsplat.service.application.base.validate import check_request, check_scene_name
+from fastsplat.service.capture.uploads.label_maps import parse_label_table
 from fastsplat.service.scene.label_evidence import evidence_of
 from fastsplat.service.scene.reads import MAX_READ_CHARS, MOST_READS, bounded_reads, one_line
 from fastsplat.service.scene.scene_files import read_scene, write_scene
@@ -27,8 +29,11 @@ from fastsplat.service.scene.things import (
     things_of_rows,
 )
 from fastsplat.service.scene.types import Looks, Scene, Thing, ThingGroup, Things
-from fastsplat_contract.errors import InvalidInputError, NotFoundError, SceneFileError
+from fastsplat.service.settings import StoreOptions
+from fastsplat_contract.errors import FastSplatError, InvalidInputError, Kind, NotFoundError, SceneFileError
+from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.thing_reads import ThingRead
+from fastsplat_contract.unseen_characters import unseen_in
 from tests.scene.conftest import make_scene, sealed
 
 IDS = (2, 5, 9)
@@ -162,12 +167,28 @@ def test_a_changed_membership_says_so(scene: Scene, tmp_path: Path) -> None:
         read_scene(tmp_path / "v1")
 
 
+_UNSEEN = ["two\nlines", "two\u2028lines", "bell\x07", "\ud800", "\u202egnp.exe", "a\u200bb", "a\u200db", "\ufeffmug"]
+_UNSEEN += ["soft\u00adhyphen", "a\u200c", "\u200da", "mug\u3164", "\U000e0041mug", "م\u200dم"]
+
+
+@pytest.mark.parametrize("name", ["x" * (MAX_NAME_CHARS + 1), "...", "\u200b", *_UNSEEN])
+def test_names_that_are_none_are_refused_wherever_they_come_from(name: str) -> None:
+    for check in (
+        lambda: checked_name(name, "name"),
+        lambda: check_request("", "", SceneOptions(labels=(name,)), StoreOptions()),
+        lambda: check_scene_name(name),
+        lambda: parse_label_table({name: 1}, field="labels"),
+    )[: None if name in _UNSEEN else 1]:
+        with pytest.raises(FastSplatError) as raised:
+            check()
+        assert raised.value.kind is Kind.INVALID_ARGUMENT and raised.value.field.partition("[")[0] in ("name", "labels")
+
+
 @pytest.mark.parametrize(
-    "name", ["x" * (MAX_NAME_CHARS + 1), "two\nlines", "two\u2028lines", "bell\x07", "\ud800", "...", "\u200b"]
+    "name", ["می\u200cخواهم", "क\u094d\u200dष", "👩🏽\u200d🍳", "🏳\ufe0f\u200d🌈", "3½ cups", "花瓶"]
 )
-def test_names_that_are_none_are_refused(name: str) -> None:
-    with pytest.raises(InvalidInputError):
-        checked_name(name, "name")
+def test_names_of_every_script_pass(name: str) -> None:
+    assert checked_name(name, "name") == name and unseen_in(name) == ""
 
 
 def test_merged_things_have_all_gaussians_of_both_and_the_first_one_name(scene: Scene) -> None:

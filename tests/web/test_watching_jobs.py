@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import pytest
 from playwright.sync_api import Browser, Route, expect
 
-from fastsplat.service.application.service import SceneService
 from fastsplat.service.store.claims import Claim
-from tests.api.training_job import add_training_job, show_training
+from tests.api.training_job import add_training_job, make_old, show_training
 from tests.web.browser import visiting
 from tests.web.places import Place
 
@@ -93,7 +90,7 @@ def test_a_dead_worker_is_shown_and_that_the_job_went_on(place: Place, browser: 
         page = visit.page
         expect(page.get_by_role("img", name=_PICTURE)).to_be_visible()
         workers.update_heartbeat("another", "a machine", 1)
-        _age(place.service, job)
+        make_old(place.service, job)
         expect(page.get_by_text("The worker of this job has stopped answering.")).to_be_visible()
         workers.unregister("another")
         expect(page.get_by_text("No worker is running on the server")).to_be_visible()
@@ -156,11 +153,3 @@ def test_of_a_failed_job_the_first_offer_is_what_would_mend_it(place: Place, bro
             jobs.fail(claim, {**error, "message": "it failed", **more})
             page.reload()
             expect(offers.first).to_have_text(offer)
-
-
-def _age(service: SceneService, operation_id: str) -> None:
-    """Make a job's last report an hour old."""
-    with service._store.engine.begin() as connection:
-        connection.exec_driver_sql(
-            f"UPDATE operations SET updated_at = {time.time() - 3600} WHERE id = '{operation_id}'"
-        )

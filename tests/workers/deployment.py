@@ -9,7 +9,6 @@ import socket
 import sqlite3
 import subprocess
 import time
-from collections.abc import Callable
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,8 @@ from fastsplat.service.settings import JobSettings, Settings
 from fastsplat.workers.job_kinds import KINDS
 from fastsplat_contract.operations import Operation, SceneOptions
 from tests.postgres import PostgresServer
+from tests.processes import is_alive
+from tests.waiting import wait_for
 from tests.workers.standby import APIS, WORKERS
 
 STAGES = KINDS["create_scene"].stages
@@ -55,6 +56,15 @@ from fastsplat.cli.main import main
 sys.argv = ["fastsplat", "api"]
 main()
 """
+
+
+def post_folder(service: SceneService, folder: Path, options: SceneOptions, name: str = "") -> Operation:
+    """Post all files of a folder."""
+    with service.new_upload() as upload:
+        for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+            with path.open("rb") as file:
+                upload.write(path.relative_to(folder).as_posix(), file)
+        return service.create_scene(upload, name, "", options)
 
 
 def on_both_databases(fixture: str = "deployment") -> pytest.MarkDecorator:
@@ -226,21 +236,8 @@ class Deployment:
         """Ids of the uploads of these jobs."""
         return sorted(self.service._store.scenes.operation(operation.id).upload_id for operation in of)
 
-    @staticmethod
-    def wait_for(what: Callable[[], object], patience_s: float = _PATIENCE_S) -> None:
-        """Return once `what()` is true; fail the test if it never is."""
-        deadline = time.monotonic() + patience_s
-        while not what():
-            assert time.monotonic() < deadline, "waited in vain"
-            time.sleep(0.05)
-
-    @staticmethod
-    def is_alive(pid: int) -> bool:
-        """Whether a process runs (a zombie does not)."""
-        try:
-            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in ("Z", "X")
-        except FileNotFoundError:
-            return False
+    wait_for = staticmethod(wait_for)
+    is_alive = staticmethod(is_alive)
 
     def close(self) -> None:
         """Kill what still runs."""

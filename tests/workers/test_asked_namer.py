@@ -100,17 +100,6 @@ def test_a_new_scene_of_a_project_that_agreed_gets_suggestions_unasked_and_no_na
     asked.deployment.wait_for(lambda: not asked.deployment.left_over())
 
 
-def test_an_order_asks_about_a_finished_scene(asked: Asked) -> None:
-    asked.start_worker()
-    made = asked.made()
-    asked.agree()
-    operation = asked.deployment.service.namer.order(made.scene_id)
-    done = asked.deployment.wait_over(operation)
-    assert done.ask_namer is not None and done.ask_namer.suggested == 3, done.error
-    things = asked.deployment.service.answers.list_things(made.scene_id).things
-    assert {each.id: each.suggestions[0].name for each in things} == _NAMES
-
-
 def test_nothing_is_sent_for_a_project_that_did_not_agree_or_took_it_back(asked: Asked) -> None:
     worker = asked.start_worker()
     assert not asked.asking(asked.made().scene_id)

@@ -23,6 +23,7 @@ from fastsplat_contract.operations import Operation, SceneOptions
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryRequest
 from tests.instances.made_room import CAMERA, NAMES, Room, make_room
+from tests.workers.deployment import post_folder
 
 _ROOT = Path(__file__).parent.parent.parent
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
@@ -73,15 +74,6 @@ def _posed_photos(room: Room, folder: Path) -> None:
     (folder / "transforms.json").write_text(json.dumps(document))
 
 
-def _post(service: SceneService, folder: Path, options: SceneOptions) -> Operation:
-    with service.new_upload() as upload:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                with path.open("rb") as file:
-                    upload.write(path.relative_to(folder).as_posix(), file)
-        return service.create_scene(upload, "room", "", options)
-
-
 def _end(service: SceneService, operation: Operation) -> Operation:
     deadline = time.monotonic() + 300
     while not operation.done:
@@ -102,8 +94,8 @@ def test_masks_of_an_imported_splat_are_rows_of_the_users_file(settings: Setting
     for folder in (posed, alone):
         write_ply(own, folder / "own.ply")
     with open_service(settings) as service:
-        with_photos = _post(service, posed, SceneOptions())
-        without = _post(service, alone, SceneOptions(up="z"))
+        with_photos = post_folder(service, posed, SceneOptions())
+        without = post_folder(service, alone, SceneOptions(up="z"))
         assert (ended := _end(service, with_photos)).state == "SUCCEEDED", ended.error
 
         info = service.get_scene(with_photos.scene_id)
@@ -148,7 +140,7 @@ def test_photos_of_another_world_end_as_a_failure_that_says_what_to_do(settings:
         (tmp_path / view.posed.name).rename(folder / view.posed.name)
     write_ply(moved, folder / "own.ply")
     with open_service(settings) as service:
-        ended = _end(service, _post(service, folder, SceneOptions()))
+        ended = _end(service, post_folder(service, folder, SceneOptions()))
     assert ended.state == "FAILED" and ended.error is not None
     assert (ended.error.stage, ended.error.kind) == ("training", "INVALID_ARGUMENT")
     assert ended.error.details["field"] == "poses" and "dataparser_transforms" in ended.error.details["hint"]

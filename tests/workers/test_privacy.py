@@ -13,14 +13,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastsplat.service.application.service import SceneService, open_service
+from fastsplat.service.application.service import open_service
 from fastsplat.service.capture.photos.withholding import BLANK
 from fastsplat.service.perception.settings import PerceptionSettings
 from fastsplat.service.settings import Settings
 from fastsplat_contract.errors import InvalidInputError, ModelUnavailableError, NotFoundError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.operations import SceneOptions
 from tests import color_detector, color_segmenter
 from tests.capture.test_withholding import _SIZE, _VIEWS, _WALKING, _figure, _upload
+from tests.workers.deployment import post_folder
 from tests.workers.watched_sockets import seen, watching
 
 _ROOT = Path(__file__).parent.parent.parent
@@ -38,15 +39,6 @@ def settings(tmp_path: Path, models_dir: Path) -> Settings:
     color_segmenter.write_color_segmenter(models)
     (models / "minilm_l6_int8").symlink_to(models_dir / "minilm_l6_int8")
     return Settings(data_dir=tmp_path / "data", models=models, perception=_PERCEPTION)
-
-
-def _posted(service: SceneService, folder: Path, options: SceneOptions) -> Operation:
-    with service.new_upload() as upload:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                with path.open("rb") as file:
-                    upload.write(path.relative_to(folder).as_posix(), file)
-        return service.create_scene(upload, "", "", options)
 
 
 def _photos(test_data: Path, folder: Path) -> Path:
@@ -85,7 +77,7 @@ def test_nothing_of_a_person_is_stored_and_the_files_as_sent_go_first(
     worker = _work(settings, watched)
     try:
         with open_service(settings) as service:
-            operation = _posted(service, _photos(test_data, tmp_path / "table"), SceneOptions(privacy="people"))
+            operation = post_folder(service, _photos(test_data, tmp_path / "table"), SceneOptions(privacy="people"))
             assert _sent_files(settings)
             deadline, early = time.monotonic() + 500, False
             while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):
@@ -136,11 +128,11 @@ def test_a_promise_that_cannot_be_kept_is_refused(test_data: Path, tmp_path: Pat
     blind = settings.perception.model_copy(update={"people_words": ("passer-by",)})
     with open_service(settings.model_copy(update={"perception": blind})) as service:
         with pytest.raises(ModelUnavailableError) as caught:
-            _posted(service, folder, SceneOptions(privacy="people"))
+            post_folder(service, folder, SceneOptions(privacy="people"))
         assert "passer-by" in caught.value.message and caught.value.field == "privacy" and caught.value.hint
         assert not _sent_files(settings)
         with pytest.raises(InvalidInputError) as contradiction:
-            _posted(service, folder, SceneOptions(privacy="people", movers="keep"))
+            post_folder(service, folder, SceneOptions(privacy="people", movers="keep"))
         assert contradiction.value.field == "movers"
 
 
@@ -148,11 +140,11 @@ def test_a_promised_upload_does_not_outlive_its_job(test_data: Path, tmp_path: P
     """Of other jobs it stays for a retry."""
     folder = _photos(test_data, tmp_path / "table")
     with open_service(settings) as service:
-        usual = _posted(service, folder, SceneOptions())
+        usual = post_folder(service, folder, SceneOptions())
         assert service.cancel_operation(usual.id).state == "CANCELLED" and _sent_files(settings)
         assert service.retry_operation(usual.id).state == "QUEUED"
         service.delete_scene(usual.scene_id)
-        promised = _posted(service, folder, SceneOptions(privacy="people"))
+        promised = post_folder(service, folder, SceneOptions(privacy="people"))
         assert _sent_files(settings)
         assert service.cancel_operation(promised.id).state == "CANCELLED" and not _sent_files(settings)
         with pytest.raises(NotFoundError):

@@ -20,11 +20,12 @@ from fastsplat.service.scene.ply import read_ply
 from fastsplat.service.settings import Settings
 from fastsplat.service.splatting.settings import TrainingSettings
 from fastsplat_contract.errors import InvalidInputError
-from fastsplat_contract.operations import Operation, SceneOptions
+from fastsplat_contract.operations import SceneOptions
 from fastsplat_contract.pictures import PictureRequest
 from fastsplat_contract.queries import QueryRequest
 from tests.small_tabletop import small_tabletop
 from tests.trained_scenes import trained_tabletop
+from tests.workers.deployment import post_folder
 
 _VIEWS = 8
 _ROOT = Path(__file__).parent.parent.parent
@@ -100,7 +101,7 @@ def test_a_posed_and_labelled_capture_becomes_a_scene_that_answers(test_data, mo
 
 def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(test_data, service, tmp_path):
     upload = small_tabletop(test_data, tmp_path / "tabletop", _VIEWS)
-    operation = _posted(service, upload, "table", SceneOptions(max_gaussians=6000))
+    operation = post_folder(service, upload, SceneOptions(max_gaussians=6000), "table")
     deadline = time.monotonic() + 200
     while (now := service.get_operation(operation.id)).preview is None or now.preview.step < 100:
         assert time.monotonic() < deadline and not now.done, now
@@ -121,15 +122,6 @@ def test_a_training_shows_itself_and_is_kept_as_it_is_when_it_is_ended_early(tes
     assert quality["stopped_early"] and 250 <= quality["iterations"] < 1_000_000
     assert 0 < quality["stopped_at_share"] < 1 and quality["preview_seconds"] < quality["train_seconds"]
     assert quality["psnr"] > 12
-
-
-def _posted(service: SceneService, folder: Path, name: str, options: SceneOptions) -> Operation:
-    with service.new_upload() as upload:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                with path.open("rb") as file:
-                    upload.write(path.relative_to(folder).as_posix(), file)
-        return service.create_scene(upload, name, "", options)
 
 
 def _difference(one: Path, other: Path) -> float:
@@ -153,7 +145,7 @@ def test_what_the_capture_room_refuses_leaves_nothing(tmp_path, models_dir):
 def test_photos_of_two_places_end_as_a_failure_that_says_what_to_do(service, settings, test_data, tmp_path):
     for path in (test_data / "plush/images/20240212_003919.jpg", test_data / "kitchen/images/00.jpg"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
-    operation = _posted(service, tmp_path, "two places", SceneOptions())
+    operation = post_folder(service, tmp_path, SceneOptions(), "two places")
     record = service._store.scenes.operation(operation.id)
     deadline = time.monotonic() + 100
     while (now := service.get_operation(operation.id)).state in ("QUEUED", "RUNNING"):

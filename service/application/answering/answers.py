@@ -115,7 +115,6 @@ class Answers:
         """Every thing of a scene, with or without a name, by id, in pages as `list_scenes`.
 
         Args:
-            scene_id: which scene.
             version: of the scene; "" is the current one.
             page_size, page_token: as `SceneService.list_scenes`.
             parts: whether each thing is followed by its parts.

@@ -23,7 +23,6 @@ class Detections:
         """Every thing of a scene, by id, in pages as `SceneService.list_scenes`; its parts are not among them.
 
         Args:
-            scene_id: which scene.
             version: of the scene; "" is the current one.
             page_size, page_token: as `SceneService.list_scenes`.
 

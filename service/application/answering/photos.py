@@ -120,7 +120,6 @@ class Photos:
         answers.
 
         Args:
-            scene_id: which scene.
             things: ids of things or parts, seen together.
             text: instead of `things`: those that answer it.
             max_views: at most so many; 0: three.

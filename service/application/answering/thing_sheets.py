@@ -40,7 +40,6 @@ class ThingSheets:
         photos do not (what was removed stays so), the scene is rendered instead.
 
         Args:
-            scene_id: which scene.
             version: of the scene; "" is the current one.
             page_size: at most so many things; 0 and more than 20: 20.
             page_token: "" or what the page before returned.

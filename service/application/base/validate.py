@@ -16,6 +16,7 @@ from fastsplat.service.settings import Settings, StoreOptions
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.operations import MAX_NADIR_DEG, MAX_PRIORITY, Lens, Movers, Privacy, SceneOptions, UpAxis
 from fastsplat_contract.thing_messages import PickRequest
+from fastsplat_contract.unseen_characters import check_seen
 
 _MAX_NAME_CHARS = 200
 """Characters of a scene's name."""
@@ -104,6 +105,7 @@ def check_request(name: str, request_id: str, options: SceneOptions, limits: Sto
         _check_length("labels", label, limits.max_label_chars)
         if not label_key(label):
             raise InvalidInputError("an empty label", field="labels", hint="Leave empty labels out.")
+        check_seen(label, "labels")
     _check_choices(options)
     _check_budgets(options, limits)
 
@@ -112,12 +114,11 @@ def check_scene_name(name: str) -> None:
     """Raise unless a scene may have this name; "" is none.
 
     Raises:
-        InvalidInputError: control characters.
+        InvalidInputError: characters that nobody sees.
         LimitExceededError: too long.
     """
     _check_length("name", name, _MAX_NAME_CHARS)
-    if re.search(r"[\x00-\x1f\x7f\ud800-\udfff]", name):
-        raise InvalidInputError("the name has control characters", field="name", hint="Use plain text.")
+    check_seen(name, "name")
 
 
 def check_splat_options(upload: ValidatedUpload, options: SceneOptions) -> None:

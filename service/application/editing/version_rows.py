@@ -1,13 +1,12 @@
-"""Database rows of versions: read as versions, and written with a new one's dictionary."""
+"""Database rows of versions: read as versions, and the edits of new ones."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
 from fastsplat.service.application.base.validate import check_texts
-from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.store.damaged_rows import decodes
 from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.errors import InvalidInputError, LimitExceededError
@@ -46,24 +45,6 @@ def check_edits(edits: Sequence[Edit]) -> list[dict[str, Any]]:
     for number, row in enumerate(rows):
         from_plain(Edit, row, f"edits[{number}]")
     return rows
-
-
-def dictionary_rows(rows: Sequence[Mapping[str, Any]], index: SceneIndex) -> list[dict[str, Any]]:
-    """The rows of a scene's dictionary as it is after an edit: new labels come after all others."""
-    entries = index.scene.dictionary.entries
-    counts = index.label_counts
-    known = {row["label_id"]: row for row in rows}
-    nowhere = {"pixels": 0, "views": 0}
-    return [
-        {
-            **known.get(label_id, nowhere),
-            "label_id": label_id,
-            "label": entry.label,
-            "aliases": list(entry.aliases),
-            "gaussian_count": counts[label_id],
-        }
-        for label_id, entry in enumerate(entries, start=1)
-    ]
 
 
 @decodes("version")

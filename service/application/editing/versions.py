@@ -19,22 +19,15 @@ from fastsplat.service.application.editing.version_rows import (
     ASKS_KIND,
     PROMPTED,
     check_edits,
-    dictionary_rows,
     version_of,
 )
 from fastsplat.service.common.cancellation import check_cancelled
+from fastsplat.service.new_versions import content_of, new_version
 from fastsplat.service.query.scene_index import SceneIndex
-from fastsplat.service.query.things.names_by_looks import described
-from fastsplat.service.scene.alignment import alignment_to_json
-from fastsplat.service.scene.changes import changed_views
-from fastsplat.service.scene.drafts import provisional_of
-from fastsplat.service.scene.scaling import scaling_to_json
-from fastsplat.service.scene.things import thing_count
-from fastsplat.service.scene.types import Scene, Things
+from fastsplat.service.scene.types import Things
 from fastsplat.service.settings import Settings
-from fastsplat.service.store.name_repository import names_between
 from fastsplat.service.store.store import Store
-from fastsplat.service.store.version_repository import NewVersion, VersionRecord
+from fastsplat.service.store.version_repository import VersionRecord
 from fastsplat_contract.edit_previews import EditPreview
 from fastsplat_contract.errors import (
     ConflictError,
@@ -92,8 +85,6 @@ class Versions:
         Questions that are being answered keep the version they began with.
 
         Args:
-            scene_id: which scene.
-            edits: at least one.
             request_id: the same id with the same edits returns the version that they made; "" for none.
             looked_at: the version that whoever edits has looked at, "" for none; see `EditIn.version`.
             author: the id of the key by which this is asked for; "" for none.
@@ -102,8 +93,7 @@ class Versions:
             NotFoundError: there is no such scene, version, label, object or thing.
             NotReadyError: its training has not finished, or has failed.
             InvalidInputError: an edit that makes no sense.
-            LimitExceededError: too many edits, duplicates that make the scene too large, or more memory than a request
-                may hold.
+            LimitExceededError: too many edits, too many Gaussians, or more memory than a request may hold.
             ConflictError: the request id was used before for other edits, or a person has given a thing another name.
             ModelUnavailableError: the segmenter that an edit's prompt needs is not installed.
         """
@@ -148,11 +138,7 @@ class Versions:
         return self._scenes.reading(scene_id, version, read)
 
     def undo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go back to the version before the current one; returns it.
-
-        Args:
-            scene_id: which scene.
-            version: undo only if this is the current version, so that a retry undoes once; "" undoes whatever it is.
+        """Go back to the version before the current one, `version` ("": whatever it is); returns it.
 
         Raises:
             NotFoundError, NotReadyError: as `edit`.
@@ -162,29 +148,15 @@ class Versions:
         return version_of(self._store.versions.step_back(scene_id, version))
 
     def redo(self, scene_id: str, version: str = "") -> SceneVersion:
-        """Go forward to the version that was current last of those made of the current one; returns it.
+        """Go forward to the version that was current last of those made of the current one; errors as `undo`.
 
-        An edit after an undo ends nothing: what was undone stays, to be restored, and a redo from where both were made
-        goes to the one that was current last.
-
-        Args:
-            scene_id: which scene.
-            version: redo only if this is the current version, so that a retry redoes once; "" whatever it is.
-
-        Raises:
-            NotFoundError, NotReadyError: as `edit`.
-            ConflictError: there is nothing to redo, or another version is current.
+        An edit after an undo ends nothing: what was undone stays, to be restored.
         """
         self._scenes.version(scene_id, "")
         return version_of(self._store.versions.step_forward(scene_id, version))
 
     def restore(self, scene_id: str, version: str, expected: str = "") -> SceneVersion:
-        """Make any version current, before the current one, after it or beside it; returns it. All others stay.
-
-        Args:
-            scene_id: which scene.
-            version: to become current.
-            expected: restore only if this is the current version; "" whatever it is.
+        """Make any version current in the place of `expected` ("": whatever is current); returns it. All others stay.
 
         Raises:
             NotFoundError, NotReadyError: as `edit`.
@@ -268,9 +240,7 @@ class Versions:
 
         Args:
             order: what it is made by.
-            parent: the current version, of which it was made.
-            before: the index of that.
-            index: of the new one.
+            parent, before: the current version, of which it was made, and its index.
             version: its name, of `new_version_name`.
             add_files: writes what else belongs to it into its folder, before anybody sees it.
 
@@ -281,35 +251,26 @@ class Versions:
         scene_id = order.scene_id
         edited = index.scene
         version = version or new_version_name()
-        record = self._store.scenes.scene(scene_id)
-        dictionary = dictionary_rows(record.dictionary, index)
-        changes = list(changed_views(edited.quality))
         same = edited.gaussians is before.scene.gaussians
         write_version(
             edited, self._store.blobs, scene_id, version, self._scenes.folder(scene_id, parent), same, add_files
         )
         key = self._store.keys.find(order.author) if order.author else None
         try:
-            appearances = described(edited.things, index.ranked.sizes)
-            limit = self._settings.calls.max_known_names
-            names = names_between(before.scene.things, edited.things, appearances, limit)
             published, removed = self._store.versions.publish(
-                NewVersion(
+                new_version(
+                    before.scene.things,
+                    edited,
+                    self._settings.calls,
+                    index.ranked.sizes,
                     scene_id=scene_id,
                     version=version,
                     parent=parent,
+                    edits=order.rows,
+                    author=key.name if key is not None else "",
                     request_id=order.request_id,
                     request_digest=order.digest,
-                    gaussians=len(edited.gaussians),
-                    dictionary=dictionary,
-                    edits=order.rows,
-                    names=names,
-                    author=key.name if key is not None else "",
-                    scaling=scaling_to_json(edited.scaling),
-                    alignment=alignment_to_json(edited.alignment),
-                    quality={**record.quality, "changed_by": changes} if changes else None,
-                    things=thing_count(index.things.table),
-                    max_versions=self._max_versions(edited),
+                    **content_of(edited, index.label_counts),
                 )
             )
         except BaseException:
@@ -324,10 +285,6 @@ class Versions:
                 self._store.blobs.drop_version(scene_id, old)
         self._scenes.keep(scene_id, version, index)
         return version_of(published)
-
-    def _max_versions(self, scene: Scene) -> int | None:
-        """All versions of a draft stay: they are made again on the scene that takes its place."""
-        return None if provisional_of(scene.quality) else self._settings.calls.max_versions
 
     def _apply(
         self, index: SceneIndex, edits: Sequence[Edit], seen: Things | None, sources: Mapping[int, SceneIndex]

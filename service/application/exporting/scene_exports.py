@@ -99,7 +99,6 @@ class Exports:
         """The free place nearest to a thing from which a robot sees it, see `goal_near`.
 
         Args:
-            scene_id: which scene.
             thing_id: of a thing or a part.
             robot_radius: meters; 0: 0.2.
             version: of the scene; "" is the current one.

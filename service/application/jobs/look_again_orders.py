@@ -19,7 +19,6 @@ def look_again_job(scene_id: str, request: LookAgainIn, project: str, settings: 
     """The job that searches a scene for texts once more.
 
     Args:
-        scene_id: which scene.
         request: what to look for.
         project: whose scene it is.
         settings: which detector looks, and limits.

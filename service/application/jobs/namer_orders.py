@@ -47,7 +47,6 @@ class OwnNamer:
         says nothing usable there is none. Durable once this returns.
 
         Args:
-            scene_id: which scene.
             request_id: the same id returns the same operation; "" for none.
 
         Raises:

@@ -21,7 +21,6 @@ def retry(
     """Queue a failed or cancelled job again; one in another state stays as it is.
 
     Args:
-        operation_id: which.
         exclude: photos of its upload to leave out, beside those of earlier retries.
         store: of the project.
         quotas: of how many jobs may wait or run.

@@ -16,6 +16,7 @@ from fastsplat.service.capture.settings import CaptureSettings
 from fastsplat.service.common.dictionary import MAX_LABELS, UNDETECTED, Dictionary, dictionary_of
 from fastsplat.service.common.file_names import common_folder
 from fastsplat_contract.errors import InvalidInputError
+from fastsplat_contract.unseen_characters import check_seen
 
 _HINT = 'Write {"mug": 1, "table": 2}, {"labels": {"mug": 1}} or ["mug", "table"]; 0 stays undetected.'
 _MAX_NAME_LETTERS = 200
@@ -68,6 +69,7 @@ def parse_label_table(document: Any, *, field: str) -> LabelTable:
     for name, label_id in pairs:
         if not isinstance(name, str) or not name.strip() or len(name) > _MAX_NAME_LETTERS:
             raise InvalidInputError(f"{field}: {str(name)[:80]!r} is not a label name", field=field, hint=_HINT)
+        check_seen(name.strip(), field)
         if type(label_id) is not int or not 1 <= label_id <= MAX_LABELS:
             raise InvalidInputError(
                 f"{field}: the label {name!r} has the id {str(label_id)[:40]}",

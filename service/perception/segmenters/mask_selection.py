@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,9 +21,7 @@ def select_mask(logits: NDArray[np.float32], quality: NDArray[np.float32], box: 
         quality: float32 [M], predicted IoU.
         box: float32 [4], x1, y1, x2, y2 on the same grid.
     """
-    return int(
-        np.argmax([q * _box_agreement(x > 0, box) * _stability(x) for x, q in zip(logits, quality, strict=True)])
-    )
+    return int(np.argmax([q * box_agreement(x > 0, box) * stability(x) for x, q in zip(logits, quality, strict=True)]))
 
 
 def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
@@ -37,11 +37,13 @@ def best_answers(answer: MaskLogits, boxes: NDArray[np.float32]) -> MaskLogits:
     return MaskLogits(answer.logits[rows, best][:, None], answer.quality[rows, best][:, None], answer.scale)
 
 
-def _stability(logits: NDArray[np.float32]) -> float:
+def stability(logits: NDArray[np.floating[Any]]) -> float:
+    """Segment-Anything's: the intersection over union of the masks cut at logits +1 and -1."""
     return float((logits > 1).sum() / max(1, (logits > -1).sum()))
 
 
-def _box_agreement(mask: NDArray[np.bool_], box: NDArray[np.float32]) -> float:
+def box_agreement(mask: NDArray[np.bool_], box: NDArray[np.floating[Any]]) -> float:
+    """The intersection over union of the box around a mask [H, W] and another box [4], in pixels; 0 without a mask."""
     columns, rows = np.flatnonzero(mask.any(0)), np.flatnonzero(mask.any(1))
     if not len(columns):
         return 0.0

@@ -68,16 +68,27 @@ def _within(points: F32, low: F32, high: F32) -> NDArray[np.bool_]:
 
 
 def _named_rows(index: SceneIndex, edit: Edit) -> Rows:
+    label_id = edited_label(index, edit)
+    return np.flatnonzero(index.labeled((label_id,)) if label_id else index.things.rows(edit.things))
+
+
+def edited_label(index: SceneIndex, edit: Edit) -> int:
+    """The id of the label that an edit is about; 0: it is about things, which are all there.
+
+    Raises:
+        NotFoundError: no such label or thing here.
+        InvalidInputError: not exactly one of label and things.
+    """
     if (edit.label is not None) == bool(edit.things):
         raise InvalidInputError(
             "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
         )
-    if edit.label is not None:
-        label_id = index.scene.dictionary.id_of(edit.label)
-        if label_id is None:
-            raise NotFoundError(
-                f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
-            )
-        return np.flatnonzero(index.labeled((label_id,)))
-    index.things.check_all(edit.things)
-    return np.flatnonzero(index.things.rows(edit.things))
+    if edit.label is None:
+        index.things.check_all(edit.things)
+        return 0
+    label_id = index.scene.dictionary.id_of(edit.label)
+    if label_id is None:
+        raise NotFoundError(
+            f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
+        )
+    return label_id

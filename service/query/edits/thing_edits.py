@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastsplat.service.common.dictionary import Dictionary, DictionaryEntry
+from fastsplat.service.query.edits.edited_rows import edited_label
 from fastsplat.service.query.things.look_alikes import with_look_alikes
 from fastsplat.service.scene.things import checked_name, discard_thing, merge_things
 from fastsplat.service.scene.types import Scene, SemanticHead, Thing, Things
@@ -60,32 +61,16 @@ def edit_things(index: SceneIndex, edit: Edit, seen: Things | None, before: Thin
 def edited_things(index: SceneIndex, edit: Edit) -> tuple[int, ...]:
     """The ids of the things that an edit is about, in its order: those that it names, or those that bear its label.
 
-    Raises:
-        NotFoundError: no such thing or label here.
-        InvalidInputError: not exactly one of things and label.
+    Errors as `edited_label`.
     """
-    if (edit.label is not None) == bool(edit.things):
-        raise InvalidInputError(
-            "an edit speaks of a label or of things", field="label", hint="Send exactly one of label and things."
-        )
-    things = index.things
-    if edit.label is None:
-        things.check_all(edit.things)
+    label_id, things, dictionary = edited_label(index, edit), index.things, index.scene.dictionary
+    if not label_id:
         return tuple(dict.fromkeys(edit.things))
-    dictionary = index.scene.dictionary
-    label_id = dictionary.id_of(edit.label)
-    if label_id is None:
-        raise NotFoundError(
-            f"no label {edit.label[:80]!r} in this scene", field="label", hint="List the scene's labels."
-        )
     everything = (*things.present, *things.present_parts)
     ids = tuple(thing.id for thing in everything if thing.name and dictionary.id_of(thing.name) == label_id)
     if not ids:
-        raise NotFoundError(
-            f"nothing in this version bears the label {edit.label[:80]!r}",
-            field="label",
-            hint="List the scene's things.",
-        )
+        told = f"nothing in this version bears the label {str(edit.label)[:80]!r}"
+        raise NotFoundError(told, field="label", hint="List the scene's things.")
     return ids
 
 
