@@ -13,6 +13,7 @@ from benchmarks.questions.trained_questions import read_scenes
 from fastsplat.service.library.local_scene import LocalScene
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.queries import Answer, QueryRequest
+from tests.query.decisions import alike
 
 _TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]
 
@@ -36,6 +37,11 @@ def test_no_answer_contradicts_itself(scene: LocalScene) -> None:
     for start in range(0, len(_TEXTS), 32):
         for answer in _ask(scene, *_TEXTS[start : start + 32]):
             assert contradictions(answer, names) == [], (answer.text, answer.sentence)
+
+
+def test_a_phrasing_is_answered_as_its_bare_noun(scene: LocalScene) -> None:
+    for answer, bare in alike(lambda texts: _ask(scene, *texts)):
+        assert answer == bare
 
 
 def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:

@@ -18,6 +18,7 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import Answer
 from tests.query.conftest import DrawnEncoder
+from tests.query.decisions import alike
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _ASKER = _WORLD @ look_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
@@ -66,6 +67,10 @@ def _answer(index: SceneIndex, text: str, asker: np.ndarray | None = _ASKER) -> 
 def _reason(answer: Answer) -> str | None:
     assert answer.phrase is not None
     return None if answer.phrase.refusal is None else answer.phrase.refusal.reason
+
+
+def test_a_phrasing_is_answered_as_its_bare_noun(index: SceneIndex) -> None:
+    assert all(answer == bare for answer, bare in alike(index.ask))
 
 
 @pytest.mark.parametrize(
