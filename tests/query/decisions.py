@@ -12,11 +12,27 @@ from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat_contract.queries import Answer
 
 TEMPLATES = (
-    *("Where is the {}?", "Could you please show me my {}?", "do you know where the {} is", "I'm looking for a nice {}."),
+    *(
+        "Where is the {}?",
+        "Could you please show me my {}?",
+        "do you know where the {} is",
+        "I'm looking for a nice {}.",
+    ),
     "Hi, is there any {} around here?",
 )
 WANTS = (
-    *("mug", "teddy bear", "stuffed animal", "red apple", "lamp", "table", "book", "bottle", "whiteboard", "black bear"),
+    *(
+        "mug",
+        "teddy bear",
+        "stuffed animal",
+        "red apple",
+        "lamp",
+        "table",
+        "book",
+        "bottle",
+        "whiteboard",
+        "black bear",
+    ),
     *("grand piano", "flurbo"),
 )
 

@@ -38,7 +38,8 @@ _ARTICLE = re.compile(
 """Words before a noun that say nothing of what it is: determiners, and what somebody thinks of it."""
 _ENDING = re.compile(
     r"\s+(?:please|thanks|thank you|here|there|anywhere|somewhere|around here|at all|for me|in here"
-    r"|in (?:the|this) (?:scene|room|picture|image|view|photos?)|(?<!where )(?<!what )(?<!which )(?:is|are|be|might be|could be|may be|can be)|go|went)$",
+    r"|in (?:the|this) (?:scene|room|picture|image|view|photos?)"
+    r"|(?<!where )(?<!what )(?<!which )(?:is|are|be|might be|could be|may be|can be)|go|went)$",
     re.IGNORECASE,
 )
 _EDGE = " \t\n\r\f\v?!.,;:\"'`“”‘’«»¿¡()[]"

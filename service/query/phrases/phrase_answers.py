@@ -175,7 +175,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
-    doubt = next((each.doubt for each in spoken_of if each.doubt), "")
+    doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
 
 
