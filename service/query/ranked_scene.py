@@ -154,7 +154,7 @@ class RankedScene:
             unit = "m" if self._unit == "m" else "scene units"
             of_time = HistoryAnswers(self._history, words.names, in_words, unit)
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
-        return replace(answer, provisional=self._provisional) if self._provisional else answer
+        return replace(words.names.counted(answer), provisional=self._provisional)
 
     def decided(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None

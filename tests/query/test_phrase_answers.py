@@ -166,7 +166,7 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     assert answer.phrase is not None and _reason(answer) == reason
     assert (answer.outcome, answer.relation, answer.probability) == ("cannot_say", "undecided", None)
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
-    assert answer.phrase.count is None and answer.meant_things == answer.things
+    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.things
     names = {thing.id: thing.name for thing in index.things.listed}
     shown = {match.label for match in answer.matches if match.relevant}
     assert shown == {names[thing] for thing in answer.things} and set(answer.phrase.undecided) <= set(answer.things)

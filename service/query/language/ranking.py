@@ -202,7 +202,9 @@ class Ranker:
         if judged.verdict == "related":
             standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
         judged = self._without_suggested(judged)
-        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        shown = scores.similarity if by_similarity else scores.relevancy
+        figure = shown if belief is None else belief.entries
+        order = np.lexsort((np.arange(len(primary)), -second, -primary, -figure, ~judged.relevant))
         nothing = judged.verdict == "absent"
         searched = self._things.searched
         if belief is not None and nothing and searched.unnamed_things:
@@ -219,8 +221,8 @@ class Ranker:
             verdict, probability = "undecided", None
         elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
-        shown = verdict if verdict != "possible" else judged.verdict
-        relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
+        said = verdict if verdict != "possible" else judged.verdict
+        relation, subject = answer_relation(said, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",

@@ -19,7 +19,7 @@ from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_measures import ThingMeasures
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.queries import Answer, Match
 
 _NOT_MEANT = ("referent_absent", "not_read")
 """Of a question with several readings, one that is refused so was not meant."""
@@ -256,16 +256,19 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 
 def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     """An undecided answer for the things that may be meant, with the entries of their names first, in their order, and
-    without the figures of the ranking, which say nothing of what was asked."""
+    without what the ranking says of the whole, which says nothing of what was asked."""
     order = {
         things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
     }
-    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
-    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
+
+    def place(match: Match) -> tuple[int, float]:
+        return order.get(match.label_id, 1), -(match.relevancy if match.probability is None else match.probability)
+
+    matches = [match._replace(relevant=match.label_id in order) for match in answer.matches]
     nameless = bool(ids) and not any(match.relevant for match in matches)
     return replace(
         answer,
-        matches=() if nameless else ordered,  # the first one is the answer's name
+        matches=() if nameless else tuple(sorted(matches, key=place)),  # the first one is the answer's name
         things=ids,
         relation="undecided",
         relation_subject=None,
