@@ -15,7 +15,7 @@ def test_detections_are_the_things_listed(service: SceneService, client: Client,
     assert [(each.thing_id, each.label, each.box) for each in truth.detections] == [
         (thing.id, thing.name, thing.box) for thing in listed
     ]
-    assert truth.meters and truth.frame_id == "scene" and truth.up is not None
+    assert truth.meters and truth.frame_id == "world" and truth.up is not None
     mug = next(each for each in truth.detections if each.label == "mug")
     assert mug.support is not None and mug.support.label == "floor"  # the floor of that scene is called so
     assert mug.views and (mug.first_seen, mug.proposed_in) == (None, ())

@@ -206,6 +206,17 @@ def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> No
         assert min(witness.clearness for witness in other) <= -1
 
 
+def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> None:
+    room = Room()
+    for at, color in enumerate((_WHITE, (0.9, 0.35, 0.15), (0.62, 0.36, 0.28))):
+        room.place("book", box((0.2, 0.15, 0.06)), (at, 0, 0), 0.2, color)
+    index = make(scene_of(room, 0, _WORLD))
+    for text in ("the red book", "what is red?"):
+        answer = _answer(index, text)
+        assert (answer.outcome, answer.things[:1]) == ("probably_here", (3,)) and 1 not in answer.things
+        assert index.mask3d(answer).sum() == answer.matches[0].gaussian_count
+
+
 def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> None:
     answer = _answer(index, "the red mug")
     assert (index.mask3d(answer) == (index.things.owner == _RED_MUG)).all()

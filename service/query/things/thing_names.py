@@ -11,12 +11,10 @@ from fastsplat.service.query.things.absence import searched_names
 from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.scene.suggestions import SaidName, Suggestion
-from fastsplat.service.scene.types import NameSource, Scene, Thing
+from fastsplat.service.scene.types import Scene, Thing
 from fastsplat_contract.queries import Answer, Searched
 
 _MAX_UNNAMED = 100
-_SETTLED: tuple[NameSource, ...] = ("given", "person")
-"""Beside a name by one of these no suggestion counts."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ class ThingNames:
         scene's dictionary lacks them."""
         names: dict[int | str, _SuggestedName] = {}
         for thing in self._everything:
-            for each in () if thing.source in _SETTLED else merged_suggestions(thing, self.trust):
+            for each in merged_suggestions(thing, self.trust):
                 told = names.setdefault(self.labels.id_of(each.name) or label_key(each.name), _SuggestedName(each.name))
                 told.likely[thing.id] = max(each.probability, told.likely.get(thing.id, 0.0))
                 told.aliases.update(dict.fromkeys(each.aliases))
