@@ -191,11 +191,6 @@ class LabelMeanings:
         Cosines of the question with the label (`similarity`) and its definitions. Then the lexicon's relations of the
         question, or, where it lacks the question, of its head (see `Relations`); what both are; the words that they
         share; the form of the question; what the list of common things says of both (see `KnownLabels.compare`).
-
-        Args:
-            text: the question.
-            match: what it names.
-            similarity: float64 [N], see `text_similarity`.
         """
         phrase = parse_noun_phrase(text).text
         meaning = self.meaning(text)

@@ -51,14 +51,7 @@ _FARTHEST = -1.0
 
 @dataclass(frozen=True)
 class _Meant:
-    """What the model of the meaning says of one question and the entries.
-
-    Attributes:
-        likely: float64 [N], 0..1, that each answers; 0 for those that cannot.
-        presence: 0..1, that any does.
-        comparison: what the model weighed.
-        model: the one that said so.
-    """
+    """The model of the meaning, how likely each entry answers by it and that any does, and what it weighed."""
 
     likely: F64
     presence: float
@@ -312,15 +305,7 @@ class Ranker:
     def _meant(
         self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
     ) -> _Meant | None:
-        """What question and entries mean by the lexicon; None where there is none that was measured with these prompts.
-
-        Args:
-            text: the question.
-            match: what it names.
-            context: of the prompts.
-            similarity: float64 [N].
-            excluded: bool [N], entries that cannot answer.
-        """
+        """What question and entries mean by the lexicon; None without one that was measured with these prompts."""
         model = self._model
         if self._meanings is None or model is None or context.templates != model.templates:
             return None

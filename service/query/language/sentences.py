@@ -92,14 +92,7 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
 
 
 def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
-    """The answer with its outcome and its sentence.
-
-    Args:
-        ranked: what was decided.
-        names: of the scene.
-        unseen: how much of it no photo shows.
-        in_words: see there.
-    """
+    """The answer with its outcome and its sentence."""
     answer, remarks = ranked.answer, ranked.remarks
     held = (
         ()

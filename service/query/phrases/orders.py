@@ -50,7 +50,7 @@ def closest_in_color(clear: Mapping[int, float], among: int, anything: bool) -> 
     told apart.
 
     Args:
-        clear: by id, how clearly each has the color that it is not denied of.
+        clear: by id, of those of `among` things that are not denied the color.
         among: how many things were compared.
         anything: whether things of any kind are asked for.
     """

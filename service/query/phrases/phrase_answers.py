@@ -118,14 +118,7 @@ def _is_unnamed(plain: Ranked) -> bool:
 
 
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
-    """The answer to one such text.
-
-    Args:
-        question: what it says.
-        plain: the answer to it as if it were a name.
-        scene: whom it is asked of.
-        world_from_camera: float64 [4, 4] where the asker stands, OpenCV axes; None if nobody said that.
-    """
+    """The answer to one such text."""
     text = plain.answer.text
     things = scene.things
     spoken = {name for reading in question.readings for name in _names_in(reading)}
@@ -280,14 +273,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
 
 
 def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
-    """The answer for the things that were decided on.
-
-    Args:
-        answer: to the head, with the phrase.
-        things: of the scene.
-        likely: 0..1, that the things it speaks of are called rightly; how probable the rest is, nobody has measured.
-        doubt: what was taken for what the question calls them, though it is not sure; "" for nothing.
-    """
+    """The answer for the things that were decided on."""
     assert answer.phrase is not None
     ids = answer.phrase.things
     decided = replace(
