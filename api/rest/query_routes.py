@@ -30,9 +30,9 @@ _OF_VIEWS: dict[PictureFormat, str] = {"png": "view_picture", "npy": "view_array
 
 _Text = Annotated[str, Query(description="the question")]
 _IN_ADDRESS = {
-    member.name: {"texts": "text", "scene_id": "scene"}.get(member.name, member.name)
+    member.name: {"texts": "text", "scene_id": "scene", "views": "view"}.get(member.name, member.name)
     for member in members(QueryRequest)
-    if member.name not in ("cameras", "views", "mask2d_encoding", "asker")
+    if member.name not in ("cameras", "asker")
 }
 """What of a question stands in the address of `GET /query`, by the name that it has there."""
 
@@ -70,7 +70,7 @@ def query_routes(service: SceneService, threads: Threads) -> APIRouter:
         return exact, {"ETag": etag_of(name, scene_id, exact, *question), "Cache-Control": "private, no-cache"}
 
     async def query(request: Request, **sent: Any) -> Response:
-        """Ranked labels for a text, in one scene or in all of the project."""
+        """Ranked labels for a text, in one scene or in all of the project; masks of the views that are named."""
         question = from_plain(QueryRequest, {member: sent[name] for member, name in _IN_ADDRESS.items()})
         return await json_of_call(request, threads.answer, lambda: service.answers.query(question))
 

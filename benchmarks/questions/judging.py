@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from benchmarks.questions.trained_questions import PhotoObject, Question
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.things.absence import RATHER
+from fastsplat_contract.masks import decode_mask3d
 from fastsplat_contract.queries import Answer
 
 _DECIDED = ("here", "probably_here")
@@ -92,6 +93,18 @@ def contradictions(answer: Answer, names: Collection[str]) -> list[str]:
         said.append("a name of the scene is not here")
     if phrase is not None and phrase.count is not None and phrase.count != len(answer.things):
         said.append("a number of other things than are shown")
+    for relevant in (False,) if phrase else (False, True):
+        figures = [
+            match.relevancy if match.probability is None else match.probability
+            for match in answer.matches
+            if match.relevant is relevant
+        ]
+        if figures != sorted(figures, reverse=True):
+            said.append("matches that no figure orders")
+    counts = [match.gaussian_count for match in answer.matches if match.relevant]
+    inside = int(decode_mask3d(answer.mask3d, "bits", answer.gaussians).sum()) if answer.mask3d else sum(counts)
+    if counts and not 0 < min(counts) <= max(counts) <= inside <= (answer.gaussians if phrase else sum(counts)):
+        said.append(f"relevant names of {counts} Gaussians, and a mask of {inside}")
     return said
 
 

@@ -76,7 +76,8 @@ def run_main_job(
 def _train(
     client: Client, capture: Path, seconds: float | None, console: Console, folder: Path
 ) -> tuple[Scene, Operation]:
-    name = "sample" if capture == SAMPLE_PHOTOS else capture.parent.name if capture.name == "images" else capture.stem
+    own = capture.parent.name if capture.name == "images" else capture.stem
+    name = "sample, trained here" if capture == SAMPLE_PHOTOS else own  # the package's "sample" is in meters
     posted = client.create_scene(capture, name=name, options=SceneOptions(time_budget_s=seconds))
     console.print(f"posted {capture}: operation {posted.id}, scene {posted.scene_id}")
     show = _Progress(console)

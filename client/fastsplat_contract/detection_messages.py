@@ -129,7 +129,7 @@ class DetectionList(NamedTuple):
         str,
         Field(
             description="the frame of all positions: the map's that the scene was put into (map if that has no name), "
-            "or scene"
+            "or world, as cameras say"
         ),
     ]
     meters: Annotated[bool, Field(description="whether lengths are meters; else only ratios of lengths mean anything")]

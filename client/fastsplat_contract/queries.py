@@ -112,7 +112,10 @@ class Match(NamedTuple):
     relevancy: Annotated[float, Field(description="0..1")]
     similarity: Annotated[float, Field(description="cosine, -1..1")]
     nearest_negative: Annotated[str, Field(description="the canonical negative that set the relevancy")]
-    gaussian_count: Int64
+    gaussian_count: Annotated[
+        Int64,
+        Field(description="that bear it; of a relevant entry where `things` are picked, those of its things there"),
+    ]
     relevant: Annotated[bool, Field(description="passes the encoder's threshold, or was asked for by name")]
     probability: Annotated[
         float | None,
@@ -162,7 +165,14 @@ class Answer(Response):
     version: Annotated[str, Field(description="of the scene")]
     gaussians: Annotated[Int64, Field(description="G, the length of the 3D mask")]
     match_count: Annotated[int, Field(description="names in the whole dictionary, only suggested ones included")]
-    matches: Annotated[Many[Match], Field(description="entries of the dictionary, best first, up to `max_matches`")]
+    matches: Annotated[
+        Many[Match],
+        Field(
+            description="entries of the dictionary, up to `max_matches`: the relevant ones, then the others, each by "
+            "`probability`, or, where that is absent, by `relevancy` (by `similarity`, if the server is set to score "
+            "by that); with a `phrase` the relevant ones in the order of `things`"
+        ),
+    ]
     masks: Annotated[
         Many[ViewMask],
         Carried("QueryResponse"),
@@ -246,12 +256,6 @@ class Answer(Response):
     def relevant_ids(self) -> tuple[int, ...]:
         """Label ids of the relevant entries, best first; empty when absent."""
         return tuple(match.label_id for match in self.matches if match.relevant)
-
-    @property
-    def meant_things(self) -> tuple[int, ...] | None:
-        """The things that this answer is about where it picks some; None where it is about all things of its labels."""
-        picks = not any(match.relevant and match.gaussian_count for match in self.matches)
-        return self.things if self.phrase is not None or (self.things and picks) else None
 
     @property
     def is_absent(self) -> bool:

@@ -154,7 +154,7 @@ class RankedScene:
             unit = "m" if self._unit == "m" else "scene units"
             of_time = HistoryAnswers(self._history, words.names, in_words, unit)
             answer = of_time.plain(answer) if question is None else of_time.asked(question, answer)
-        return replace(answer, provisional=self._provisional) if self._provisional else answer
+        return replace(words.names.counted(answer), provisional=self._provisional)
 
     def decided(
         self, query: TextQuery, things: Callable[[], SceneThings], asker: NDArray[np.float64] | None = None
@@ -162,8 +162,11 @@ class RankedScene:
         """What is decided of each text before it is put into words; the arguments are those of `answer`."""
         ranked = self.ranker.rank(query)
         parsed = parsed_questions(query.texts, self.ranker.names, self.ranker.is_name, self._written)
+        # A "black bear" of the lexicon that is not here may be a bear that is black.
+        gone = [each.answer.text if each.verdict == "absent" else "" for each in ranked]
+        parted = parsed_questions(gone, self.ranker.names, self.ranker.names.has, self._written)
         told = self._looks or any(thing.surface or thing.reads for thing in self.names.present)
-        if not any(parsed) and not told:
+        if not any(parsed) and not any(parted) and not told:
             return ranked
         from fastsplat.service.query.phrases.phrase_answers import (
             AskedScene,
@@ -181,13 +184,17 @@ class RankedScene:
             names, self.ranker.names, rank, lambda: things().measures, self._unit, self._written, self._looks
         )
 
-        def answered(plain: Ranked, phrase: ParsedQuestion | None) -> Ranked:
+        def answered(plain: Ranked, phrase: ParsedQuestion | None, parted: ParsedQuestion | None) -> Ranked:
             if names_nothing(plain.answer.text):
                 return plain
             if is_foreign(plain.answer.text) and not (phrase and phrase.of_writing):
                 return answer_written(plain, scene)
+            if phrase is None and parted is not None:
+                found = answer_phrase(parted, plain, scene, asker)
+                if found.verdict in ("exact", "possible"):
+                    return found
             if phrase is None:
                 return answer_by_looks(None, answer_written(answer_surface(plain, scene), scene), scene)
             return answer_by_looks(phrase, answer_phrase(phrase, plain, scene, asker), scene)
 
-        return tuple(answered(plain, phrase) for plain, phrase in zip(ranked, parsed, strict=True))
+        return tuple(map(answered, ranked, parsed, parted))

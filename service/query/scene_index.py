@@ -47,7 +47,7 @@ _MAX_NAMED = 20
 
 
 class SceneIndex:
-    """One scene, one text encoder. Threads may share it; asking touches no renderer.
+    """One scene, one text encoder. Threads may share it.
 
     An entry is *exact* when the question is its name (see `NameIndex.match`), when its score reaches the encoder's
     exact threshold, or, with a lexicon, when both share a sense. Otherwise entries from the encoder's related threshold
@@ -170,15 +170,11 @@ class SceneIndex:
 
         Args:
             texts: plain words.
-            negatives: canonical negatives in place of the settings' own.
-            templates: prompt templates in place of the settings' own, each with one "{}"; the labels are embedded anew
-                for templates that were not asked with lately.
-            coverage: of the label sets, above 0 and below 1, in place of the settings' own.
+            negatives, templates, coverage: see `check_query`; the labels are embedded anew for templates that were not
+                asked with lately.
 
         Raises:
-            InvalidInputError: an empty list or text, not a string, control characters, a template without exactly one
-                "{}", a coverage that is not above 0 and below 1.
-            LimitExceededError: too many texts, negatives or templates, or one too long.
+            InvalidInputError, LimitExceededError: as `check_query`.
         """
         query = check_query(texts, self.settings, negatives=negatives, templates=templates, coverage=coverage)
         return self.ranked.answer(query, lambda: self.things)
@@ -191,7 +187,7 @@ class SceneIndex:
             InvalidInputError: the answer names entries that this scene does not have.
         """
         relevant = self._relevant_ids(answer)
-        meant = answer.meant_things
+        meant = self.ranked.names.picks(answer)
         return self.labeled(relevant) if meant is None else self.things.rows(meant)
 
     @property
@@ -244,7 +240,7 @@ class SceneIndex:
         place = {label_id: number for number, label_id in enumerate(self._relevant_ids(answer))}
         if not place:
             return ()
-        things, meant = self.things, answer.meant_things
+        things, meant = self.things, self.ranked.names.picks(answer)
         named = [
             each
             for each in (*things.listed, *things.listed_parts)
@@ -272,7 +268,7 @@ class SceneIndex:
                 inside = np.isin(self.things.part_map(posed), parts)
                 label_ids = np.where(inside, np.uint16(label_id), drawn.label_ids)
                 drawn = replace(drawn, mask=drawn.mask | inside, label_ids=label_ids)
-        if (meant := answer.meant_things) is not None:
+        if (meant := self.ranked.names.picks(answer)) is not None:
             inside = self.things.mask(posed, meant)
             drawn = replace(drawn, mask=inside, label_ids=np.where(inside, drawn.label_ids, np.uint16(0)))
         return drawn
@@ -285,7 +281,7 @@ class SceneIndex:
             InvalidInputError, LimitExceededError: as `mask2d`.
         """
         relevant = self._relevant_ids(answer)
-        if (meant := answer.meant_things) is not None:
+        if (meant := self.ranked.names.picks(answer)) is not None:
             self.check_view(posed)
             return self.things.mask(posed, meant)
         if self.scene.things is not None:
@@ -354,8 +350,9 @@ class SceneIndex:
         return renderer.part_map(posed, things) if isinstance(things, Parts) else renderer.thing_map(posed, things)
 
     def _relevant_ids(self, answer: Answer) -> tuple[int, ...]:
-        labels = len(self.scene.dictionary)  # other names are suggested, and no Gaussian has them
-        if any(match.label_id < 1 or (match.gaussian_count and match.label_id > labels) for match in answer.matches):
+        entries = self.scene.dictionary.entries  # other names are suggested, and no Gaussian has them
+        known = ((each.label_id, entries[each.label_id - 1 : each.label_id], each.label) for each in answer.matches)
+        if any(number < 1 or (own and own[0].label != label) for number, own, label in known):
             raise InvalidInputError(
                 f"the answer to {answer.text[:80]!r} belongs to another scene",
                 field="answer",

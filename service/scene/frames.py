@@ -19,8 +19,8 @@ def frame_of(scene: Scene) -> Similarity:
 
 
 def frame_id(scene: Scene) -> str:
-    """The name of the world frame of this version: the map's, `map` for one without a name, `scene` without a map."""
-    return "scene" if scene.alignment is None else scene.alignment.frame or "map"
+    """The name of the world frame of this version: the map's, `map` for one without a name, `world` without a map."""
+    return "world" if scene.alignment is None else scene.alignment.frame or "map"
 
 
 def scaled(scene: Scene, scaling: Scaling) -> Scene:

@@ -280,6 +280,7 @@ def test_every_parameter_of_a_question_in_an_address_is_that_of_the_body(faces: 
     for changed, plain in (
         ({"max_matches": 1}, question),
         ({"asker_view": "front.png"}, question),
+        ({"view": ["front.png"], "outputs": ["mask2d"], "mask2d_encoding": "png"}, question),
         ({"outputs": ["mask3d", "objects"]}, question),
         ({"outputs": ["mask3d"], "mask3d_encoding": "runs"}, {**question, "outputs": ["mask3d"]}),
         ({"coverage": 0.5, "outputs": ["objects"]}, {**question, "text": "mug", "outputs": ["objects"]}),
@@ -288,6 +289,7 @@ def test_every_parameter_of_a_question_in_an_address_is_that_of_the_body(faces: 
     ):
         params = {**plain, **changed}
         named = {"texts": [params["text"]], **{k: v for k, v in params.items() if k not in ("text", "scene")}}
+        named |= {"views": named.pop("view")} if "view" in named else {}
         answer = faces.rest.get("/query", params=params).json()
         assert answer == faces.rest.post(f"/v1/scenes/{scene_id}:query", json=named).json(), changed
         if "templates" not in changed and "coverage" not in changed:  # here the answer is the same with and without

@@ -66,7 +66,7 @@ def test_every_field_of_a_detection_comes_back(shown: Snapshot, tmp_path: Path) 
     assert topics == list(TOPICS)  # without a transform: this scene was put into no map
     at, array = _read(tmp_path / "bag")["/fastsplat/detections"]
     assert at == shown.stamp_ns == array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
-    assert array.header.frame_id == shown.detections.frame_id == "scene"
+    assert array.header.frame_id == shown.detections.frame_id == "world"
     assert [each.id for each in array.detections] == [str(each.thing_id) for each in shown.detections.detections]
     for sent, each in zip(array.detections, shown.detections.detections, strict=True):
         assert each.box is not None and sent.header == array.header

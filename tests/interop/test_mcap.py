@@ -73,7 +73,7 @@ def test_each_thing_is_a_box_with_its_name() -> None:
     ((at, update),) = _messages(_written(index))["/things"]
     assert at == START and len(update.entities) == len(index.things.listed) == 2
     for entity, thing in zip(update.entities, index.things.listed, strict=True):
-        assert (entity.id, entity.frame_id, thing.box is None) == (str(thing.id), "scene", False)
+        assert (entity.id, entity.frame_id, thing.box is None) == (str(thing.id), "world", False)
         (cube,), (text,) = entity.cubes, entity.texts
         assert thing.box is not None
         assert _numbers(cube.pose.position) == list(thing.box.center.position)
@@ -118,7 +118,7 @@ def test_the_map_of_the_floor_is_a_grid_at_its_height() -> None:
     floor = OccupancyMap(cells, np.zeros((2, 3), np.float32), 0.05, (-1.5, 2.0), 0.12, "surface", "", 1.5)
     recording = SceneRecording("an-id", "v7", "wall", START, points_file(index, "wall", (), 0.05), {}, floor=floor)
     ((at, grid),) = _messages(foxglove_file(index, recording))["/map"]
-    assert (at, grid.frame_id, grid.column_count) == (START, "scene", 3)
+    assert (at, grid.frame_id, grid.column_count) == (START, "world", 3)
     assert _numbers(grid.pose.position) == [-1.5, 2.0, 0.12] and (grid.cell_size.x, grid.cell_size.y) == (0.05, 0.05)
     offsets = {field.name: field.offset for field in grid.fields}
     assert {field.name: field.type for field in grid.fields}["occupancy"] == 2  # signed, as in nav_msgs/OccupancyGrid
@@ -138,7 +138,7 @@ def test_cameras_follow_one_another_with_their_photos() -> None:
         at, transform = read["/tf"][number]
         later, lens = read["/camera/calibration"][number]
         assert at == later == transform.timestamp.ToNanoseconds()
-        assert (transform.parent_frame_id, transform.child_frame_id) == ("scene", lens.frame_id)
+        assert (transform.parent_frame_id, transform.child_frame_id) == ("world", lens.frame_id)
         np.testing.assert_allclose(
             _matrix(transform.translation, transform.rotation), posed.world_from_camera, atol=1e-12
         )

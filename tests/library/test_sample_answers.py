@@ -13,6 +13,7 @@ from benchmarks.questions.trained_questions import read_scenes
 from fastsplat.service.library.local_scene import LocalScene
 from fastsplat.service.settings import load_settings
 from fastsplat_contract.queries import Answer, QueryRequest
+from tests.query.decisions import alike
 
 _TEXTS = [question.text for one in read_scenes() if one.name == "sample" for question in one.questions]
 
@@ -28,14 +29,22 @@ def scene(request: pytest.FixtureRequest, models_dir: Path, lexicon_models_dir: 
 
 
 def _ask(scene: LocalScene, *texts: str) -> tuple[Answer, ...]:
-    return tuple(scene._service.answers.query(QueryRequest(scene.id, texts)).answers)
+    request = QueryRequest(scene.id, texts, outputs=frozenset({"mask3d"}))
+    answers = tuple(scene._service.answers.query(request).answers)
+    names = {thing.name for thing in scene.things() if thing.name}
+    for answer in answers:
+        assert contradictions(answer, names) == [], (answer.text, answer.sentence)
+    return answers
 
 
 def test_no_answer_contradicts_itself(scene: LocalScene) -> None:
-    names = {thing.name for thing in scene.things() if thing.name}
     for start in range(0, len(_TEXTS), 32):
-        for answer in _ask(scene, *_TEXTS[start : start + 32]):
-            assert contradictions(answer, names) == [], (answer.text, answer.sentence)
+        _ask(scene, *_TEXTS[start : start + 32])
+
+
+def test_a_phrasing_is_answered_as_its_bare_noun(scene: LocalScene) -> None:
+    for answer, bare in alike(lambda texts: _ask(scene, *texts)):
+        assert answer == bare
 
 
 def test_what_is_named_or_suggested_is_never_denied(scene: LocalScene) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.query.language import calibration
 from fastsplat.service.query.scene_index import SceneIndex
 from fastsplat.service.query.settings import QuerySettings
@@ -16,6 +18,13 @@ from fastsplat.service.scene.label_evidence import UNIT, evidence_of
 from fastsplat.service.scene.types import Scene
 from fastsplat_contract.camera import Camera, PosedCamera
 from tests.scenes import EMBEDDING_SIZE, labelled_scene
+
+
+@pytest.fixture(scope="session")
+def lexicon(wordnet_dir: Path) -> Iterator[Lexicon]:
+    opened = Lexicon(wordnet_dir)
+    yield opened
+    opened.close()
 
 
 class DrawnEncoder:

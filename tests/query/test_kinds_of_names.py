@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
 from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.edits.apply_edit import apply_edit
@@ -27,18 +25,10 @@ _SECOND = BoxShell("y", (-0.12, 0.0, 0.03), count=100)
 
 
 @pytest.fixture
-def lexicon(lexicon_models_dir: Path) -> Iterator[Lexicon]:
-    opened = open_lexicon("wordnet", lexicon_models_dir)
-    assert opened is not None
-    yield opened
-    opened.close()
-
-
-@pytest.fixture
-def index(lexicon: Lexicon, lexicon_models_dir: Path) -> SceneIndex:
+def index(lexicon: Lexicon, models_dir: Path) -> SceneIndex:
     """Two things without names."""
     return SceneIndex(
-        _unnamed(), open_text_encoder("minilm_l6_int8", lexicon_models_dir, threads=1), QuerySettings(), lexicon=lexicon
+        _unnamed(), open_text_encoder("minilm_l6_int8", models_dir, threads=1), QuerySettings(), lexicon=lexicon
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,13 +29,9 @@ from fastsplat_contract.queries import Answer
 from tests.query.conftest import DrawnEncoder, make_scene
 
 LABELS = ("couch", "banana", "chair", "hammer", "car", "cat", "frying pan", "scissors")
-
-
-@pytest.fixture(scope="session")
-def lexicon(wordnet_dir: Path) -> Iterator[Lexicon]:
-    opened = Lexicon(wordnet_dir)
-    yield opened
-    opened.close()
+_KITCHEN = ("kettle", "coffee machine", "sink", "cabinet", "countertop", "wall", "bottle", "knife", "spoon")
+"""That of the paper (FAST-Splat, section 5)."""
+_WORKSHOP = ("hammer", "saw", "vise", "workbench")
 
 
 @pytest.fixture
@@ -327,11 +323,36 @@ def _compounds(made: LabelMeanings, labels: Sequence[str], question: str) -> Com
     return made.compare(question, names.match(question), np.zeros(len(labels))).compounds
 
 
-@pytest.mark.parametrize("text", ["submarine", "toilet", "piano", "violin", "hammer throw champion", "banana republic"])
+@pytest.mark.parametrize(
+    "text", ["submarine", "toilet", "piano", "violin", "axe", "hammer throw champion", "banana republic"]
+)
 def test_what_is_not_there_is_absent(ask: Callable[[Sequence[str], str], Answer], text: str) -> None:
-    answer = ask(LABELS, text)
-    assert (answer.is_absent, answer.relation, answer.relation_subject) == (True, "absent", None)
-    assert (answer.presence or 0) < 0.5
+    for labels in (LABELS, _KITCHEN, _WORKSHOP):
+        answer = ask(labels, text)
+        assert (answer.is_absent, answer.relation, answer.relation_subject) == (True, "absent", None)
+        assert (answer.presence or 0) < 0.5 and not answer.relevant_ids
+
+
+@pytest.mark.parametrize(
+    ("labels", "text", "found"),
+    [
+        (_KITCHEN, "tea", ["kettle", "coffee machine"]),
+        (_KITCHEN[1:], "tea", ["coffee machine"]),
+        (_KITCHEN, "fork", ["spoon", "knife"]),
+        (_KITCHEN, "coffee", ["coffee machine"]),
+        (_KITCHEN, "cooking pot", ["kettle"]),
+        (_KITCHEN, "water", ["sink", "bottle"]),
+        (_WORKSHOP, "mallet", ["hammer"]),
+        (("stapler", "cat", "oven"), "stationery", ["stapler"]),  # by the list of common things, not by WordNet
+    ],
+)
+def test_an_ambiguous_question_is_answered_with_the_precise_label(
+    ask: Callable[[Sequence[str], str], Answer], labels: Sequence[str], text: str, found: Sequence[str]
+) -> None:
+    answer = ask(labels, text)
+    relevant = [match.label for match in answer.matches if match.relevant]
+    assert not answer.is_absent and relevant[: len(found)] == found and f'"{found[0]}"' in answer.sentence
+    assert answer.method == "lexicon" and answer.probability == answer.matches[0].probability
 
 
 def _models() -> dict[str, MeaningModel]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from hypothesis import strategies as st
 
 from benchmarks.relations.drawing import Room, box, scene_of, table
 from fastsplat.service.common.dictionary import dictionary_of, label_key
-from fastsplat.service.perception.lexicon.open_lexicon import open_lexicon
+from fastsplat.service.perception.lexicon.wordnet import Lexicon
 from fastsplat.service.perception.text.open_text_encoder import open_text_encoder
 from fastsplat.service.query.language.query_text import check_query
 from fastsplat.service.query.phrases.thing_words import ThingWords
@@ -132,32 +131,29 @@ _WORDS = ("mug", "coffee", "tea", "fruit", "sofa", "something to read", "furnitu
 
 
 @pytest.mark.parametrize("name", ["cup", "banana", "couch", "book", "dining table"])
-def test_words_that_lead_to_a_name_get_its_kind_of_answer(lexicon_models_dir: Path, name: str) -> None:
+def test_words_that_lead_to_a_name_get_its_kind_of_answer(models_dir: Path, lexicon: Lexicon, name: str) -> None:
     """How sure a name is changes what is said of it and of the words for it alike, and only in the probability."""
-    encoder = open_text_encoder("minilm_l6_int8", lexicon_models_dir, threads=1)
-    lexicon = open_lexicon("wordnet", lexicon_models_dir)
-    assert lexicon is not None
+    encoder = open_text_encoder("minilm_l6_int8", models_dir, threads=1)
 
     def answers(thing: Thing) -> list[Answer]:
         index = SceneIndex(_scene((thing,), []), encoder, QuerySettings(backend="reference"), lexicon=lexicon)
         return list(index.ask((name, *_WORDS)))
 
-    with closing(lexicon):
-        sure = answers(Thing(1, name, "person", 1.0))
-        leading = [each.outcome in ("here", "probably_here") for each in sure]
-        assert leading[0] and 2 <= sum(leading) < len(sure) - 3
-        for probability in (0.06, 0.42, 0.65):
-            suggested = answers(Thing(1, suggestions=(Suggestion(name, probability),)))
-            guessed = answers(Thing(1, name, "detected", probability))
-            for leads, of_sure, of_suggested, of_guess in zip(leading, sure, suggested, guessed, strict=True):
-                assert of_sure.probability is not None
-                if leads:
-                    assert of_suggested.outcome == "probably_here" and of_guess.outcome in ("here", "probably_here")
-                    assert of_suggested.probability == pytest.approx(probability * of_sure.probability)
-                    assert of_suggested.things == (1,) and of_suggested.relation == of_sure.relation
-                    assert f'may be "{name}"' in of_suggested.sentence and of_sure.text in of_suggested.sentence
-                else:
-                    assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.things
+    sure = answers(Thing(1, name, "person", 1.0))
+    leading = [each.outcome in ("here", "probably_here") for each in sure]
+    assert leading[0] and 2 <= sum(leading) < len(sure) - 3
+    for probability in (0.06, 0.42, 0.65):
+        suggested = answers(Thing(1, suggestions=(Suggestion(name, probability),)))
+        guessed = answers(Thing(1, name, "detected", probability))
+        for leads, of_sure, of_suggested, of_guess in zip(leading, sure, suggested, guessed, strict=True):
+            assert of_sure.probability is not None
+            if leads:
+                assert of_suggested.outcome == "probably_here" and of_guess.outcome in ("here", "probably_here")
+                assert of_suggested.probability == pytest.approx(probability * of_sure.probability)
+                assert of_suggested.things == (1,) and of_suggested.relation == of_sure.relation
+                assert f'may be "{name}"' in of_suggested.sentence and of_sure.text in of_suggested.sentence
+            else:
+                assert of_suggested.outcome in ("cannot_say", "not_here") and not of_suggested.things
 
 
 def test_a_label_that_nothing_bears_is_no_name_of_the_scene() -> None:

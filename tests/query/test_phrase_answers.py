@@ -18,6 +18,7 @@ from fastsplat_contract.errors import LimitExceededError
 from fastsplat_contract.poses import look_at
 from fastsplat_contract.queries import Answer
 from tests.query.conftest import DrawnEncoder
+from tests.query.decisions import alike
 
 _WORLD = drawn_frame(np.random.default_rng(3))
 _ASKER = _WORLD @ look_at((0.0, -3.0, 1.5), (0.0, 0.0, 0.5))
@@ -66,6 +67,10 @@ def _answer(index: SceneIndex, text: str, asker: np.ndarray | None = _ASKER) -> 
 def _reason(answer: Answer) -> str | None:
     assert answer.phrase is not None
     return None if answer.phrase.refusal is None else answer.phrase.refusal.reason
+
+
+def test_a_phrasing_is_answered_as_its_bare_noun(index: SceneIndex) -> None:
+    assert all(answer == bare for answer, bare in alike(index.ask))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +166,7 @@ def test_what_cannot_be_decided_has_a_verdict_of_its_own(
     assert answer.phrase is not None and _reason(answer) == reason
     assert (answer.outcome, answer.relation, answer.probability) == ("cannot_say", "undecided", None)
     assert answer.outcome == "cannot_say" and answer.sentence.startswith("Cannot say: ")
-    assert answer.phrase.count is None and answer.meant_things == answer.things
+    assert answer.phrase.count is None and index.ranked.names.picks(answer) == answer.things
     names = {thing.id: thing.name for thing in index.things.listed}
     shown = {match.label for match in answer.matches if match.relevant}
     assert shown == {names[thing] for thing in answer.things} and set(answer.phrase.undecided) <= set(answer.things)
@@ -199,6 +204,17 @@ def test_a_witness_says_which_things_what_and_how_clear(index: SceneIndex) -> No
         assert own["overlap"].value > 0.9 and min(own["gap"].clearness, own["overlap"].clearness) >= 1
         other = [witness for witness in phrase.witnesses if witness.thing == _BLUE_MUG]
         assert min(witness.clearness for witness in other) <= -1
+
+
+def test_a_color_picks_what_comes_closest_where_nothing_is_clearly_of_it() -> None:
+    room = Room()
+    for at, color in enumerate((_WHITE, (0.9, 0.35, 0.15), (0.62, 0.36, 0.28))):
+        room.place("book", box((0.2, 0.15, 0.06)), (at, 0, 0), 0.2, color)
+    index = make(scene_of(room, 0, _WORLD))
+    for text in ("the red book", "what is red?"):
+        answer = _answer(index, text)
+        assert (answer.outcome, answer.things[:1]) == ("probably_here", (3,)) and 1 not in answer.things
+        assert index.mask3d(answer).sum() == answer.matches[0].gaussian_count
 
 
 def test_masks_and_objects_are_of_the_meant_things_alone(index: SceneIndex) -> None:

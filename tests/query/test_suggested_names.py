@@ -101,7 +101,7 @@ def test_a_source_replaces_its_own_word_alone(opened: Callable[[Things], SceneIn
         ("espresso cup", ["eyes"]),
     ]
     assert first.suggestions[0].probability == pytest.approx(1 - 0.58 * 0.5)
-    assert second.name == "bowl" and not third.suggestions
+    assert second.name == "bowl" and not second.suggestions and not third.suggestions
     by_alias, of_named = index.ask(["demitasse", "dish"])
     assert by_alias.outcome == "probably_here" and by_alias.things == (1,)
     trust = 4 / (0.9 + 4)  # "dish" was claimed of what a person calls a bowl

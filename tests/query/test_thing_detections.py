@@ -69,7 +69,7 @@ def _symmetric_and_positive(matrix: np.ndarray) -> bool:
 
 def test_things_are_where_they_are_with_their_names_and_what_carries_them(made: Made) -> None:
     answer = _listed(made(_scene()))
-    assert (answer.version, answer.frame_id, answer.meters, answer.next_page_token) == ("7", "scene", True, "")
+    assert (answer.version, answer.frame_id, answer.meters, answer.next_page_token) == ("7", "world", True, "")
     assert answer.up is not None and answer.up == pytest.approx((0, 0, 1), abs=0.01)
     assert [each.label for each in answer.detections] == ["table", "book", "die"]
     table, book, die = answer.detections

@@ -76,7 +76,7 @@ def _answer(index: SceneIndex, text: str) -> Answer:
 def test_things_are_found_by_what_is_written_on_them(index: SceneIndex, text: str, things: set[int]) -> None:
     answer = _answer(index, text)
     assert set(answer.things) == things, answer.sentence
-    assert answer.outcome in ("here", "probably_here") and set(answer.meant_things or ()) == things
+    assert answer.outcome in ("here", "probably_here") and set(index.ranked.names.picks(answer) or ()) == things
 
 
 @pytest.mark.parametrize("text", ["oat milk", "Hafermilch", "tag 12", "where is the oat milk?", "To the Lighthouse"])

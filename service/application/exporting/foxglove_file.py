@@ -3,7 +3,7 @@
 The package foxglove-sdk is Foxglove's own writer with its own schemas.
 
 Frames: the root is the world frame of the version, called by the name of the map that the scene was put into (`map` for
-a map without a name), or `scene`. `ROOT/trained` is the frame of the scene as it was trained, in units of this version;
+a map without a name), or `world`. `ROOT/trained` is the frame of the scene as it was trained, in units of this version;
 it is there if the scene was put into a map. `ROOT/camera` is the camera of the moment, OpenCV axes.
 
 A scene has no clock. What does not move is logged at the time at which the version was made; the cameras follow from

@@ -32,11 +32,6 @@ def insert_things(index: SceneIndex, source: SceneIndex, edit: Edit) -> Scene:
     new ids and keep their names, names' sources and suggestions; their parts stay behind. Colors keep as many harmonics
     as this scene has. A length of the other scene is the same number of this scene's units.
 
-    Args:
-        index: of the scene as it is.
-        source: of the other scene.
-        edit: which things of the other scene, and x' = R x + t from its world frame into this one's.
-
     Raises:
         NotFoundError: no such label, object or thing there.
         InvalidInputError: not exactly one of label and things; a part; lengths of one scene are meters and

@@ -18,11 +18,6 @@ from fastsplat_contract.scenes import Edit
 def preview_of(index: SceneIndex, version: str, edits: Sequence[Edit]) -> EditPreview:
     """Which Gaussians of a version the edits would remove, each applied to what those before it leave.
 
-    Args:
-        index: of the version.
-        version: its name.
-        edits: that remove.
-
     Raises:
         NotFoundError, InvalidInputError: as `edited_rows`, or an edit that does something else; with the field inside
             `edits`.

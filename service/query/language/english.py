@@ -7,6 +7,8 @@ import unicodedata
 from collections.abc import Callable
 from typing import Literal
 
+from fastsplat.service.query.language.noun_phrases import noun_phrase
+
 NoQuestion = Literal["", "empty", "foreign", "unknown"]
 """Why a text is no question in English; "" for one that is."""
 
@@ -34,7 +36,7 @@ _INDEFINITE = frozenset("something anything everything".split())
 def is_foreign(text: str) -> bool:
     """Whether a text is of another language: words of grammar that English lacks lead it or are half of it, or its
     letters are of another script."""
-    words = [word.casefold() for word in _WORD.findall(text)]
+    words = [word.casefold() for word in _WORD.findall(noun_phrase(text))]
     if not words:
         return False
     if any(not unicodedata.name(letter, "").startswith("LATIN") for word in words for letter in word):
@@ -45,7 +47,7 @@ def is_foreign(text: str) -> bool:
 
 def names_nothing(text: str) -> bool:
     """Whether no word of a text could name anything: "of the", "?!"."""
-    return all(word.casefold() in _CLOSED for word in re.findall(r"\w+", text))
+    return all(word.casefold() in _CLOSED for word in re.findall(r"\w+", noun_phrase(text)))
 
 
 def no_question(text: str, is_word: Callable[[str], bool] | None) -> NoQuestion:
@@ -59,6 +61,6 @@ def no_question(text: str, is_word: Callable[[str], bool] | None) -> NoQuestion:
         return "empty"
     if is_foreign(text):
         return "foreign"
-    words = [word.casefold() for word in _WORD.findall(text)]
+    words = [word.casefold() for word in _WORD.findall(noun_phrase(text))]
     known = is_word is None or any(word in _INDEFINITE or is_word(word) for word in words)
     return "" if known else "unknown"

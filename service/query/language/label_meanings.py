@@ -24,6 +24,7 @@ from fastsplat.service.query.language.word_senses import (
     SOLID,
     Meaning,
     above_definitions,
+    compound_parts,
     definitions,
     head_meaning,
     label_meaning,
@@ -171,8 +172,9 @@ class LabelMeanings:
         return self._names == _names(dictionary)
 
     def is_word(self, word: str) -> bool:
-        """Whether the lexicon has a word, or its singular, as a name or as a verb."""
-        return any(self._lexicon.senses(each) for each in (word, label_key(word))) or self._lexicon.is_verb(word)
+        """Whether the lexicon has a word, its singular or both of its parts as names, or the word as a verb."""
+        known = any(self._lexicon.senses(each) for each in (word, label_key(word))) or self._lexicon.is_verb(word)
+        return known or len(compound_parts(word, self._lexicon)) > 1
 
     def meaning(self, text: str) -> Meaning:
         """The senses of a question: of the whole phrase, or of its head."""
@@ -189,11 +191,6 @@ class LabelMeanings:
         Cosines of the question with the label (`similarity`) and its definitions. Then the lexicon's relations of the
         question, or, where it lacks the question, of its head (see `Relations`); what both are; the words that they
         share; the form of the question; what the list of common things says of both (see `KnownLabels.compare`).
-
-        Args:
-            text: the question.
-            match: what it names.
-            similarity: float64 [N], see `text_similarity`.
         """
         phrase = parse_noun_phrase(text).text
         meaning = self.meaning(text)

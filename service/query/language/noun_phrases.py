@@ -6,22 +6,41 @@ English only; other languages pass through as one head.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fastsplat.service.common.dictionary import label_key
 
+_ADDRESS = re.compile(
+    r"^(?:(?:hi|hello|hey|okay|ok|well|so|sorry|excuse me|please|kindly|just|maybe)[\s,]+"
+    r"|(?:can|could|will|would|do|did|does|have|has|might) (?:you|we|i|anyone|anybody|someone|somebody)\s+"
+    r"(?=(?:please|kindly|maybe|just|already|ever|also|see|seen|find|found|spot|spotted|show|tell|know|locate|point|look"
+    r"|search|help|have|got|bring|give|get|pass|hand)\s)|(?:already|ever|also)\s+(?=seen|see|got)"
+    r"|(?:tell|show|help|remind)(?: me| us)?\s+(?=(?:what|where|which|how|whether|if|find|locate|see)\s)"
+    r"|(?:know|see|remember|whether|if)\s+(?=(?:what|where|which|how|there|the|my|your|our|any|an?)\s)"
+    r"|(?:i|we)(?:'m| am|'re| are)? (?:looking for|after|searching for|trying to (?:find|locate))\s+"
+    r"|(?:i|we)(?:'d| would)? (?:just )?(?:need|want|like|have lost|lost|miss|can't find|cannot find)(?: to)?\s+)",
+    re.IGNORECASE,
+)
 _QUESTION = re.compile(
-    r"^(?:please|where(?:'s| is| are)|what(?:'s| is| are)|which(?: is| are)?|is there|are there"
-    r"|is(?= (?:the|a|an|my|your|our|any) )|(?:can|do) you see|can you (?:find|show)(?: me)?|find(?: me)?|show(?: me)?"
-    r"|locate|look for|search for|point (?:at|to)|go to|bring me|give me|i(?:'m| am) looking for)\s+",
+    r"^(?:where(?:'s| is| are| did| has| have)|where (?:can|could|might|may) (?:i|we|you|one) (?:find|see|get)"
+    r"|where(?: can| could| might| may)?(?= (?:the|a|an|my|your|our|any|this|that) )|what(?:'s| is| are)"
+    r"|which(?: is| are)?|is there|are there|there is|there are|there's"
+    r"|is(?= (?:the|a|an|my|your|our|any) )|(?:find|show|get|bring|give|pass|hand)(?: me| us)?|see|seen|spotted"
+    r"|have|got|locate|look for|search for|point (?:me |us )?(?:at|to)|go to)\s+",
     re.IGNORECASE,
 )
 _ARTICLE = re.compile(
-    r"^(?:a|an|the|my|your|our|their|his|her|its|this|that|these|those|some|any|every|each|all(?: of)? the)\s+",
+    r"^(?:a|an|the|my|your|our|their|his|her|its|this|that|these|those|some|any|every|each|all(?: of)? the|one of the"
+    r"|nice|lovely|beautiful|pretty|cute|adorable|gorgeous|wonderful|favou?rite)\s+",
     re.IGNORECASE,
 )
+"""Words before a noun that say nothing of what it is: determiners, and what somebody thinks of it."""
 _ENDING = re.compile(
-    r"\s+(?:please|here|there|in here|in (?:the|this) (?:scene|room|picture|image|view))$", re.IGNORECASE
+    r"\s+(?:please|thanks|thank you|here|there|anywhere|somewhere|around here|at all|for me|in here"
+    r"|in (?:the|this) (?:scene|room|picture|image|view|photos?)"
+    r"|(?<!where )(?<!what )(?<!which )(?:is|are|be|might be|could be|may be|can be)|go|went)$",
+    re.IGNORECASE,
 )
 _EDGE = " \t\n\r\f\v?!.,;:\"'`“”‘’«»¿¡()[]"
 
@@ -84,10 +103,19 @@ def noun_phrase(text: str) -> str:
 
     Never empty: a text of nothing else stays as it is.
     """
+    return _without((_ADDRESS, _QUESTION, _ARTICLE, _ENDING), text)
+
+
+def without_address(text: str) -> str:
+    """The question without what is said to whom it is put: "could you tell me what is red?" → "what is red"."""
+    return _without((_ADDRESS,), text)
+
+
+def _without(patterns: Sequence[re.Pattern[str]], text: str) -> str:
     phrase = " ".join(text.split())
     while True:
         shorter = phrase.strip(_EDGE)
-        for pattern in (_QUESTION, _ARTICLE, _ENDING):
+        for pattern in patterns:
             shorter = pattern.sub("", shorter, count=1)
         if not shorter.strip(_EDGE):
             return phrase

@@ -166,15 +166,7 @@ class Belief:
 
 
 def scored_belief(scores: F64, likely: F64, confidence: F64, calibration: ScoreCalibration, coverage: float) -> Belief:
-    """Probabilities where scores decide.
-
-    Args:
-        scores: float64 [N].
-        likely: float64 [N], their `entry_probability`.
-        confidence: float64 [N], 0..1, that each entry is named rightly.
-        calibration: of the scores.
-        coverage: 0..1, of the label set.
-    """
+    """Probabilities where scores decide."""
     present = float(present_probability(scores, likely, calibration))
     return believed(likely, present, confidence, calibration.scenes, coverage)
 
@@ -196,14 +188,7 @@ def believed(likely: F64, present: float, confidence: F64, scenes: Nonconformiti
 
 
 def named_belief(likely: F64, label_ids: Sequence[int], confidence: F64, coverage: float) -> Belief:
-    """Probabilities where the question is the very name of entries: no score can add to that.
-
-    Args:
-        likely: float64 [N], the `entry_probability` of all entries.
-        label_ids: those that are named, at least one.
-        confidence: float64 [N], 0..1, that each entry is named rightly.
-        coverage: 0..1, of the label set.
-    """
+    """Probabilities where the question is the very name of entries: no score can add to that."""
     rows = np.array(label_ids) - 1
     certain = likely.copy()
     certain[rows] = 1.0

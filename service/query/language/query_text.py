@@ -11,9 +11,7 @@ from fastsplat_contract.errors import InvalidInputError, LimitExceededError
 from fastsplat_contract.queries import check_coverage
 
 MAX_TEXTS = 64
-"""Texts of one request."""
-_MAX_PROMPTS = 64
-"""Templates of one request, and as many canonical negatives."""
+"""Texts, templates and canonical negatives of one request, each."""
 _MAX_TEXT_CHARS = 1_000
 """Characters of one text, negative or template."""
 
@@ -45,23 +43,16 @@ def check_query(
 ) -> TextQuery:
     """The question, if it can be asked; what is None is as in the settings.
 
-    Args:
-        texts: plain words.
-        settings: limits and defaults.
-        negatives: canonical negatives.
-        templates: prompt templates, each with one "{}".
-        coverage: of the label sets, above 0 and below 1.
-
     Raises:
         InvalidInputError: an empty list, a bare string in place of a list, not a string, nothing but blanks, control
             characters or lone surrogates, a template without exactly one "{}", a coverage outside (0, 1).
         LimitExceededError: too many texts, negatives or templates, or one too long.
     """
-    _check_texts(texts)
+    _check_texts(texts, "texts", "text")
     if negatives is not None:
-        _check_prompts(negatives, "negatives")
+        _check_texts(negatives, "negatives", "negatives")
     if templates is not None:
-        _check_prompts(templates, "templates")
+        _check_texts(templates, "templates", "templates")
         _check_slots(templates)
     return TextQuery(
         texts=tuple(texts),
@@ -71,36 +62,15 @@ def check_query(
     )
 
 
-def _check_texts(texts: Sequence[str]) -> None:
-    if isinstance(texts, str | bytes) or not isinstance(texts, Sequence):
-        raise InvalidInputError("texts is not a list of strings", field="texts", hint='Send ["mug"], not "mug".')
-    if not texts:
-        raise InvalidInputError("no text to look for", field="texts", hint="Send at least one.")
+def _check_texts(texts: Sequence[str], field: str, one: str) -> None:
+    if isinstance(texts, str | bytes) or not isinstance(texts, Sequence) or not texts:
+        raise InvalidInputError(f"{field} is not a list of strings", field=field, hint='Send ["mug"], not "mug".')
     if len(texts) > MAX_TEXTS:
         raise LimitExceededError(
-            f"{len(texts)} texts",
-            field="texts",
-            limit=f"{MAX_TEXTS} texts",
-            hint="Ask in several requests.",
+            f"{len(texts)} {field}", field=field, limit=f"{MAX_TEXTS} {field}", hint="Ask in several requests."
         )
     for text in texts:
-        _check_text(text, "text")
-
-
-def _check_prompts(prompts: Sequence[str], field: str) -> None:
-    if isinstance(prompts, str | bytes) or not isinstance(prompts, Sequence) or not prompts:
-        raise InvalidInputError(
-            f"{field} is not a list of strings", field=field, hint="Send at least one, or leave it out."
-        )
-    if len(prompts) > _MAX_PROMPTS:
-        raise LimitExceededError(
-            f"{len(prompts)} {field}",
-            field=field,
-            limit=f"{_MAX_PROMPTS}",
-            hint="Choose the ones that matter.",
-        )
-    for prompt in prompts:
-        _check_text(prompt, field)
+        _check_text(text, one)
 
 
 def _check_slots(templates: Sequence[str]) -> None:

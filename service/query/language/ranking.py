@@ -51,14 +51,7 @@ _FARTHEST = -1.0
 
 @dataclass(frozen=True)
 class _Meant:
-    """What the model of the meaning says of one question and the entries.
-
-    Attributes:
-        likely: float64 [N], 0..1, that each answers; 0 for those that cannot.
-        presence: 0..1, that any does.
-        comparison: what the model weighed.
-        model: the one that said so.
-    """
+    """The model of the meaning, how likely each entry answers by it and that any does, and what it weighed."""
 
     likely: F64
     presence: float
@@ -202,7 +195,9 @@ class Ranker:
         if judged.verdict == "related":
             standing[standing] = [stands_for(row, match, comparison) for row in np.flatnonzero(standing).tolist()]
         judged = self._without_suggested(judged)
-        order = np.lexsort((np.arange(len(primary)), -second, -primary, ~judged.leading, ~judged.relevant))
+        shown = scores.similarity if by_similarity else scores.relevancy
+        figure = shown if belief is None else belief.entries
+        order = np.lexsort((np.arange(len(primary)), -second, -primary, -figure, ~judged.relevant))
         nothing = judged.verdict == "absent"
         searched = self._things.searched
         if belief is not None and nothing and searched.unnamed_things:
@@ -219,8 +214,8 @@ class Ranker:
             verdict, probability = "undecided", None
         elif judged.suggested or (verdict == "exact" and doubted):
             verdict = "possible"
-        shown = verdict if verdict != "possible" else judged.verdict
-        relation, subject = answer_relation(shown, int(order[0]) if len(order) else -1, match, comparison)
+        said = verdict if verdict != "possible" else judged.verdict
+        relation, subject = answer_relation(said, int(order[0]) if len(order) else -1, match, comparison)
         method: AnswerMethod = "names" if belief is None else "encoder" if meant is None else "lexicon"
         answer = Answer(
             scene_id="",
@@ -310,15 +305,7 @@ class Ranker:
     def _meant(
         self, text: str, match: NameMatch, context: PromptContext, similarity: F64, excluded: Mask
     ) -> _Meant | None:
-        """What question and entries mean by the lexicon; None where there is none that was measured with these prompts.
-
-        Args:
-            text: the question.
-            match: what it names.
-            context: of the prompts.
-            similarity: float64 [N].
-            excluded: bool [N], entries that cannot answer.
-        """
+        """What question and entries mean by the lexicon; None without one that was measured with these prompts."""
         model = self._model
         if self._meanings is None or model is None or context.templates != model.templates:
             return None

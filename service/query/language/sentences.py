@@ -9,6 +9,7 @@ from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.enclosures import may_hold
 from fastsplat.service.query.language.english import NoQuestion
 from fastsplat.service.query.language.judgement import Ranked, Remarks
+from fastsplat.service.query.language.noun_phrases import noun_phrase
 from fastsplat.service.query.things.absence import RATHER, Hollow, UnseenSpace
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, RefusalReason
@@ -37,8 +38,7 @@ _RELATIONS: Mapping[tuple[Relation, RelationSubject | None], str] = {
 _NO_QUESTIONS: Mapping[NoQuestion, str] = {
     "empty": "{text} names nothing that could be looked for; name a thing",
     "foreign": "only English is understood, and {text} is of another language; no name in this scene is written so",
-    "unknown": "only English is understood, and {text} is no word that is known here; no name in this scene is written "
-    "so",
+    "unknown": "{text} is a name that nobody gave here; name what it is",
 }
 _REFUSALS: Mapping[RefusalReason, str] = {
     "not_understood": "{part} was not understood",
@@ -92,19 +92,12 @@ def outcome_of(ranked: Ranked, not_seen: bool) -> Outcome:
 
 
 def spoken(ranked: Ranked, names: ThingNames, unseen: UnseenSpace, in_words: InWords) -> Answer:
-    """The answer with its outcome and its sentence.
-
-    Args:
-        ranked: what was decided.
-        names: of the scene.
-        unseen: how much of it no photo shows.
-        in_words: see there.
-    """
+    """The answer with its outcome and its sentence."""
     answer, remarks = ranked.answer, ranked.remarks
     held = (
         ()
         if answer.phrase is not None and not remarks.head
-        else may_hold(unseen, remarks.head or answer.text, names.taken_for)
+        else may_hold(unseen, remarks.head or noun_phrase(answer.text), names.taken_for)
     )
     closest = ""
     if remarks.other:
@@ -150,7 +143,7 @@ def doubt_of(answer: Answer, names: ThingNames) -> str:
 def _found(ranked: Ranked, names: ThingNames, in_words: InWords) -> str:
     """What answers a name or a description."""
     answer, verdict, remarks = ranked.answer, ranked.verdict, ranked.remarks
-    question = quoted(answer.text)
+    question = quoted(noun_phrase(answer.text))
     if remarks.by_shape:
         taken = "" if verdict == "exact" else f", taken for {question}"
         return f"{in_words(answer.things)}{taken}, by shape and place"
@@ -202,7 +195,7 @@ def _missing(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWo
     if answer.phrase is not None and not remarks.head:
         return f"nothing is {_asked(answer.phrase)}{_left_open(answer.phrase, remarks, in_words)}"
     only = "" if remarks.calibrated else "; the text encoder is not calibrated for these prompts, so only names count"
-    count, question = len(names.table), quoted(remarks.head or answer.text)
+    count, question = len(names.table), quoted(remarks.head or noun_phrase(answer.text))
     searched = {0: "nothing in this scene has a name", 1: f"the one name in this scene is not {question}"}
     none = searched.get(count, f"none of the {count} names in this scene is {question}")
     return f"{none}{_unnamed(answer)}{only}"
@@ -228,7 +221,7 @@ def _hidden(unseen: UnseenSpace, held: Sequence[Hollow], names: ThingNames, in_w
 
 def _unsaid(answer: Answer, remarks: Remarks, names: ThingNames, in_words: InWords) -> str:
     """Why it cannot be said, and what would help."""
-    question, phrase = quoted(answer.text), answer.phrase
+    question, phrase = quoted(noun_phrase(answer.text)), answer.phrase
     if remarks.no_question:
         return f": {_NO_QUESTIONS[remarks.no_question].format(text=question)}"
     if phrase is not None and phrase.refusal is not None:

@@ -19,6 +19,8 @@ _DEFINITIONS = 4
 _WORDS, _CLAUSES = 26, 3
 """Of a label's definition, as far as it is embedded: what a thing is for often stands in its second clause."""
 _ABOVE_STEPS = 2
+_SHORTEST = 3
+"""Letters of each part of a word that is written of two: shorter ones are parts of any word."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +56,23 @@ def label_meaning(names: Sequence[str], lexicon: Lexicon) -> Meaning:
 
 
 def head_meaning(phrase: str, lexicon: Lexicon) -> Meaning:
-    """The senses of the longest end of a phrase that the lexicon has: "tower" of "light tower"."""
+    """The senses of the longest end of a phrase that the lexicon has: "tower" of "light tower", "board" of
+    "whiteboard"."""
     words = phrase.lower().replace("-", " ").split()
+    if words and not lexicon.senses(words[-1]):
+        words[-1:] = compound_parts(words[-1], lexicon)
     for start in range(len(words)):
         if senses := lexicon.senses(" ".join(words[start:])):
             return Meaning(ranked(senses), False, len(words) - start)
     return Meaning((), False)
+
+
+def compound_parts(word: str, lexicon: Lexicon) -> tuple[str, ...]:
+    """The two nouns that a word is written of in one, the last as long as it can be; the word alone if it is none."""
+    for at in range(_SHORTEST, len(word) - _SHORTEST + 1):
+        if lexicon.senses(word[:at]) and lexicon.senses(word[at:]):
+            return word[:at], word[at:]
+    return (word,)
 
 
 def ranked(senses: Sequence[Sense]) -> tuple[tuple[Sense, float], ...]:

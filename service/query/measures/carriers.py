@@ -22,10 +22,6 @@ def carrier_of(things: SceneThings, thing_id: int) -> Support | None:
     """What carries a thing: of all that it clearly rests on, or is clearly in, the clearest; else a wall or a ceiling
     that it clearly hangs on. None where nothing is clear, and for a floor, a wall or a ceiling itself.
 
-    Args:
-        things: of a scene that tells what is up.
-        thing_id: a thing, no part.
-
     Raises:
         CancelledError: nobody waits for the answer any more.
         LimitExceededError: too many pairs of things.

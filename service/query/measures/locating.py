@@ -52,10 +52,6 @@ class Located:
 def locate(index: SceneIndex, place: Place) -> Located:
     """Where a pixel or a point is. A point of the world is taken as exact.
 
-    Args:
-        index: of the scene.
-        place: with a pixel or a point.
-
     Raises:
         NotFoundError: nothing is seen at the pixel, or there is no such view.
         InvalidInputError: not exactly one of pixel and point, not exactly one of camera and view with a pixel, a pixel

@@ -24,11 +24,6 @@ F64 = NDArray[np.float64]
 def measure(index: SceneIndex, places: Sequence[Place], version: str) -> Measurement:
     """What is between two places, how large a thing is, or where one place is.
 
-    Args:
-        index: of the scene.
-        places: one or two.
-        version: that the index is of.
-
     Raises:
         NotFoundError: nothing is seen at a pixel; no such view or thing.
         InvalidInputError: another number of places, or one that makes no sense, see `locate`.

@@ -59,9 +59,6 @@ def next_photos(index: SceneIndex) -> tuple[NextPhoto, ...]:
     stands a step of 25° beside its edges, so that the photo overlaps the one next to it. Few directions have surfaces
     that at most two cameras see, or several from within 15°; occlusion is not looked at. Nobody is sent into a wall:
     around a place to stand there are hardly any solid Gaussians.
-
-    Args:
-        index: of the scene.
     """
     cameras = index.scene.cameras
     if not cameras:

@@ -112,12 +112,6 @@ def position_covariance(
     so), c the box's middle, δ the relative deviation of the scale, t where the origin of the trained scene lies (that
     is where lengths are scaled from), ρ the root mean square of the pairs of points that put the scene into a map.
     What is not known is left out: the poses of the photos are taken as exact, and so is a motion that was given.
-
-    Args:
-        index: of the scene.
-        thing_id: the thing, with a box.
-        box: of the thing.
-        deviations: see `side_deviations`.
     """
     scene, things = index.scene, index.things
     pose = rigid(box.center.orientation, box.center.position)
@@ -155,12 +149,6 @@ def rotation_covariance(
     across it). σ_h is the root mean square of the turns θ from the box's heading, within ±45° in steps of 3°, at which
     a rectangle around the thing is no larger than the smallest one by more than its sides are unsure:
     A(θ) ≤ A_min + √((b σ_a)² + (a σ_b)²), a and b the smallest one's sides; 3° / √12 is added for the steps.
-
-    Args:
-        index: of the scene.
-        shape: of the thing.
-        box: of the thing.
-        deviations: see `side_deviations`.
     """
     measures = index.things.measures
     known = index.scene.vertical()

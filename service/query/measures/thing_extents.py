@@ -74,11 +74,6 @@ def thing_extents(index: SceneIndex, thing_id: int) -> ThingExtents | None:
 def side_deviations(index: SceneIndex, thing_id: int, box: Box) -> tuple[float, float, float] | None:
     """Standard deviation of each side of a thing's box, both ends together, found as those of `thing_extents`; None for
     a thing that has no solid Gaussians.
-
-    Args:
-        index: of the scene.
-        thing_id: a thing or a part.
-        box: of any orientation, as the one that lists show.
     """
     rows = _solid_rows(index, thing_id)
     if not len(rows):

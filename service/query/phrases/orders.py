@@ -13,6 +13,8 @@ from fastsplat.service.query.things.thing_measures import ThingShape
 _RATIO = float(np.log(1.1))
 """Things whose sizes or distances differ by less than a tenth are not told apart."""
 _LARGE, _NOT_LARGE = float(np.log(1.3)), float(np.log(1.1))
+_CLOSEST = 0.5
+"""Clearness by which the color of one thing leads those of others that are not shown beside it."""
 _APART = 0.5
 """Of the sum of two things' half widths in the picture: what is less apart stands one behind the other."""
 
@@ -41,6 +43,23 @@ def is_large(by: SizeKind, more: bool, one: ThingShape, others: Sequence[ThingSh
     )
     least, most = min(each.clearness for each in measured), max(each.clearness for each in measured)
     return Judged(least if least > 0 else min(most, 0.0), measured)
+
+
+def closest_in_color(clear: Mapping[int, float], among: int, anything: bool) -> tuple[int, ...]:
+    """The things that come closest to a color that none of them clearly has, the closest first; () where that is not
+    told apart.
+
+    Args:
+        clear: by id, of those of `among` things that are not denied the color.
+        among: how many things were compared.
+        anything: whether things of any kind are asked for.
+    """
+    most = max(clear.values(), default=1.0)
+    near = sorted(clear, key=lambda each: -clear[each])
+    if 0 < most < 1:
+        return tuple(each for each in near if clear[each] > max(most - _CLOSEST, 0.0))
+    only = anything or (len(near) == 1 and among > 1)  # the others of its kind are denied the color
+    return tuple(near) if only and most < 0 else ()
 
 
 def ranked(

@@ -19,7 +19,7 @@ from fastsplat.service.query.things.absence import RATHER
 from fastsplat.service.query.things.thing_measures import ThingMeasures
 from fastsplat.service.query.things.thing_names import ThingNames
 from fastsplat_contract.phrase_messages import PhraseAnswer, Refusal
-from fastsplat_contract.queries import Answer
+from fastsplat_contract.queries import Answer, Match
 
 _NOT_MEANT = ("referent_absent", "not_read")
 """Of a question with several readings, one that is refused so was not meant."""
@@ -118,14 +118,7 @@ def _is_unnamed(plain: Ranked) -> bool:
 
 
 def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, world_from_camera: F64 | None) -> Ranked:
-    """The answer to one such text.
-
-    Args:
-        question: what it says.
-        plain: the answer to it as if it were a name.
-        scene: whom it is asked of.
-        world_from_camera: float64 [4, 4] where the asker stands, OpenCV axes; None if nobody said that.
-    """
+    """The answer to one such text."""
     text = plain.answer.text
     things = scene.things
     spoken = {name for reading in question.readings for name in _names_in(reading)}
@@ -175,7 +168,7 @@ def answer_phrase(question: ParsedQuestion, plain: Ranked, scene: AskedScene, wo
     spoken_of = [named[name] for name in sorted(_names_in(reading)) if set(named[name].ids) & _taking_part(phrase)]
     read = [each.value for each in solved.witnesses if each.measure == READ and each.value and each.clearness > 0]
     likely = min((*(each.likely for each in spoken_of), *read), default=1.0)
-    doubt = next((each.doubt for each in spoken_of if each.doubt), "")
+    doubt = next((each.doubt for each in spoken_of if each.doubt), solved.doubt)
     return _decided(replace(head.answer, text=text, phrase=phrase), things, likely, doubt)
 
 
@@ -256,16 +249,19 @@ def _agreed(readings: Sequence[Solved], question: ParsedQuestion) -> Solved:
 
 def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
     """An undecided answer for the things that may be meant, with the entries of their names first, in their order, and
-    without the figures of the ranking, which say nothing of what was asked."""
+    without what the ranking says of the whole, which says nothing of what was asked."""
     order = {
         things.dictionary.id_of(name): -at for at, name in enumerate(things.called[each] for each in reversed(ids))
     }
-    matches = tuple(match._replace(relevant=match.label_id in order) for match in answer.matches)
-    ordered = tuple(sorted(matches, key=lambda match: order.get(match.label_id, len(order))))
+
+    def place(match: Match) -> tuple[int, float]:
+        return order.get(match.label_id, 1), -(match.relevancy if match.probability is None else match.probability)
+
+    matches = [match._replace(relevant=match.label_id in order) for match in answer.matches]
     nameless = bool(ids) and not any(match.relevant for match in matches)
     return replace(
         answer,
-        matches=() if nameless else ordered,  # the first one is the answer's name
+        matches=() if nameless else tuple(sorted(matches, key=place)),  # the first one is the answer's name
         things=ids,
         relation="undecided",
         relation_subject=None,
@@ -277,14 +273,7 @@ def _about(answer: Answer, things: ThingNames, ids: tuple[int, ...]) -> Answer:
 
 
 def _decided(answer: Answer, things: ThingNames, likely: float, doubt: str) -> Ranked:
-    """The answer for the things that were decided on.
-
-    Args:
-        answer: to the head, with the phrase.
-        things: of the scene.
-        likely: 0..1, that the things it speaks of are called rightly; how probable the rest is, nobody has measured.
-        doubt: what was taken for what the question calls them, though it is not sure; "" for nothing.
-    """
+    """The answer for the things that were decided on."""
     assert answer.phrase is not None
     ids = answer.phrase.things
     decided = replace(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.query.language.name_matching import NameIndex
-from fastsplat.service.query.language.noun_phrases import noun_phrase
+from fastsplat.service.query.language.noun_phrases import noun_phrase, without_address
 from fastsplat.service.query.phrases.phrase_words import (
     ANYTHING,
     ASKER,
@@ -108,6 +108,7 @@ def parse_question(
 
     The cost is linear in the words, of which there are at most 64, with at most 14 readings of four conditions.
     """
+    text = without_address(text)
     asks: Asks = "count" if _COUNTING.match(text) else "things"
     asked = asked_of_writing(_COUNTING.sub("", text))
     words = noun_phrase(_OF_WHICH.sub("", _ARE_THERE.sub("", asked) if asks == "count" else asked)).split()

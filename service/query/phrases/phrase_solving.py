@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
 
-from fastsplat.service.query.phrases.orders import NEED_LEVEL, is_large, ranked
+from fastsplat.service.query.phrases.orders import NEED_LEVEL, closest_in_color, is_large, ranked
 from fastsplat.service.query.phrases.relations import (
     NEED_VERTICAL,
     PAIRS,
@@ -41,7 +41,6 @@ _MAX_PAIRS = 64
 _MAX_WITNESSES = 200
 READ = "read"
 """The measure of a witness: how probable it is that words are written on a thing."""
-_HOLDS = Judged(10.0)
 
 _Judge = Callable[[int], tuple[Judged, tuple[int, ...]]]
 """Whether a thing fulfils a condition, and which others that was measured to."""
@@ -57,6 +56,7 @@ class Solved:
         witnesses: by which measurements.
         refusal: why nothing at all could be decided; None otherwise.
         named: what the head names.
+        doubt: what is not sure of the things; "" for nothing.
     """
 
     things: tuple[int, ...]
@@ -64,6 +64,7 @@ class Solved:
     witnesses: tuple[Witness, ...]
     refusal: Refusal | None
     named: Named
+    doubt: str = ""
 
 
 class _UndecidableError(Exception):
@@ -74,7 +75,7 @@ class _UndecidableError(Exception):
 
 @dataclass
 class _State:
-    """The candidates of a phrase: how clearly each of them fulfils what was looked at so far."""
+    """The candidates of a phrase: how clearly each fulfils what was looked at so far."""
 
     clear: dict[int, float]
     why: dict[int, Refusal] = field(default_factory=dict)
@@ -92,7 +93,7 @@ class _State:
 
 @dataclass
 class PhraseSolver:
-    """The things of one scene, for one question and one asker.
+    """The things of one scene, for one question and asker.
 
     Attributes:
         open_measures: gives those of the things; called only where something must be measured.
@@ -110,6 +111,7 @@ class PhraseSolver:
     unit: str
     written: WrittenWords
     _witnesses: list[Witness] = field(default_factory=list)
+    _doubt: str = ""
 
     def __post_init__(self) -> None:
         self._budget = PairBudget()
@@ -126,14 +128,14 @@ class PhraseSolver:
 
     def solve(self, phrase: Phrase) -> Solved:
         """What one reading means."""
-        self._witnesses = []
+        self._witnesses, self._doubt = [], ""
         named = self._named(phrase)
         try:
             things, undecided = self._resolve(phrase, named)
         except _UndecidableError as error:
             return Solved((), {}, self._kept(()), error.refusal, named)
         refusal = next(iter(undecided.values())) if undecided and not things else None
-        return Solved(things, undecided, self._kept((*things, *undecided)), refusal, named)
+        return Solved(things, undecided, self._kept((*things, *undecided)), refusal, named, self._doubt)
 
     def _kept(self, thing_ids: Iterable[int]) -> tuple[Witness, ...]:
         """The witnesses of these things first."""
@@ -153,11 +155,13 @@ class PhraseSolver:
         shapes = {thing_id: shape for thing_id in named.ids if (shape := self.measures.shape(thing_id)) is not None}
         if not shapes:
             raise _UndecidableError("not_named", phrase.head)
-        state = _State(dict.fromkeys(shapes, _HOLDS.clearness))
+        state = _State(dict.fromkeys(shapes, 10.0))
         said = phrase.group.casefold().split() if named.whole else []
         for color in phrase.colors:
             if color.name not in said or color.negated:
                 self._each(state, color.text, partial(self._colored, color))
+        state.clear = dict(sorted(state.clear.items(), key=lambda each: -each[1]))  # the reddest of all that is red
+        self._take_closest(state, phrase)
         for size in phrase.sizes:
             if size.word not in said:
                 self._each(state, size.word, partial(self._sized, size, shapes))
@@ -192,6 +196,15 @@ class PhraseSolver:
         distance, clear = color_clearness(color.lab, color.spread, share, word.name, word.shade)
         return negated(Judged(clear, (Measured("color_distance", distance, "delta_e", clear),)), word.negated), ()
 
+    def _take_closest(self, state: _State, phrase: Phrase) -> None:
+        """Where nothing clearly is of a color, what comes closest to it may be meant."""
+        left = (
+            {} if any(color.negated for color in phrase.colors) else {each: state.clear[each] for each in state.left()}
+        )
+        if near := closest_in_color(left, len(state.clear), not phrase.head):
+            state.clear |= dict.fromkeys(left, -1.0) | dict.fromkeys(near, 1.0)
+            self._doubt = f"nothing here is clearly {phrase.colors[0].text}, and that comes closest"
+
     def _sized(self, word: SizeWord, shapes: Mapping[int, ThingShape], thing_id: int) -> tuple[Judged, tuple[int, ...]]:
         self._check_vertical(word.by, word.word)
         others = tuple(other for other in shapes if other != thing_id)
@@ -223,9 +236,9 @@ class PhraseSolver:
         try:
             things, undecided = self._resolve(phrase)
         except _UndecidableError as error:
-            if error.refusal.reason == "not_named":
-                raise _UndecidableError("referent_absent", error.refusal.part or phrase.group) from None
-            raise
+            if error.refusal.reason != "not_named":
+                raise
+            raise _UndecidableError("referent_absent", error.refusal.part or phrase.group) from None
         if not things:
             refusal = next(iter(undecided.values()), Refusal("referent_absent", phrase.group or phrase.head))
             raise _UndecidableError(*refusal)
@@ -302,9 +315,8 @@ class PhraseSolver:
 
         def judge(thing_id: int) -> tuple[Judged, tuple[int, ...]]:
             clear = 10.0 if thing_id in bearing else -10.0
-            return negated(
-                Judged(clear, (Measured(READ, bearing.get(thing_id, 0.0), "share", clear),)), says.negated
-            ), ()
+            measured = (Measured(READ, bearing.get(thing_id, 0.0), "share", clear),)
+            return negated(Judged(clear, measured), says.negated), ()
 
         self._each(state, says.text, judge)
 
@@ -321,10 +333,9 @@ class PhraseSolver:
             if judged.clearness < 1:
                 parts = [part for part in self.things.values() if part.parent == thing_id]
                 denied = judged.clearness <= -1 or (bool(parts) and all(part.name for part in parts))
-                judged = (
-                    judged if possession.kind == "with" and denied else Judged(0.0, judged.measured, "not_measured")
-                )
-                if possession.kind == "with" and denied and judged.clearness > -1:
+                if possession.kind != "with" or not denied:
+                    judged = Judged(0.0, judged.measured, "not_measured")
+                elif judged.clearness > -1:
                     judged = Judged(-2.0, (Measured("part", 0.0, "", -2.0),))
             return negated(judged, possession.negated), other
 
@@ -367,9 +378,8 @@ class PhraseSolver:
         for candidates in (sure, state.left()):
             own = {anchor.id for anchor in anchors}
             ids = [thing_id for thing_id in candidates if thing_id not in own or rank.by != "distance"]
-            place, judged = ranked(
-                rank.by, rank.descending, rank.number, [shapes[each] for each in ids], anchors, self.asker
-            )
+            may_be = [shapes[each] for each in ids]
+            place, judged = ranked(rank.by, rank.descending, rank.number, may_be, anchors, self.asker)
             answers.append((None if place is None else ids[place], judged))
         (first, judged), (other, clear) = answers
         if first is None and other is None and judged.clearness >= 1 and clear.clearness >= 1:

@@ -49,11 +49,6 @@ def with_floors_judged(scene: Scene, things: Sequence[Thing], owner: NDArray[np.
     before the scene is in meters. One with another name is none; nor is one in a scene in meters that lies less than
     `LEAST_BELOW` below the cameras, unless a person or the upload calls it a floor. A level surface that is named as a
     floor is one.
-
-    Args:
-        scene: of G Gaussians.
-        things: of it.
-        owner: int32 [G], the thing of each Gaussian, 0 for none.
     """
     return tuple(_judged(scene, thing, owner) for thing in things)
 

@@ -42,10 +42,6 @@ def labeled_things(scene: Scene, labels: GaussianLabels) -> Things:
     that were trained on the labels, if any, decide whose a pixel is. Gaussians of the label that are too faint, or too
     few, to be a thing belong to the thing of that label that they lie in or beside; those with none so near are strays,
     and belong to no thing.
-
-    Args:
-        scene: one that stores no things.
-        labels: of its G Gaussians.
     """
     owner = np.zeros(len(scene.gaussians), np.int32)
     table = []

@@ -31,10 +31,6 @@ def with_look_alikes(scene: Scene, thing_ids: Sequence[int]) -> Scene:
     Only copies of one thing, as two mugs of one kind, look alike here. The probability is the likeness, 0..1: the
     intersection of the two color histograms (Swain and Ballard 1991), by visible area, times the likeness of the two
     shapes, the geometric mean of the ratios of their three principal standard deviations. It is no measured frequency.
-
-    Args:
-        scene: with things.
-        thing_ids: of things that have one name.
     """
     assert scene.things is not None
     unnamed = [thing.id for thing in scene.things.table if not thing.name]

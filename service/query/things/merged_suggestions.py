@@ -8,12 +8,14 @@ from math import prod
 
 from fastsplat.service.common.dictionary import label_key
 from fastsplat.service.scene.suggestions import SaidName, Suggestion
-from fastsplat.service.scene.types import Thing
+from fastsplat.service.scene.types import NameSource, Thing
 
 OWN_SOURCE = "detector"
 """What the scene's own models and likenesses are called as a source."""
 TAG_SOURCE = "tag"
 """What the printed tags on things are called as a source."""
+_SETTLED: tuple[NameSource, ...] = ("given", "person")
+"""Beside a name by one of these no suggestion counts."""
 _PRIOR = 4.0
 """Confirmations that a source's own word counts for. Set, not measured."""
 _MOST = 0.99
@@ -41,7 +43,7 @@ class MergedName:
 
 
 def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
-    """The names that are suggested for a thing, the most probable first.
+    """The names that are suggested for a thing, the most probable first; none beside one that a person gave.
 
     Sources are taken to err independently: a name is wrong only if all that suggest it are, so two that agree count
     more than either. Of one source the most probable word counts.
@@ -51,7 +53,7 @@ def merged_suggestions(thing: Thing, trust: Trust) -> tuple[MergedName, ...]:
         trust: see `source_trust`.
     """
     by_name: dict[str, dict[str, Suggestion]] = {}
-    for each in thing.suggestions:
+    for each in () if thing.source in _SETTLED else thing.suggestions:
         weighed = each
         if each.source:
             weighed = each._replace(probability=min(each.probability * trust.get(each.source, 1.0), _MOST))

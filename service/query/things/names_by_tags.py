@@ -22,10 +22,6 @@ def names_by_tags(things: Sequence[Thing], known: Sequence[KnownThing]) -> Mappi
     A tag that several things here bear, or to which one scene gives several names, tells nothing. Where scenes give it
     different names, the one that was given last counts, as somebody moved the tag. Things that a person named get no
     suggestion.
-
-    Args:
-        things: all of the scene, named ones, too.
-        known: of other scenes, those that were named last first.
     """
     borne = {thing.id: tags_of(thing.reads) for thing in things}
     count = Counter(tag for tags in borne.values() for tag in tags)

@@ -141,7 +141,9 @@ class SceneThings:
         present, parts = (
             tuple(replace(thing, picture=b"") for thing in things) for things in (self.present, self.present_parts)
         )
-        return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene))
+        counts = {each.id: int(self.counts[each.id]) for each in present}
+        counts |= {each.id: int(self.part_counts[each.id]) for each in parts}
+        return ThingNames(self.scene.dictionary, present, parts, searched_names(self.scene), counts=counts)
 
     @property
     def by_label(self) -> Mapping[int, tuple[int, ...]]:

@@ -11,12 +11,10 @@ from fastsplat.service.query.things.absence import searched_names
 from fastsplat.service.query.things.merged_suggestions import Trust, merged_suggestions, source_trust
 from fastsplat.service.query.things.names_by_looks import NameFromScene
 from fastsplat.service.scene.suggestions import SaidName, Suggestion
-from fastsplat.service.scene.types import NameSource, Scene, Thing
-from fastsplat_contract.queries import Searched
+from fastsplat.service.scene.types import Scene, Thing
+from fastsplat_contract.queries import Answer, Searched
 
 _MAX_UNNAMED = 100
-_SETTLED: tuple[NameSource, ...] = ("given", "person")
-"""Beside a name by one of these no suggestion counts."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +59,7 @@ class ThingNames:
         marked: by label id, how sure a label is that Gaussians have by themselves, whatever things they are of; empty
             where labels are the names of things.
         said_elsewhere: what sources of suggestions said of things that people named in the project's other scenes.
+        counts: how many Gaussians each thing and part has, by its id.
         stored: whether the scene stores its things; `present` is empty where it does not, and nobody looked for those
             of its labels.
     """
@@ -72,6 +71,7 @@ class ThingNames:
     marked: Mapping[int, float] = field(default_factory=dict)
     said_elsewhere: tuple[SaidName, ...] = ()
     stored: bool = True
+    counts: Mapping[int, int] = field(default_factory=dict, repr=False)
 
     @cached_property
     def dictionary(self) -> Dictionary:
@@ -137,7 +137,7 @@ class ThingNames:
         scene's dictionary lacks them."""
         names: dict[int | str, _SuggestedName] = {}
         for thing in self._everything:
-            for each in () if thing.source in _SETTLED else merged_suggestions(thing, self.trust):
+            for each in merged_suggestions(thing, self.trust):
                 told = names.setdefault(self.labels.id_of(each.name) or label_key(each.name), _SuggestedName(each.name))
                 told.likely[thing.id] = max(each.probability, told.likely.get(thing.id, 0.0))
                 told.aliases.update(dict.fromkeys(each.aliases))
@@ -175,6 +175,25 @@ class ThingNames:
     def is_borne(self, label_id: int) -> bool:
         """Whether anything bears a name."""
         return label_id in self.table and not self.table[label_id].suggested
+
+    def picks(self, answer: Answer) -> tuple[int, ...] | None:
+        """The things that an answer is about where it picks some; None where it is about all things of its labels."""
+        borne = any(map(self.is_borne, answer.relevant_ids))
+        return answer.things if answer.phrase is not None or (answer.things and not borne) else None
+
+    def counted(self, answer: Answer) -> Answer:
+        """The answer, whose relevant entries count the Gaussians of the things that it picks."""
+        picked = self.picks(answer)
+        if picked is None:
+            return answer
+
+        def count(label_id: int) -> int:
+            return sum(self.counts.get(each, 0) for each in self.of_labels((label_id,)) if each in picked)
+
+        matches = (
+            each._replace(gaussian_count=count(each.label_id)) if each.relevant else each for each in answer.matches
+        )
+        return replace(answer, matches=tuple(matches))
 
     @cached_property
     def called(self) -> Mapping[int, str]:

@@ -1,7 +1,7 @@
 """Messages of ROS 2 made of what the client returns. Pure: who makes messages (rclpy, rosbags) is an argument.
 
 Frames are right-handed, lengths meters, angles radians (REP 103): a scene without a known scale is refused. Frame ids
-are those of the scene: the map's name that it was aligned to, else `scene`.
+are those of the scene: the map's name that it was aligned to, else `world`.
 """
 
 from __future__ import annotations
